@@ -1,0 +1,54 @@
+# One command per job. Everything runs from .venv, which is built from the lock files.
+PYTHON ?= python3.11
+VENV   := .venv
+BIN    := $(VENV)/bin
+JOBS   ?=
+STUDIES := $(filter-out study-,$(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml)))
+
+.DEFAULT_GOAL := help
+.PHONY: help setup studies report test lint bench lock clean $(STUDIES)
+
+help:            ## show the targets
+	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
+	@echo "studies:        $(STUDIES)"
+
+$(VENV)/run.stamp: requirements.lock pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(VENV)/dev.stamp: $(VENV)/run.stamp requirements-dev.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements-dev.lock
+	@touch $@
+
+setup: $(VENV)/run.stamp ## create .venv with pinned packages
+
+# One target for every file in studies/: `make study-mass` runs studies/mass.toml.
+study-%: studies/%.toml $(VENV)/run.stamp ## run studies/<name>.toml and write results/<name>/report.html and .pdf
+	$(BIN)/harness run $< $(if $(JOBS),--jobs $(JOBS)) --out results/$*
+
+studies: $(STUDIES) ## run every study
+
+report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
+	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done
+
+test: $(VENV)/dev.stamp ## run the tests
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/dev.stamp ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/dev.stamp ## print the speed table
+	$(BIN)/python -m bench
+
+lock: ## renew the lock files from pyproject.toml (needs uv)
+	uv pip compile -q --python-version 3.11 --no-header --no-emit-index-url --upgrade pyproject.toml requirements-build.in -o requirements.lock
+	uv pip compile -q --python-version 3.11 --no-header --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+
+clean: ## remove results and caches (keeps .venv)
+	find results -mindepth 1 ! -name README.md -delete
+	rm -rf .pytest_cache .mypy_cache .ruff_cache
+	-$(BIN)/harness cache --clear

@@ -1,0 +1,1 @@
+"""The study runner: one stage of the design per module."""

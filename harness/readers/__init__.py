@@ -1,0 +1,1 @@
+"""Readers of measured data: one format per file."""

@@ -1,0 +1,1 @@
+"""Equations of vehicles, tyres and effects. Imports SymPy and NumPy, and nothing from ``harness``."""

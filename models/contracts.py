@@ -1,0 +1,113 @@
+"""What a file in each folder of ``models/`` must export, and the small records it exports it with.
+
+The folder is the registry: the stem of a file is its name in a study. Nothing here lists names.
+
+==============  =========================================================================================
+folder          exports
+==============  =========================================================================================
+``vehicles``    ``STATES``, ``INPUTS``, ``PARAMETERS``, ``AXLES``, ``VALID``, ``equations(v)``
+``tyres``       ``PARAMETERS``, ``lateral_force(t)``
+``effects``     ``PORT``, ``READS``, ``PARAMETERS``, ``STATES``, ``apply(e, value)``
+``sensors``     ``OUTPUTS``
+``parameters``  ``VEHICLE``, ``VALUES``, ``PROCESS_NOISE``, ``MEASUREMENT_NOISE``, ``NOISE_STEP``
+``drives``      ``OPTIONS``, ``generate(options, context)``
+==============  =========================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+EXPORTS: dict[str, tuple[str, ...]] = {
+    "vehicles": ("STATES", "INPUTS", "PARAMETERS", "AXLES", "VALID", "equations"),
+    "tyres": ("PARAMETERS", "lateral_force"),
+    "effects": ("PORT", "READS", "PARAMETERS", "STATES", "apply"),
+    "sensors": ("OUTPUTS",),
+    "parameters": ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP"),
+    "drives": ("OPTIONS", "generate"),
+}
+
+
+class ModelError(ValueError):
+    """A model, parameter or drive that cannot be built; the message says what, where and how to mend it."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter of a vehicle, tyre or effect.
+
+    Attributes:
+        name: Word used in studies and parameter files, e.g. ``trailer_mass``.
+        symbol: LaTeX symbol of the source, e.g. ``m_2``.
+        unit: SI unit as pint reads it, e.g. ``kg``.
+        lower: Smallest physically meaningful value; values below it are refused.
+        upper: Largest physically meaningful value.
+        meaning: One sentence.
+        neutral: For an effect's parameter: the value at which the effect is absent.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    lower: float
+    upper: float
+    meaning: str
+    neutral: float | None = None
+
+
+@dataclass(frozen=True)
+class Option:
+    """A setting of a drive, given in a study as a number in SI units or as text with a unit.
+
+    Attributes:
+        name: Key in the study file.
+        unit: SI unit (pint); ``""`` for a plain number, ``"text"`` for a string such as a file name.
+        default: Value when the key is absent; ``None`` makes the key required.
+        lower: Smallest value allowed (ignored for text).
+        upper: Largest value allowed (ignored for text).
+        meaning: One sentence.
+    """
+
+    name: str
+    unit: str
+    default: Any
+    lower: float
+    upper: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class DriveContext:
+    """What a drive may know about the vehicle that will drive it, and how it will be sampled.
+
+    Attributes:
+        wheelbase: Wheelbase of the steered (leading) body in m.
+        steering_ratio: Steering-wheel angle over road-wheel angle.
+        step: Sample time in s.
+        base: Folder against which relative file names are resolved.
+    """
+
+    wheelbase: float
+    steering_ratio: float
+    step: float = 0.01
+    base: str = "."
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A drive: the driver's inputs over time, all of shape ``(samples,)``.
+
+    Attributes:
+        time: s, equidistant, starting at 0.
+        steering_wheel_angle: rad, positive to the left (ISO 8855).
+        speed: m/s, longitudinal speed of the body the vehicle takes its speed from.
+    """
+
+    time: NDArray[np.float64]
+    steering_wheel_angle: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    notes: dict[str, str] = field(default_factory=dict)

@@ -1,0 +1,1 @@
+"""Drives: one file each turns options into steering and speed over time."""

@@ -1,0 +1,1 @@
+"""Parameter sets: one file each, named author_year, with sources."""

@@ -1,0 +1,1 @@
+"""Sensor sets: one file each says which signals are measured."""

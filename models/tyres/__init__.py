@@ -1,0 +1,1 @@
+"""Tyres: one file each gives an axle's steady lateral force."""

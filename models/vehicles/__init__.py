@@ -1,0 +1,1 @@
+"""Vehicles: one file each states the differential equations once."""
