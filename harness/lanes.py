@@ -1,0 +1,248 @@
+"""A numba type that holds one number for each of ``LANES`` runs, and the operations on it.
+
+Kernels are written as if for one run. Every quantity is a ``lane``: an LLVM vector of eight doubles, one per
+Monte-Carlo run, so the arithmetic is SIMD whatever the kernel does (a Cholesky factor, an unrolled sparse
+product), and does not depend on LLVM recognising a loop. Arrays carry the lanes in their last axis, shape
+``(..., LANES)``, C-contiguous; ``get`` and ``put`` move a lane in and out. A lane's result does not depend on
+what the other lanes hold, so a run gives the same bits alone or in a batch.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+LANES = 8
+
+# No nnan/ninf: they would delete the divergence checks. No reassoc: range reductions rely on the order written.
+_FLAGS = ("contract", "arcp", "nsz")
+_F64 = ir.DoubleType()
+_I64 = ir.IntType(64)
+_VECTOR = ir.VectorType(_F64, LANES)
+_INTEGERS = ir.VectorType(_I64, LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+
+
+class LaneType(types.Type):
+    """Numba type of a vector of doubles (``lane``) or of truth values (``mask``)."""
+
+    def __init__(self, *, truth: bool) -> None:
+        self.truth = truth
+        super().__init__(name=f"{'mask' if truth else 'lane'}{LANES}")
+
+
+lane = LaneType(truth=False)
+mask = LaneType(truth=True)
+
+
+@register_model(LaneType)
+class _LaneModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: LaneType) -> None:
+        super().__init__(dmm, fe_type, _BITS if fe_type.truth else _VECTOR)
+
+
+def _constant(value: float) -> ir.Constant:
+    return ir.Constant(_VECTOR, [value] * LANES)
+
+
+def _broadcast(context: Any, builder: Any, value: Any, ty: Any) -> Any:
+    """Return the value as a vector; a number becomes the same in every lane."""
+    if ty == lane:
+        return value
+    scalar = context.cast(builder, value, ty, types.float64)
+    empty = ir.Constant(_VECTOR, ir.Undefined)
+    first = builder.insert_element(empty, scalar, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+
+def _is_number(ty: Any) -> bool:
+    return isinstance(ty, types.Float | types.Integer | types.IntegerLiteral)
+
+
+def _binary(op: Callable[..., Any], emit: Callable[[Any, Any, Any], Any], result: LaneType) -> None:
+    @infer_global(op)
+    class _Template(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            if len(args) == 2 and lane in args and all(a == lane or _is_number(a) for a in args):
+                return signature(result, *args)
+            return None
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        a, b = (_broadcast(context, builder, v, t) for v, t in zip(args, sig.args, strict=True))
+        return emit(builder, a, b)
+
+    for pair in ((lane, lane), (lane, types.Float), (types.Float, lane), (lane, types.Integer), (types.Integer, lane)):
+        lower_builtin(op, *pair)(lower)
+
+
+_binary(operator.add, lambda b, x, y: b.fadd(x, y, flags=_FLAGS), lane)
+_binary(operator.sub, lambda b, x, y: b.fsub(x, y, flags=_FLAGS), lane)
+_binary(operator.mul, lambda b, x, y: b.fmul(x, y, flags=_FLAGS), lane)
+_binary(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=_FLAGS), lane)
+_binary(operator.lt, lambda b, x, y: b.fcmp_ordered("<", x, y), mask)
+_binary(operator.le, lambda b, x, y: b.fcmp_ordered("<=", x, y), mask)
+_binary(operator.gt, lambda b, x, y: b.fcmp_ordered(">", x, y), mask)
+_binary(operator.ge, lambda b, x, y: b.fcmp_ordered(">=", x, y), mask)
+_binary(operator.eq, lambda b, x, y: b.fcmp_ordered("==", x, y), mask)
+
+
+def _mask_operation(op: Callable[..., Any], emit: Callable[..., Any], count: int) -> None:
+    @infer_global(op)
+    class _Template(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            return signature(mask, *args) if tuple(args) == (mask,) * count else None
+
+    lower_builtin(op, *(mask,) * count)(lambda context, builder, sig, args: emit(builder, *args))
+
+
+_mask_operation(operator.and_, lambda b, x, y: b.and_(x, y), 2)
+_mask_operation(operator.or_, lambda b, x, y: b.or_(x, y), 2)
+_mask_operation(operator.invert, lambda b, x: b.not_(x), 1)
+
+
+@infer_global(operator.neg)
+class _Negative(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        return signature(lane, lane) if tuple(args) == (lane,) else None
+
+
+@lower_builtin(operator.neg, lane)
+def _lower_negative(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.fneg(args[0], flags=_FLAGS)
+
+
+def _llvm(name: str, count: int) -> Any:
+    """Return an intrinsic that applies LLVM's vector function ``name`` to ``count`` lanes or numbers."""
+
+    @intrinsic
+    def call(typingctx: Any, *args: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, packed: Any) -> Any:
+            values = cgutils.unpack_tuple(builder, packed[0], count)
+            vectors = [_broadcast(context, builder, v, t) for v, t in zip(values, args, strict=True)]
+            kind = ir.FunctionType(_VECTOR, [_VECTOR] * count)
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
+            return builder.call(function, vectors)
+
+        # numba hands the values of *args over as one tuple
+        return (lane(types.StarArgTuple(args)) if len(args) == count else None), generate
+
+    return call
+
+
+sqrt = _llvm("sqrt", 1)
+floor = _llvm("floor", 1)
+absolute = _llvm("fabs", 1)
+fma = _llvm("fma", 3)
+copysign = _llvm("copysign", 2)
+
+
+@intrinsic
+def splat(typingctx: Any, value: Any) -> Any:
+    """Return a lane with the same number for every run."""
+    return lane(value), lambda context, builder, sig, args: _broadcast(context, builder, args[0], sig.args[0])
+
+
+@intrinsic
+def select(typingctx: Any, condition: Any, yes: Any, no: Any) -> Any:
+    """Return ``yes`` where the mask holds and ``no`` elsewhere, without a branch."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        a, b = (_broadcast(context, builder, args[k], sig.args[k]) for k in (1, 2))
+        return builder.select(args[0], a, b)
+
+    return (lane(condition, yes, no) if condition == mask else None), generate
+
+
+@intrinsic
+def is_nan(typingctx: Any, value: Any) -> Any:
+    """Return the mask of lanes that are not a number."""
+    return mask(lane), lambda context, builder, sig, args: builder.fcmp_unordered("uno", args[0], args[0])
+
+
+@intrinsic
+def any_of(typingctx: Any, condition: Any) -> Any:
+    """Return whether the mask holds for at least one lane."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        bits = builder.bitcast(args[0], ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(LANES), 0))
+
+    return types.boolean(mask), generate
+
+
+@intrinsic
+def power_of_two(typingctx: Any, exponent: Any) -> Any:
+    """Return ``2**k`` for whole ``k`` in [-1022, 1023]."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        # Adding 1.5 * 2^52 leaves the whole number in the low mantissa bits; shifted, they are the exponent.
+        biased = builder.fadd(args[0], _constant(1023.0 + 1.5 * 2.0**52))
+        shifted = builder.shl(builder.bitcast(biased, _INTEGERS), ir.Constant(_INTEGERS, [52] * LANES))
+        return builder.bitcast(shifted, _VECTOR)
+
+    return lane(lane), generate
+
+
+@intrinsic
+def exponent_of(typingctx: Any, value: Any) -> Any:
+    """Return ``e`` with ``value = m * 2**e`` and ``1 <= m < 2`` for positive normal numbers."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        bits = builder.lshr(builder.bitcast(args[0], _INTEGERS), ir.Constant(_INTEGERS, [52] * LANES))
+        # or-ing the bits of 2^52 turns the small integer into 2^52 + integer without an int-to-double conversion
+        number = builder.bitcast(builder.or_(bits, ir.Constant(_INTEGERS, [0x4330000000000000] * LANES)), _VECTOR)
+        return builder.fsub(number, _constant(2.0**52 + 1023.0))
+
+    return lane(lane), generate
+
+
+def _address(context: Any, builder: Any, array_type: Any, array: Any, index_types: Any, packed: Any) -> Any:
+    """Return the pointer to the vector at the given leading indices of a C-contiguous ``(..., LANES)`` array."""
+    struct = context.make_array(array_type)(context, builder, array)
+    shape = cgutils.unpack_tuple(builder, struct.shape, array_type.ndim)
+    indices = cgutils.unpack_tuple(builder, packed, len(index_types))
+    offset = ir.Constant(_I64, 0)
+    for axis, (value, ty) in enumerate(zip(indices, index_types, strict=True)):
+        offset = builder.add(builder.mul(offset, shape[axis]), context.cast(builder, value, ty, types.intp))
+    first = builder.gep(struct.data, [builder.mul(offset, ir.Constant(_I64, LANES))])
+    return builder.bitcast(first, _VECTOR.as_pointer())
+
+
+def _fits(array: Any, indices: Any) -> bool:
+    return (
+        isinstance(array, types.Array)
+        and array.dtype == types.float64
+        and array.layout == "C"
+        and array.ndim == len(indices) + 1
+    )
+
+
+@intrinsic
+def get(typingctx: Any, array: Any, *indices: Any) -> Any:
+    """Return the lane at ``array[indices]``; one index fewer than the array has axes."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer = _address(context, builder, array, args[0], indices, args[1])
+        return builder.load(pointer, align=8, typ=_VECTOR)
+
+    return (lane(array, types.StarArgTuple(indices)) if _fits(array, indices) else None), generate
+
+
+@intrinsic
+def put(typingctx: Any, value: Any, array: Any, *indices: Any) -> Any:
+    """Write a lane (or one number for all runs) to ``array[indices]``."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        vector = _broadcast(context, builder, args[0], value)
+        pointer = _address(context, builder, array, args[1], indices, args[2])
+        builder.store(vector, pointer, align=8)
+        return context.get_dummy_value()
+
+    return (types.none(value, array, types.StarArgTuple(indices)) if _fits(array, indices) else None), generate
