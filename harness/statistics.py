@@ -1,0 +1,202 @@
+"""The statistics of the report: intervals of medians, paired comparisons, bounds of chi-square averages.
+
+Everything here takes plain arrays and a seed, so that the same store always gives the same report. Runs that
+diverged are removed by the caller, who counts them; a NaN that is left in the data is ignored.
+
+Why a percentile bootstrap, stratified by drive: the median has no smooth influence function, so the jackknife
+acceleration of BCa is not consistent for it, while the percentile interval is (Efron & Tibshirani, *An
+Introduction to the Bootstrap*, 1993, ch. 11 and 13). The drives of a study are chosen, not drawn, therefore
+each drive keeps its number of runs in every resample: the interval says where the median would fall if the
+study were repeated with other noise and other Sobol points *on the same drives*.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+RESAMPLES = 2000
+_LARGEST_DRAW = 4_000_000  # numbers drawn per interval; beyond it fewer resamples are taken, never below 400
+
+
+class Interval(NamedTuple):
+    """An estimate with the ends of its confidence interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a box plot shows of one group of runs.
+
+    Attributes:
+        n: Number of runs.
+        median: Median with its bootstrap interval.
+        lower_quartile: 25 % quantile (linear interpolation, type 7 of Hyndman & Fan 1996).
+        upper_quartile: 75 % quantile.
+        minimum: Smallest value.
+        maximum: Largest value.
+    """
+
+    n: int
+    median: Interval
+    lower_quartile: float
+    upper_quartile: float
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A paired comparison ``second - first``; negative where the second estimator has the smaller error.
+
+    Attributes:
+        n: Number of pairs in which both are finite.
+        difference: Median of the paired differences with its bootstrap interval.
+        wins: Share of the pairs in which the second is smaller.
+        p_value: Two-sided Wilcoxon signed-rank test of a symmetric distribution about zero, not corrected.
+    """
+
+    n: int
+    difference: Interval
+    wins: float
+    p_value: float
+
+
+@lru_cache(maxsize=8)
+def _resampled_indices(sizes: tuple[int, ...], resamples: int, seed: int) -> NDArray[np.int32]:
+    """Return indices of shape ``(resamples, sum(sizes))``, each stratum drawn from itself with
+    replacement.""" rng = np.random.default_rng(seed)
+    start = np.concatenate(([0], np.cumsum(sizes)))
+    parts = [
+        rng.integers(start[k], start[k + 1], (resamples, size), dtype=np.int32)
+        for k, size in enumerate(sizes)
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def median_interval(
+    values: ArrayLike,
+    strata: ArrayLike | None = None,
+    *,
+    level: float = 0.95,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> Interval:
+    """Return the median with its percentile bootstrap interval.
+
+    Args:
+        values: Any shape; NaN is ignored.
+        strata: Labels of the same shape. Each stratum is resampled within itself. Where a stratum holds a
+            single value nothing could vary, so then the whole sample is resampled as one.
+        level: Confidence level.
+        resamples: Number of bootstrap samples; fewer are drawn where a sample is so large that it does not
+        matter. seed: Seed of the resampling; the same seed gives the same interval.
+
+    Returns:
+        NaN throughout for an empty sample; an interval of no width for a single value.
+    """
+    flat = np.asarray(values, dtype=float).ravel()
+    keep = np.isfinite(flat)
+    data = flat[keep]
+    if data.size == 0:
+        return Interval(np.nan, np.nan, np.nan)
+    sizes: tuple[int, ...] = (data.size,)
+    if strata is not None:
+        labels = np.asarray(strata).ravel()
+        if labels.size != flat.size:
+            raise ValueError(f"strata have {labels.size} labels for {flat.size} values; give one per value")
+        labels = labels[keep]
+        counts = np.unique(labels, return_counts=True)[1]
+        if counts.min() > 1:
+            data = data[np.argsort(labels, kind="stable")]
+            sizes = tuple(int(c) for c in counts)
+    draws = min(resamples, max(400, _LARGEST_DRAW // data.size))
+    medians = np.median(data[_resampled_indices(sizes, draws, seed)], axis=1)
+    tail = (1.0 - level) / 2.0
+    lower, upper = np.quantile(medians, [tail, 1.0 - tail])
+    return Interval(float(np.median(data)), float(lower), float(upper))
+
+
+def summarise(values: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0) -> Summary:
+    """Return the numbers of a box plot; NaN is ignored, an empty sample gives NaN with ``n = 0``.
+
+    Args:
+        values: Any shape.
+        strata: Labels for the bootstrap, see ``median_interval``.
+        seed: Seed of the bootstrap.
+    """
+    data = np.asarray(values, dtype=float).ravel()
+    data = data[np.isfinite(data)]
+    median = median_interval(values, strata, seed=seed)
+    if data.size == 0:
+        return Summary(0, median, np.nan, np.nan, np.nan, np.nan)
+    minimum, lower, upper, maximum = np.quantile(data, [0.0, 0.25, 0.75, 1.0])
+    return Summary(data.size, median, float(lower), float(upper), float(minimum), float(maximum))
+
+
+def compare(
+    first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0
+) -> Comparison:
+    """Compare two estimators run by run.
+
+    Args:
+        first: Errors of the first estimator, any shape.
+        second: Errors of the second on the same runs, same shape.
+        strata: Labels for the bootstrap, see ``median_interval``.
+        seed: Seed of the bootstrap.
+    """
+    difference = np.asarray(second, dtype=float) - np.asarray(first, dtype=float)
+    finite = difference[np.isfinite(difference)]
+    interval = median_interval(difference, strata, seed=seed)
+    if finite.size == 0:
+        return Comparison(0, interval, np.nan, np.nan)
+    wins = float(np.mean(finite < 0.0))
+    # Without a single difference the test statistic is undefined; there is then no evidence at all.
+    result: Any = stats.wilcoxon(finite) if np.any(finite != 0.0) else None
+    return Comparison(finite.size, interval, wins, 1.0 if result is None else float(result.pvalue))
+
+
+def holm(p_values: ArrayLike) -> NDArray[np.float64]:
+    """Return p-values adjusted for the number of comparisons (Holm 1979), in the order given.
+
+    The smallest of m is multiplied by m, the next by m - 1 and so on; an adjusted value is never smaller
+    than the one before it, nor larger than 1. Rejecting where it is below 0.05 keeps the probability of any
+    false rejection below 0.05, whatever the dependence. NaN (a comparison that could not be made) stays NaN
+    and is not counted.
+    """
+    p = np.asarray(p_values, dtype=float)
+    adjusted = np.full(p.shape, np.nan)
+    tested = np.flatnonzero(np.isfinite(p))
+    order = tested[np.argsort(p[tested], kind="stable")]
+    factors = np.arange(order.size, 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(factors * p[order]), 1.0)
+    return adjusted
+
+
+def average_bounds(dimension: float, count: float, level: float = 0.95) -> tuple[float, float]:
+    """Return the two-sided bounds of the average of ``count`` independent chi-square variables.
+
+    The sum of ``count`` independent chi-square variables of ``dimension`` degrees of freedom is chi-square
+    with ``count * dimension`` (Bar-Shalom, Li & Kirubarajan, *Estimation with Applications to Tracking and
+    Navigation*, 2001, 5.4.2). For NIS, ``count`` is the number of updates of all runs, since the innovations
+    of a consistent filter are white. For NEES it is the number of runs: state errors are correlated over
+    time, and the average over one run cannot vary more than a single sample, so the bounds are on the safe
+    side.
+
+    Returns:
+        Lower and upper bound of the average; its expectation is ``dimension``. NaN where ``count`` is 0.
+    """
+    if not count * dimension > 0:
+        return np.nan, np.nan
+    tail = (1.0 - level) / 2.0
+    freedom = count * dimension
+    lower, upper = stats.chi2.ppf([tail, 1.0 - tail], freedom)
+    return float(lower / count), float(upper / count)
