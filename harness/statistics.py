@@ -72,8 +72,8 @@ class Comparison:
 
 @lru_cache(maxsize=8)
 def _resampled_indices(sizes: tuple[int, ...], resamples: int, seed: int) -> NDArray[np.int32]:
-    """Return indices of shape ``(resamples, sum(sizes))``, each stratum drawn from itself with
-    replacement.""" rng = np.random.default_rng(seed)
+    """Return indices of shape ``(resamples, sum(sizes))``, each stratum redrawn within itself."""
+    rng = np.random.default_rng(seed)
     start = np.concatenate(([0], np.cumsum(sizes)))
     parts = [
         rng.integers(start[k], start[k + 1], (resamples, size), dtype=np.int32)
@@ -97,8 +97,8 @@ def median_interval(
         strata: Labels of the same shape. Each stratum is resampled within itself. Where a stratum holds a
             single value nothing could vary, so then the whole sample is resampled as one.
         level: Confidence level.
-        resamples: Number of bootstrap samples; fewer are drawn where a sample is so large that it does not
-        matter. seed: Seed of the resampling; the same seed gives the same interval.
+        resamples: Number of bootstrap samples; fewer are drawn where a sample is so large that it does not matter.
+        seed: Seed of the resampling; the same seed gives the same interval.
 
     Returns:
         NaN throughout for an empty sample; an interval of no width for a single value.
