@@ -1,0 +1,32 @@
+"""Study file in, ``Study`` out: everything checked, every number SI, every default filled in.
+
+``file`` holds the keys, ``vehicle`` resolves plant and belief, ``factors`` the designs, ``load`` puts them
+together; ``specs`` is what all later stages read.
+"""
+
+from harness.configure.file import study_schema, write_schema
+from harness.configure.load import load_study
+from harness.configure.specs import (
+    NOISE_SCALES,
+    DesignSpec,
+    DriveSpec,
+    EstimatorSpec,
+    FactorSpec,
+    HistorySpec,
+    ModelSpec,
+    Study,
+)
+
+__all__ = [
+    "NOISE_SCALES",
+    "DesignSpec",
+    "DriveSpec",
+    "EstimatorSpec",
+    "FactorSpec",
+    "HistorySpec",
+    "ModelSpec",
+    "Study",
+    "load_study",
+    "study_schema",
+    "write_schema",
+]

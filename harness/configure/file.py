@@ -1,0 +1,231 @@
+"""The study file as pydantic models: which keys there are, what they hold, and the JSON schema of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictBool,
+    StrictInt,
+    StrictStr,
+    WithJsonSchema,
+)
+
+
+def _quantity(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError('expected a number in SI units or text with a unit such as "24 t"')
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("expected a finite number")
+    return value
+
+
+Quantity = Annotated[
+    Any,
+    BeforeValidator(_quantity),
+    WithJsonSchema(
+        {
+            "anyOf": [{"type": "number"}, {"type": "string"}],
+            "description": 'a number in SI units, or text with a unit such as "24 t" or "5 %"',
+        }
+    ),
+]
+Name = Annotated[StrictStr, Field(min_length=1)]
+FileName = Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+
+
+class Table(BaseModel):
+    """A table of the file: unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class OpenTable(BaseModel):
+    """A table whose further keys belong to a drive or an estimator, which checks them."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    @property
+    def further(self) -> dict[str, Any]:
+        """The keys that belong to the drive or estimator."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class NoiseTable(Table):
+    """``[plant.noise]``, ``[belief.noise]``."""
+
+    process_scale: Quantity | None = Field(default=None, description="factor on every process-noise variance")
+    measurement_scale: Quantity | None = Field(
+        default=None, description="factor on every measurement-noise variance"
+    )
+    process: dict[str, Quantity] = Field(
+        default_factory=dict, description="variance per step by state, square of the state's SI unit"
+    )
+    measurement: dict[str, Quantity] = Field(
+        default_factory=dict, description="variance per sample by output, square of the output's SI unit"
+    )
+
+
+class ModelTable(Table):
+    """``[plant]``, ``[belief]``."""
+
+    vehicle: Name | None = Field(default=None, description="file in models/vehicles")
+    parameters: Name | None = Field(
+        default=None, description="file in models/parameters, or path of a TOML parameter file"
+    )
+    tyre: Name | None = Field(default=None, description="file in models/tyres")
+    effects: list[Name] | None = Field(
+        default=None, description="files in models/effects, in the order they act; none if absent"
+    )
+    sensors: Name | None = Field(default=None, description="file in models/sensors")
+    integrator: Literal["euler", "heun", "rk4"] | None = Field(
+        default=None, description="scheme of one substep (default euler)"
+    )
+    step: Quantity | None = Field(default=None, description="sample time (default 0.01 s)")
+    substeps: Annotated[StrictInt, Field(ge=1, le=1000)] | None = Field(
+        default=None, description="integration steps per sample (default 1)"
+    )
+    values: dict[str, Quantity] = Field(
+        default_factory=dict, description="parameters that differ from the parameter set"
+    )
+    noise: NoiseTable = Field(default=NoiseTable(), description="noise that differs from the parameter set")
+    unknown_inputs: list[Name] | None = Field(
+        default=None, description="[belief] only: inputs to be estimated as random walks"
+    )
+
+
+class DriveTable(OpenTable):
+    """``[[drive]]``: name, kind and the options of the kind (``harness list drives``)."""
+
+    name: Name = Field(description="unique name")
+    kind: Name = Field(description="file in models/drives")
+
+
+class DrivesFile(Table):
+    """A file of drives, ``studies/drives/<name>.toml``."""
+
+    title: StrictStr = Field(default="", description="what the drives are for")
+    drive: list[DriveTable] = Field(min_length=1, description="the drives")
+
+
+class EstimatorTable(OpenTable):
+    """``[[estimator]]``: name, kind and the settings of the kind."""
+
+    name: Name | None = Field(
+        default=None, description="unique name in tables and figures (default: the kind)"
+    )
+    kind: Name = Field(description="file in harness/estimators")
+
+
+class FactorTable(Table):
+    """``[[design.factor]]``: exactly one of ``levels``, ``shift`` and ``bands``."""
+
+    parameter: Name = Field(
+        description="parameter of the model, or process_noise_scale, measurement_noise_scale"
+    )
+    of: Literal["plant", "belief", "both"] = Field(default="plant", description="whose value it replaces")
+    unit: Name | None = Field(
+        default=None, description="unit of the labels, and of plain numbers in this table (default: SI)"
+    )
+    levels: Annotated[list[Quantity], Field(min_length=1)] | None = Field(default=None, description="values")
+    shift: Annotated[list[Quantity], Field(min_length=1)] | None = Field(
+        default=None, description="differences from the nominal (belief) value; percent is relative to it"
+    )
+    bands: Annotated[list[Quantity], Field(min_length=1)] | None = Field(
+        default=None, description="half-widths around the nominal (belief) value; percent is relative to it"
+    )
+    band: Quantity | None = Field(
+        default=None,
+        description="half-width around each of the levels or shifts; percent is relative to the level",
+    )
+    labels: list[StrictStr] | None = Field(
+        default=None, description="one label per band, instead of the default"
+    )
+
+
+class DesignTable(Table):
+    """``[[design]]``."""
+
+    name: FileName = Field(description="unique name")
+    samples: Annotated[StrictInt, Field(ge=1)] = Field(
+        default=1, description="Sobol points per band; a power of two"
+    )
+    repeats: Annotated[StrictInt, Field(ge=1)] = Field(
+        default=1, description="runs with fresh noise per point"
+    )
+    sobol_any_n: StrictBool = Field(
+        default=False, description="allow a number of samples that is no power of two (unbalanced)"
+    )
+    factor: list[FactorTable] = Field(
+        default_factory=list, description="what is varied; the i-th bands belong together"
+    )
+
+
+class HistoryTable(Table):
+    """``[history]``: the run that is drawn over time."""
+
+    design: Name = Field(description="name of a design")
+    drive: Name = Field(description="name of a drive")
+    levels: dict[str, Quantity] = Field(
+        default_factory=dict, description="levels by parameter, as in the design"
+    )
+    band: Name | None = Field(default=None, description="label of the band, where the design has no levels")
+    sample: Annotated[StrictInt, Field(ge=0)] = Field(
+        default=0, description="index of the Sobol point, from 0"
+    )
+    repeat: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the repeat, from 0")
+
+
+class StudyFile(Table):
+    """A study: which estimator stays how good when the plant leaves what is believed."""
+
+    name: FileName = Field(description="name of the result folder")
+    title: StrictStr = Field(default="", description="the question, heading of the report")
+    seed: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="root of all random numbers")
+    targets: Annotated[list[Name], Field(min_length=1)] = Field(
+        description="quantities to score: states or ports of both models"
+    )
+    drives: Name | list[Name] = Field(
+        default_factory=list, description="files of drives: drives/<name>.toml beside the study"
+    )
+    drive: list[DriveTable] = Field(default_factory=list, description="drives of this study alone")
+    plant: ModelTable = Field(description="what is driven")
+    belief: ModelTable = Field(
+        default=ModelTable(), description="what the estimators hold for true; default: as the plant"
+    )
+    estimator: Annotated[list[EstimatorTable], Field(min_length=1)] = Field(description="who competes")
+    design: Annotated[list[DesignTable], Field(min_length=1)] = Field(description="what is varied")
+    history: HistoryTable | None = Field(default=None, description="the run drawn over time")
+
+
+class ParameterFile(Table):
+    """A parameter set as a TOML file, for a vehicle of one's own without a file in ``models/parameters``."""
+
+    vehicle: Name = Field(description="file in models/vehicles")
+    source: StrictStr = Field(default="", description="where the values come from")
+    noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
+    values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")
+    process_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per step by state")
+    measurement_noise: dict[str, Quantity] = Field(
+        default_factory=dict, description="variance per sample by output"
+    )
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON schema of a study file, for editors that check TOML while one types."""
+    schema = StudyFile.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    return schema
+
+
+def write_schema(path: Path) -> Path:
+    """Write the JSON schema of a study file and return its path."""
+    path.write_text(json.dumps(study_schema(), indent=2) + "\n", encoding="utf-8")
+    return path

@@ -1,0 +1,119 @@
+"""Read a parameter set: a file of ``models/parameters``, or a TOML file of one's own."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from harness.configure.file import ParameterFile
+from harness.configure.problems import Problems, add_validation_errors
+from harness.errors import UserError
+from models import registry
+from models.signals import SIGNALS
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """A set of values with its noise, from ``models/parameters`` or a TOML file.
+
+    ``source`` is the place errors name when one of its values is wrong.
+    """
+
+    vehicle: str = ""
+    values: dict[str, float] = field(default_factory=dict)
+    process: dict[str, float] = field(default_factory=dict)
+    measurement: dict[str, float] = field(default_factory=dict)
+    noise_step: float = 0.01
+    source: str = ""
+
+
+def published_set(name: str) -> ParameterSet:
+    """Return the set of a file in ``models/parameters``.
+
+    Raises:
+        ModelError: If there is no such file or it is incomplete.
+    """
+    module = registry.load("models.parameters", name)
+    return ParameterSet(
+        vehicle=module.VEHICLE,
+        values=dict(module.VALUES),
+        process=dict(module.PROCESS_NOISE),
+        measurement=dict(module.MEASUREMENT_NOISE),
+        noise_step=float(module.NOISE_STEP),
+        source=f"models/parameters/{name}.py",
+    )
+
+
+def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
+    """Return the set of a TOML file.
+
+    Args:
+        name: Path, from the folder or from the working directory.
+        folder: Folder of the study.
+        where: File and key of the study that names it, for errors.
+
+    Raises:
+        UserError: If the file is absent or anything in it is wrong.
+    """
+    from harness.units import to_si
+
+    path = next((p for p in (folder / name, Path(name)) if p.is_file()), None)
+    if path is None:
+        raise UserError(f"{where}: there is no parameter file '{name}' in {folder} or the working directory")
+    inner = Problems(str(path))
+    try:
+        raw = ParameterFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        add_validation_errors(inner, error, ParameterFile)
+        inner.stop()
+        raise
+    units = _parameter_units(raw.vehicle)
+    numbers: dict[str, dict[str, float]] = {"values": {}, "process_noise": {}, "measurement_noise": {}}
+    for group, target in numbers.items():
+        for item, value in getattr(raw, group).items():
+            key = f"{group}.{item}"
+            with inner.catch(key):
+                if group == "values" and item not in units:
+                    raise UserError(
+                        f"'{raw.vehicle}' has no parameter '{item}' with any tyre or effect"
+                        f"{registry.closest(item, list(units))}"
+                    )
+                unit = units[item] if group == "values" else variance_unit(item)
+                target[item] = to_si(value, unit, inner.at(key))
+    step = 0.01
+    with inner.catch("noise_step"):
+        step = to_si(raw.noise_step, "s", inner.at("noise_step"))
+        if step <= 0:
+            raise UserError(f"must be positive, got {step:g} s")
+    inner.stop()
+    return ParameterSet(
+        raw.vehicle,
+        numbers["values"],
+        numbers["process_noise"],
+        numbers["measurement_noise"],
+        step,
+        str(path),
+    )
+
+
+def _parameter_units(vehicle: str) -> dict[str, str]:
+    """Return the unit of every parameter the vehicle can have with any tyre and any effect."""
+    module = registry.load("models.vehicles", vehicle)
+    units = {p.name: p.unit for p in module.PARAMETERS}
+    for tyre in registry.names("models.tyres"):
+        for p in registry.load("models.tyres", tyre).PARAMETERS:
+            units |= {f"{p.name}_{group}": p.unit for group in module.AXLES.values()}
+    for effect in registry.names("models.effects"):
+        units |= {p.name: p.unit for p in registry.load("models.effects", effect).PARAMETERS}
+    return units
+
+
+def variance_unit(signal: str) -> str:
+    """Return the unit of a signal's variance; a signal not in the table takes plain numbers only."""
+    unit = SIGNALS[signal].unit if signal in SIGNALS else ""
+    return f"({unit})**2" if unit not in ("", "dimensionless") else ""

@@ -1,0 +1,177 @@
+"""Which cases a study runs: the points of each design, and the units of work they are cut into.
+
+Levels are taken as they are. Bands are boxes filled by SALib's Sobol sequence (Joe and Kuo 2003), unscrambled and
+from its first point on: dropping or skipping points spoils the balance (Owen 2020, arXiv:2008.08051), and the first
+point, the origin, is the lower corner of every box. All bands of a design use the same points, scaled, so that
+sample ``k`` lies at the same relative place in each.
+
+The design is paired: points, drives and seeds are fixed before any estimator is looked at, so every estimator sees
+the same runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.configure import NOISE_SCALES, DesignSpec, ModelSpec, Study
+
+
+@dataclass(frozen=True)
+class DesignPoints:
+    """The points of one design in SI units.
+
+    Attributes:
+        factors: Name of each factor's parameter; ``belief.<parameter>`` if only the belief varies, shape
+            ``(factor,)``.
+        values: Shape ``(band, sample, factor)``.
+        lower: Lower edge, shape ``(band, factor)``; equal to ``upper`` for a level.
+        upper: Upper edge, shape ``(band, factor)``.
+        band_labels: Shape ``(band,)``.
+    """
+
+    factors: tuple[str, ...]
+    values: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    band_labels: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """What one model holds in a series of runs, one row each.
+
+    Attributes:
+        values: Parameters in the order of ``model().parameter_names``, shape ``(run, np)``.
+        process_noise: Variances per step in the order of the states, shape ``(run, nx)``.
+        measurement_noise: Variances per sample in the order of the outputs, shape ``(run, ny)``.
+    """
+
+    values: NDArray[np.float64]
+    process_noise: NDArray[np.float64]
+    measurement_noise: NDArray[np.float64]
+
+
+@dataclass(frozen=True, order=True)
+class Unit:
+    """A piece of work: one band of one design on one drive, some of its samples, all their repeats.
+
+    Attributes:
+        design: Index of the design in the study.
+        band: Index of the band.
+        drive: Index of the drive in the study.
+        first: First sample.
+        stop: One past the last sample.
+    """
+
+    design: int
+    band: int
+    drive: int
+    first: int
+    stop: int
+
+    @property
+    def samples(self) -> slice:
+        """The samples as a slice."""
+        return slice(self.first, self.stop)
+
+    @property
+    def key(self) -> str:
+        """A name that is the same in every run of the study, for resuming."""
+        return f"{self.design}-{self.band}-{self.drive}-{self.first}-{self.stop}"
+
+    def runs(self, study: Study) -> int:
+        """Return the number of runs, samples times repeats."""
+        return (self.stop - self.first) * study.designs[self.design].repeats
+
+
+def unit_box(samples: int, dimensions: int) -> NDArray[np.float64]:
+    """Return the first points of SALib's Sobol sequence in the unit box, shape ``(samples, dimensions)``."""
+    from SALib.sample import sobol_sequence
+
+    return np.asarray(sobol_sequence.sample(samples, dimensions), dtype=np.float64)
+
+
+def points(study: Study, design: DesignSpec) -> DesignPoints:
+    """Return all points of a design; nothing in them depends on an estimator, a worker or the seed.
+
+    Args:
+        study: The study, for symmetry with ``units``; points depend on the design alone.
+        design: One of its designs.
+    """
+    assert design in study.designs
+    factors, shape = design.factors, (design.bands, len(design.factors))
+    lower = np.array([f.lower for f in factors]).T.reshape(shape)
+    upper = np.array([f.upper for f in factors]).T.reshape(shape)
+    values = np.repeat(lower[:, None, :], design.samples, axis=1)
+    banded = [i for i, f in enumerate(factors) if f.banded]
+    if banded:
+        unit = unit_box(design.samples, len(banded))
+        # As SALib.util.scale_samples: the same operations in the same order give the same bits.
+        span = upper[:, banded] - lower[:, banded]
+        values[:, :, banded] = unit[None, :, :] * span[:, None, :] + lower[:, None, banded]
+    names = tuple(f.parameter if f.of != "belief" else f"belief.{f.parameter}" for f in factors)
+    return DesignPoints(names, values, lower, upper, design.band_labels)
+
+
+def lanes(
+    spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]
+) -> Lanes:
+    """Return what a model holds at given points of a design.
+
+    Args:
+        spec: ``study.plant`` or ``study.belief``.
+        design: The design the points belong to.
+        side: Which of the two ``spec`` is.
+        values: Points of the design, shape ``(run, factor)``, e.g. ``points.values[band, samples]``.
+    """
+    model, runs = spec.model(), len(values)
+    names = model.parameter_names
+    parameters = np.tile([spec.values[n] for n in names], (runs, 1)).reshape(runs, len(names))
+    process = np.tile([spec.process_noise[s] for s in model.states], (runs, 1))
+    measurement = np.tile([spec.measurement_noise[o] for o in model.outputs], (runs, 1))
+    scaled = dict(zip(NOISE_SCALES, (process, measurement), strict=True))
+    for column, factor in enumerate(design.factors):
+        if factor.of not in (side, "both"):
+            continue
+        if factor.parameter in scaled:
+            scaled[factor.parameter] *= values[:, column, None]
+        else:
+            parameters[:, names.index(factor.parameter)] = values[:, column]
+    return Lanes(parameters, process, measurement)
+
+
+def units(study: Study, design: DesignSpec, target: int = 64) -> list[Unit]:
+    """Cut a design into units of about ``target`` runs, in an order that depends on the study alone.
+
+    The repeats of a sample stay together, so a unit has more than ``target`` runs where a design has more repeats.
+    The cuts do not depend on the number of workers.
+
+    Args:
+        study: The study.
+        design: One of its designs.
+        target: Runs per unit to aim at, e.g. the lanes of a kernel.
+
+    Raises:
+        ValueError: If ``target`` is not positive.
+    """
+    if target < 1:
+        raise ValueError(f"target must be at least 1, got {target}")
+    index = study.designs.index(design)
+    return [
+        Unit(index, band, drive, first, stop)
+        for band in range(design.bands)
+        for drive in range(len(study.drives))
+        for first, stop in _pieces(design.samples, max(target // design.repeats, 1))
+    ]
+
+
+def _pieces(total: int, size: int) -> Iterator[tuple[int, int]]:
+    """Cut ``range(total)`` into as few pieces of at most ``size`` as possible, as even as possible."""
+    count = -(-total // size)
+    edges = [total * i // count for i in range(count + 1)]
+    return zip(edges, edges[1:], strict=False)
