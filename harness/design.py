@@ -1,16 +1,17 @@
 """Which cases a study runs: the points of each design, and the units of work they are cut into.
 
-Levels are taken as they are. Bands are boxes filled by SALib's Sobol sequence (Joe and Kuo 2003), unscrambled and
-from its first point on: dropping or skipping points spoils the balance (Owen 2020, arXiv:2008.08051), and the first
-point, the origin, is the lower corner of every box. All bands of a design use the same points, scaled, so that
-sample ``k`` lies at the same relative place in each.
+Levels are taken as they are. Bands are boxes filled by SALib's Sobol sequence (Joe and Kuo 2003),
+unscrambled and from its first point on: dropping or skipping points spoils the balance (Owen 2020,
+arXiv:2008.08051), and the first point, the origin, is the lower corner of every box. All bands of a
+design use the same points, scaled, so that sample ``k`` lies at the same relative place in each.
 
-The design is paired: points, drives and seeds are fixed before any estimator is looked at, so every estimator sees
-the same runs.
+The design is paired: points, drives and seeds are fixed before any estimator is looked at, so every
+estimator sees the same runs.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -100,10 +101,14 @@ def points(study: Study, design: DesignSpec) -> DesignPoints:
     """Return all points of a design; nothing in them depends on an estimator, a worker or the seed.
 
     Args:
-        study: The study, for symmetry with ``units``; points depend on the design alone.
+        study: The study.
         design: One of its designs.
+
+    Raises:
+        ValueError: If the design is not of this study.
     """
-    assert design in study.designs
+    if design not in study.designs:
+        raise ValueError(f"design '{design.name}' is not one of study '{study.name}'")
     factors, shape = design.factors, (design.bands, len(design.factors))
     lower = np.array([f.lower for f in factors]).T.reshape(shape)
     upper = np.array([f.upper for f in factors]).T.reshape(shape)
@@ -148,8 +153,8 @@ def lanes(
 def units(study: Study, design: DesignSpec, target: int = 64) -> list[Unit]:
     """Cut a design into units of about ``target`` runs, in an order that depends on the study alone.
 
-    The repeats of a sample stay together, so a unit has more than ``target`` runs where a design has more repeats.
-    The cuts do not depend on the number of workers.
+    The repeats of a sample stay together, so a unit has more than ``target`` runs where a design has more
+    repeats. The cuts do not depend on the number of workers.
 
     Args:
         study: The study.
@@ -174,4 +179,4 @@ def _pieces(total: int, size: int) -> Iterator[tuple[int, int]]:
     """Cut ``range(total)`` into as few pieces of at most ``size`` as possible, as even as possible."""
     count = -(-total // size)
     edges = [total * i // count for i in range(count + 1)]
-    return zip(edges, edges[1:], strict=False)
+    return itertools.pairwise(edges)

@@ -97,7 +97,7 @@ def median_interval(
         strata: Labels of the same shape. Each stratum is resampled within itself. Where a stratum holds a
             single value nothing could vary, so then the whole sample is resampled as one.
         level: Confidence level.
-        resamples: Number of bootstrap samples; fewer are drawn where a sample is so large that it does not matter.
+        resamples: Number of bootstrap samples; fewer are drawn of a sample so large that it does not matter.
         seed: Seed of the resampling; the same seed gives the same interval.
 
     Returns:
@@ -198,5 +198,5 @@ def average_bounds(dimension: float, count: float, level: float = 0.95) -> tuple
         return np.nan, np.nan
     tail = (1.0 - level) / 2.0
     freedom = count * dimension
-    lower, upper = stats.chi2.ppf([tail, 1.0 - tail], freedom)
-    return float(lower / count), float(upper / count)
+    lower, upper = (float(stats.chi2.ppf(p, freedom)) / count for p in (tail, 1.0 - tail))
+    return lower, upper

@@ -24,7 +24,7 @@ def symbol(name: str) -> sp.Symbol:
     return sp.Symbol(name, real=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Model:
     """A complete set of equations: ``dx/dt = f(x, u, p)``, ``y = h(x, u, p)``.
 

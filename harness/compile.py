@@ -1,0 +1,188 @@
+"""From a model's equations to compiled kernels.
+
+The kernels are generated as a Python module of numba functions over lanes (``harness.lanes``), written to a
+cache folder under a name that holds the hash of everything that shaped it, and imported from there, so that
+numba's disk cache applies and a second start is warm.
+
+A compiled model offers, with ``x (nx, LANES)``, ``u (nu, LANES)``, ``p (np, LANES)``, constants ``c (nc, LANES)``
+and a work array ``w (nw, LANES)``:
+
+==========================================  ================================================================
+``constants(p, c)``                         what depends on parameters only
+``drift(x, u, c, dx)``                      dx/dt
+``drift_jacobian(x, u, c, J)``              d(dx/dt)/dx, dense ``(nx, nx, LANES)``
+``next_state(x, u, c, xn, w)``              one sample ahead (Ziaukas 2.9 for Euler)
+``next_jacobian(x, u, c, xn, A, w)``        the same and A = d(next x)/dx, dense
+``next_covariance(x, u, c, P, xn, Pn, w)``  the same and A P A', the prediction (2.13) without process noise
+``output(x, u, c, y)``                      y = h(x, u)
+``output_jacobian(x, u, c, y, H)``          the same and H = dh/dx, dense ``(ny, nx, LANES)``
+``signals(x, u, c, s)``                     further quantities asked for, ``(ns, LANES)``
+``signals_jacobian(x, u, c, J)``            their derivatives to the states, dense ``(ns, nx, LANES)``
+==========================================  ================================================================
+
+and, when derivatives to inputs or parameters are asked for, ``drift_input_jacobian(x, u, c, J)``,
+``drift_parameter_jacobian(x, u, c, J)`` and ``output_parameter_jacobian(x, u, c, J)``.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+import inspect
+import os
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+import numba
+import numpy as np
+from harness import lane_algebra, lane_math, lanes
+from harness.emit import constants_kernel, kernel, matrix, vector
+from harness.equations import Equations, derive
+from harness.errors import UserError
+from harness.integrate import step_source, work_size
+from models.assemble import Model
+
+INTEGRATORS = ("euler", "heun", "rk4")
+
+HEADER = """\
+import numpy as np
+from numba import njit
+from harness.lanes import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
+from harness.lane_math import atan, cos, exp, log, maximum, minimum, sign, sin, tan, tanh
+
+jit = njit(cache=True, nogil=True, error_model="numpy")
+"""
+
+
+def cache_folder() -> Path:
+    """Return the folder of generated modules: ``$HARNESS_CACHE`` or ``~/.cache/robustness-harness``."""
+    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "robustness-harness"
+    return Path(os.environ.get("HARNESS_CACHE", default))
+
+
+def load_source(stem: str, source: str) -> ModuleType:
+    """Write generated source to the cache under ``<stem>_<hash>.py`` and import it.
+
+    The hash covers the source, the modules it calls and the compiler's version, because numba's own cache
+    looks at the time stamp of the calling file only.
+    """
+    digest = hashlib.sha256((_toolchain() + source).encode()).hexdigest()[:16]
+    name = f"{stem}_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    folder = cache_folder()
+    path = folder / f"{name}.py"
+    if not path.exists():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False) as file:
+                file.write(source)
+            os.replace(file.name, path)  # atomic, so another process never imports half a file
+        except OSError as error:
+            raise UserError(
+                f"cannot write compiled models to {folder}: {error.strerror}; set HARNESS_CACHE to a folder you own"
+            ) from error
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@functools.cache
+def _toolchain() -> str:
+    texts = [inspect.getsource(m) for m in (lanes, lane_math, lane_algebra)]
+    return "\n".join([numba.__version__, np.__version__, *texts])
+
+
+class CompiledModel:
+    """A model with its kernels.
+
+    Attributes:
+        model: The equations.
+        kernels: Module of the compiled functions listed above.
+        step_size: Sample time in s.
+        signal_names: Names of the quantities that ``kernels.signals`` computes.
+        nx, nu, ny, nc, nw: Lengths of state, input, output, constants and work array.
+    """
+
+    def __init__(self, model: Model, equations_: Equations, kernels: ModuleType, step: float) -> None:
+        self.model, self.equations, self.kernels, self.step_size = model, equations_, kernels, step
+        self.signal_names = tuple(equations_.signals)
+        self.nx, self.nu, self.ny = len(model.states), len(model.inputs), len(model.outputs)
+        self.nc, self.nw = max(1, len(equations_.constants)), int(kernels.NW)
+
+    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
+        """Return the parameters in the model's order, shape ``(np,)``."""
+        missing = [n for n in self.model.parameter_names if n not in values]
+        if missing:
+            raise UserError(f"no value for {', '.join(missing)} of model '{self.model.name}'")
+        return np.array([float(values[n]) for n in self.model.parameter_names])
+
+    def constants(self, parameters: np.ndarray) -> np.ndarray:
+        """Return the constants for parameter vectors of shape ``(np, LANES)``, shape ``(nc, LANES)``."""
+        c = np.zeros((self.nc, lanes.LANES))
+        self.kernels.constants(np.ascontiguousarray(parameters, dtype=float), c)
+        return c
+
+
+@functools.lru_cache(maxsize=64)
+def compile_model(
+    model: Model,
+    step: float = 0.01,
+    integrator: str = "euler",
+    substeps: int = 1,
+    signals: tuple[str, ...] = (),
+    parameters: tuple[str, ...] = (),
+) -> CompiledModel:
+    """Return the compiled kernels of a model.
+
+    Args:
+        model: The model; augmented already if inputs are to be estimated.
+        step: Sample time in s.
+        integrator: ``euler`` (as the thesis), ``heun`` or ``rk4``.
+        substeps: Steps of the integrator per sample.
+        signals: Quantities that ``kernels.signals`` computes.
+        parameters: Parameters whose derivatives are wanted.
+
+    Raises:
+        UserError: If the integrator is unknown or the cache folder cannot be written.
+    """
+    if integrator not in INTEGRATORS:
+        raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(INTEGRATORS)}")
+    eqs = derive(model, signals, parameters)
+    source = model_source(eqs, step, integrator, substeps)
+    return CompiledModel(model, eqs, load_source(f"model_{model.name.replace('+', '_')}", source), step)
+
+
+def model_source(eqs: Equations, step: float, integrator: str, substeps: int) -> str:
+    """Return the source text of a model's kernels."""
+    nx, nu, ny = len(eqs.derivatives), len(eqs.model.inputs), len(eqs.outputs)
+    y = vector("y", eqs.outputs)
+    parts = [
+        HEADER,
+        f"NX, NU, NY, NS, NW = {nx}, {nu}, {ny}, {len(eqs.signals)}, {work_size(nx, integrator, substeps)}",
+        f"OUTPUTS_ARE_LINEAR = {eqs.outputs_are_linear}",
+        constants_kernel(eqs),
+        kernel(eqs, "drift", "x, u, c, dx", vector("dx", eqs.derivatives)),
+        kernel(eqs, "drift_jacobian", "x, u, c, J", matrix("J", eqs.state_jacobian, nx, nx)),
+        kernel(eqs, "output", "x, u, c, y", y),
+        kernel(eqs, "output_jacobian", "x, u, c, y, H", y + matrix("H", eqs.output_state_jacobian, ny, nx)),
+        kernel(eqs, "signals", "x, u, c, s", vector("s", eqs.signals.values())),
+        kernel(eqs, "signals_jacobian", "x, u, c, J", matrix("J", eqs.signal_jacobian, len(eqs.signals), nx)),
+        *step_source(eqs, step, integrator, substeps),
+    ]
+    if eqs.parameters:
+        count = len(eqs.parameters)
+        for name, entries, rows, columns in (
+            ("drift_input_jacobian", eqs.input_jacobian, nx, nu),
+            ("drift_parameter_jacobian", eqs.parameter_jacobian, nx, count),
+            ("output_parameter_jacobian", eqs.output_parameter_jacobian, ny, count),
+        ):
+            parts.append(kernel(eqs, name, "x, u, c, J", matrix("J", entries, rows, columns)))
+    return "\n\n\n".join(parts) + "\n"

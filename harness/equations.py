@@ -1,0 +1,240 @@
+"""Turn a model's equations into straight-line assignments, with every derivative that is not zero.
+
+The equations are expanded into states, inputs and parameters, shared subexpressions are named once, and
+derivatives are carried along the assignments (forward mode), so nothing is differentiated twice and structural
+zeros stay zeros. Whatever depends on parameters alone is lifted out as a *constant*, computed once per run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from models.assemble import Model, symbol
+
+Entries = dict[tuple[int, int], sp.Expr]
+"""Non-zero entries of a matrix by (row, column)."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Straight-line form of a model.
+
+    Attributes:
+        model: The model the equations belong to.
+        constants: Assignments that read parameters only, in order; computed once per run.
+        assignments: Assignments that read states, inputs, constants and earlier assignments.
+        derivatives: Time derivative of each state.
+        outputs: Measured outputs.
+        signals: Further quantities by name.
+        signal_jacobian: d signals / d states.
+        state_jacobian: d derivatives / d states.
+        input_jacobian: d derivatives / d inputs.
+        parameter_jacobian: d derivatives / d parameters asked for.
+        output_state_jacobian: d outputs / d states.
+        output_input_jacobian: d outputs / d inputs.
+        output_parameter_jacobian: d outputs / d parameters asked for.
+        parameters: Names of the parameters asked for.
+    """
+
+    model: Model
+    constants: dict[sp.Symbol, sp.Expr]
+    assignments: dict[sp.Symbol, sp.Expr]
+    derivatives: list[sp.Expr]
+    outputs: list[sp.Expr]
+    signals: dict[str, sp.Expr]
+    signal_jacobian: Entries
+    state_jacobian: Entries
+    input_jacobian: Entries
+    parameter_jacobian: Entries
+    output_state_jacobian: Entries
+    output_input_jacobian: Entries
+    output_parameter_jacobian: Entries
+    parameters: tuple[str, ...]
+
+    @property
+    def outputs_are_linear(self) -> bool:
+        """Whether the output Jacobian is the same at every state, so that outputs need no linearisation."""
+        fixed = set(self.constants)
+        return all(expr.free_symbols <= fixed for expr in self.output_state_jacobian.values())
+
+
+def derive(model: Model, signals: Sequence[str] = (), parameters: Sequence[str] = ()) -> Equations:
+    """Return the straight-line form of a model.
+
+    Args:
+        model: The model.
+        signals: States, inputs or ports to compute beside the derivatives.
+        parameters: Parameters with respect to which derivatives are wanted.
+    """
+    expanded = _expand(model)
+    roots = [
+        *(_substitute(d, expanded) for d in model.derivatives),
+        *(_substitute(model.outputs[name], expanded) for name in model.outputs),
+        *(_substitute(model.resolve(name), expanded) for name in signals),
+    ]
+    shared, reduced = sp.cse(roots, symbols=sp.numbered_symbols("s_", real=True), order="none")
+    assignments: dict[sp.Symbol, sp.Expr] = dict(shared)
+    nx, ny = len(model.states), len(model.outputs)
+    f, h, extra = reduced[:nx], reduced[nx : nx + ny], reduced[nx + ny :]
+
+    forward = _ForwardMode(assignments)
+    jacobians = {}
+    for label, wanted in (("x", model.states), ("u", model.inputs), ("p", parameters)):
+        for target, rows in (("f", f), ("h", h)):
+            jacobians[target + label] = forward.jacobian(rows, [symbol(n) for n in wanted])
+    jacobians["sx"] = forward.jacobian(extra, [symbol(n) for n in model.states])
+
+    lift = _Lift({symbol(n) for n in model.parameter_names})
+    variable: dict[sp.Symbol, sp.Expr] = {}
+    for name, expr in forward.assignments.items():
+        lifted = lift(expr)
+        if lift.is_constant(lifted):
+            lift.alias(name, lifted)
+        else:
+            variable[name] = lifted
+
+    def entries(matrix: Entries) -> Entries:
+        return {key: lift(value) for key, value in matrix.items()}
+
+    return Equations(
+        model=model,
+        derivatives=[lift(e) for e in f],
+        outputs=[lift(e) for e in h],
+        signals={name: lift(e) for name, e in zip(signals, extra, strict=True)},
+        signal_jacobian=entries(jacobians["sx"]),
+        state_jacobian=entries(jacobians["fx"]),
+        input_jacobian=entries(jacobians["fu"]),
+        parameter_jacobian=entries(jacobians["fp"]),
+        output_state_jacobian=entries(jacobians["hx"]),
+        output_input_jacobian=entries(jacobians["hu"]),
+        output_parameter_jacobian=entries(jacobians["hp"]),
+        assignments=variable,
+        constants=lift.constants,
+        parameters=tuple(parameters),
+    )
+
+
+def _expand(model: Model) -> dict[sp.Symbol, sp.Expr]:
+    """Return every port in terms of states, inputs and parameters."""
+    expanded: dict[sp.Symbol, sp.Expr] = {}
+    for name, expr in model.ports.items():
+        expanded[symbol(name)] = _substitute(expr, expanded)
+    return expanded
+
+
+def _substitute(expr: sp.Expr, known: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
+    return expr.xreplace({s: known[s] for s in expr.free_symbols if s in known})
+
+
+class _ForwardMode:
+    """Carries derivatives along a list of assignments; ``assignments`` grows by the named derivatives."""
+
+    def __init__(self, assignments: dict[sp.Symbol, sp.Expr]) -> None:
+        self._original = dict(assignments)
+        self.assignments = dict(assignments)
+        self._count = 0
+
+    def jacobian(self, rows: Sequence[sp.Expr], variables: Sequence[sp.Symbol]) -> Entries:
+        """Return the non-zero derivatives of ``rows`` with respect to ``variables``."""
+        known: dict[sp.Symbol, dict[int, sp.Expr]] = {v: {j: sp.Integer(1)} for j, v in enumerate(variables)}
+        for name, expr in self._original.items():
+            row = self._differentiate(expr, known)
+            if row:
+                known[name] = {j: self._name(value) for j, value in row.items()}
+        result: Entries = {}
+        for i, expr in enumerate(rows):
+            for j, value in self._differentiate(expr, known).items():
+                result[i, j] = value
+        return result
+
+    def _differentiate(self, expr: sp.Expr, known: dict[sp.Symbol, dict[int, sp.Expr]]) -> dict[int, sp.Expr]:
+        row: dict[int, list[sp.Expr]] = {}
+        for s in sorted(expr.free_symbols & known.keys(), key=str):
+            slope = expr.diff(s).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+            if slope == 0:
+                continue
+            for j, inner in known[s].items():
+                row.setdefault(j, []).append(slope * inner)
+        summed = {j: sp.Add(*terms) for j, terms in row.items()}
+        return {j: value for j, value in summed.items() if value != 0}
+
+    def _name(self, expr: sp.Expr) -> sp.Expr:
+        if expr.is_Atom or (-expr).is_Atom:
+            return expr
+        name = sp.Symbol(f"d_{self._count}", real=True)
+        self._count += 1
+        self.assignments[name] = expr
+        return name
+
+
+class _Lift:
+    """Replaces every subexpression that reads parameters only by a named constant."""
+
+    def __init__(self, parameters: set[sp.Symbol]) -> None:
+        self._fixed = set(parameters)
+        self._alias: dict[sp.Symbol, sp.Expr] = {}
+        self._names: dict[sp.Expr, sp.Symbol] = {}
+        self.constants: dict[sp.Symbol, sp.Expr] = {}
+
+    def is_constant(self, expr: sp.Expr) -> bool:
+        return expr.free_symbols <= self._fixed
+
+    def alias(self, name: sp.Symbol, expr: sp.Expr) -> None:
+        """Let an assignment that turned out constant stand for its constant everywhere."""
+        self._alias[name] = expr
+
+    def _constant(self, expr: sp.Expr) -> sp.Expr:
+        if expr.is_number or expr in self.constants:
+            return expr
+        if expr not in self._names:
+            name = sp.Symbol(f"c_{len(self.constants)}", real=True)
+            self._names[expr] = name
+            self._fixed.add(name)
+            self.constants[name] = expr
+        return self._names[expr]
+
+    def __call__(self, expr: sp.Expr) -> sp.Expr:
+        expr = expr.xreplace({s: self._alias[s] for s in expr.free_symbols if s in self._alias})
+        return self._visit(expr)
+
+    def _visit(self, expr: sp.Expr) -> sp.Expr:
+        if expr.is_number:
+            return expr
+        if self.is_constant(expr):
+            return self._constant(expr)
+        if expr.is_Atom:
+            return expr
+        if expr.is_Add or expr.is_Mul:
+            fixed = [a for a in expr.args if self.is_constant(a)]
+            rest = [self._visit(a) for a in expr.args if not self.is_constant(a)]
+            if all(a.is_number for a in fixed):
+                return expr.func(*fixed, *rest)
+            sign = -1 if expr.is_Mul and expr.func(*fixed).could_extract_minus_sign() else 1
+            return expr.func(sign * self._constant(sign * expr.func(*fixed)), *rest)
+        return expr.func(*(self._visit(a) for a in expr.args))
+
+
+def needed(assignments: dict[sp.Symbol, sp.Expr], roots: Iterable[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
+    """Return the assignments that the roots depend on, in an order in which each reads earlier ones only."""
+    ordered: dict[sp.Symbol, sp.Expr] = {}
+
+    def visit(name: sp.Symbol) -> None:
+        stack = [(name, False)]
+        while stack:
+            current, done = stack.pop()
+            if current in ordered:
+                continue
+            if done:
+                ordered[current] = assignments[current]
+                continue
+            stack.append((current, True))
+            inner = assignments[current].free_symbols & assignments.keys()
+            stack += [(s, False) for s in sorted(inner, key=str, reverse=True) if s not in ordered]
+
+    for root in roots:
+        for s in sorted(root.free_symbols & assignments.keys(), key=str):
+            visit(s)
+    return ordered

@@ -1,0 +1,215 @@
+"""Estimators at work: compile one for a belief, run it over batches with scores, or step it by hand.
+
+The contract of a file in ``harness/estimators``:
+
+``Settings``                    pydantic model of its settings in a study
+``HAS_COVARIANCE``              whether it states an error covariance
+``tuning(settings, nx, ny)``    the numbers its kernel reads
+``memory_size(nx, ny)``         rows of memory it carries beside mean and covariance
+``workspace()``                 kernel: scratch arrays of a run
+``step(before, u_before, u, y, belief, work, after, info)``
+                                kernel: one sample; reads ``before``, writes ``after`` and ``info``
+
+Every other function of the file is a kernel the two may call. Kernels are compiled from their source behind the
+kernels of the model the estimator believes in (``harness.kernel`` lists the names they may use).
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from harness import loops
+from harness.compile import CompiledModel, load_source
+from harness.errors import UserError
+from harness.kernel import Belief, Info, State
+from harness.lanes import LANES
+from harness.simulate import paste
+from models import registry
+
+Floats = NDArray[np.float64]
+
+EXPORTS = ("Settings", "HAS_COVARIANCE", "tuning", "memory_size", "workspace", "step")
+_NOT_KERNELS = {"tuning", "memory_size"}
+
+NEES_EVERY = 10
+"""Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
+
+COVERAGE = 0.95
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Scores of ``LANES`` runs of one estimator.
+
+    Attributes:
+        rmse, bias, max_error: ``(targets, LANES)`` in SI units of the target, up to a divergence.
+        nees, nis: Averages per step ``(LANES,)``; NaN if the estimator states no covariance.
+        nees_inside, nis_inside: Share of samples inside the two-sided 95 % chi-square region.
+        log_likelihood: Sum over the run.
+        repairs: Samples at which a covariance factor had to be repaired.
+        updates: Samples with a measurement.
+        diverged_at: First diverged sample, ``samples`` if none.
+        kept: Estimates and standard deviations of the targets ``(samples, 2, targets, LANES)``, if asked for.
+    """
+
+    rmse: Floats
+    bias: Floats
+    max_error: Floats
+    nees: Floats
+    nis: Floats
+    nees_inside: Floats
+    nis_inside: Floats
+    log_likelihood: Floats
+    repairs: Floats
+    updates: Floats
+    diverged_at: Floats
+    kept: Floats | None
+
+
+def load_estimator(kind: str) -> ModuleType:
+    """Return an estimator's file.
+
+    Raises:
+        ModelError: If there is none of that name or it lacks an export.
+    """
+    return registry.load("harness.estimators", kind, EXPORTS)
+
+
+class Estimator:
+    """An estimator compiled for the model it believes in.
+
+    Args:
+        kind: File in ``harness/estimators``.
+        compiled: The belief, with unknown inputs as states and the targets as signals.
+        settings: The estimator's settings as in a study.
+
+    Raises:
+        UserError: If a setting does not fit.
+    """
+
+    def __init__(self, kind: str, compiled: CompiledModel, settings: dict[str, Any] | None = None) -> None:
+        file = load_estimator(kind)
+        self.kind, self.compiled = kind, compiled
+        self.has_covariance = bool(file.HAS_COVARIANCE)
+        try:
+            self.tuning = np.array(
+                file.tuning(file.Settings(**(settings or {})), compiled.nx, compiled.ny), dtype=float
+            )
+        except ValueError as error:
+            raise UserError(f"settings of estimator '{kind}': {error}") from error
+        self.memory_rows = int(file.memory_size(compiled.nx, compiled.ny))
+        own = [
+            f
+            for name, f in vars(file).items()
+            if inspect.isfunction(f) and f.__module__ == file.__name__ and name not in _NOT_KERNELS
+        ]
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [*own, *loops.ESTIMATION]))
+        valid = compiled.model.valid
+        self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
+        self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
+
+    def init(self, mean: Floats, variance: Floats) -> State:
+        """Return the first state.
+
+        Args:
+            mean: ``(nx,)`` or ``(nx, LANES)``.
+            variance: Of each state; same shapes, or a covariance ``(nx, nx)``.
+        """
+        nx = self.compiled.nx
+        x = np.ascontiguousarray(np.broadcast_to(np.reshape(mean, (nx, -1)), (nx, LANES)), dtype=float)
+        P = np.zeros((nx, nx, LANES))
+        if np.shape(variance) == (nx, nx):
+            P[:] = np.asarray(variance)[:, :, None]
+        else:
+            P[np.arange(nx), np.arange(nx)] = np.broadcast_to(np.reshape(variance, (nx, -1)), (nx, LANES))
+        return State(x, P, np.zeros((self.memory_rows, LANES)))
+
+    def step(self, state: State, u_before: Floats, u: Floats, y: Floats, belief: Belief) -> tuple[State, Info]:
+        """Take one sample: state in, new state and info out; nothing is changed in place.
+
+        Args:
+            state: From ``init`` or an earlier ``step``.
+            u_before: Inputs at the previous sample ``(nu, LANES)``.
+            u: Inputs at this sample ``(nu, LANES)``.
+            y: Measurements at this sample ``(ny, LANES)``; NaN where missing.
+            belief: Constants and noise.
+        """
+        nx, ny = self.compiled.nx, self.compiled.ny
+        after = State(np.empty((nx, LANES)), np.zeros((nx, nx, LANES)), np.empty((self.memory_rows, LANES)))
+        info = Info(np.zeros((ny, LANES)), np.zeros((ny, ny, LANES)), *(np.zeros((1, LANES)) for _ in range(4)))
+        self._kernels.step(state, u_before, u, y, belief, self._kernels.workspace(), after, info)
+        return after, info
+
+    def belief(self, constants: Floats, process_noise: Floats, measurement_noise: Floats) -> Belief:
+        """Return what the estimator believes, for ``step`` and ``run``; arrays end in ``LANES``."""
+        return Belief(constants, process_noise, measurement_noise, self.tuning)
+
+    def run(
+        self,
+        inputs: Floats,
+        measurements: Floats,
+        truth: Floats,
+        until: Floats,
+        belief: Belief,
+        first: State,
+        keep: bool = False,
+    ) -> Scores:
+        """Run over a batch and score it while it runs; arguments as in ``harness.loops.estimate``."""
+        samples, targets = inputs.shape[0], len(self.compiled.signal_names)
+        sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
+        kept = np.empty((samples if keep else 0, 2, targets, LANES))
+        diagonal = np.ascontiguousarray(np.einsum("iil->il", first.covariance))
+        options = np.array([float(NEES_EVERY), 1.0 if self.has_covariance else 0.0])
+        self._kernels.estimate(
+            inputs,
+            measurements,
+            truth,
+            until.reshape(1, LANES),
+            belief,
+            first.mean,
+            diagonal,
+            first.memory,
+            self._limits,
+            options,
+            self._bounds,
+            sums,
+            per_run,
+            kept,
+        )
+        return _scores(sums, per_run, kept if keep else None, self.has_covariance)
+
+
+def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) -> Scores:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scored, nees_samples, updates = per_run[0], per_run[2], per_run[5]
+        nothing = np.full(LANES, np.nan)
+        return Scores(
+            rmse=np.sqrt(sums[0] / scored),
+            bias=sums[1] / scored,
+            max_error=np.where(scored > 0, sums[2], np.nan),
+            nees=per_run[1] / nees_samples if stated else nothing,
+            nees_inside=per_run[3] / nees_samples if stated else nothing,
+            nis=per_run[4] / updates if stated else nothing,
+            nis_inside=per_run[6] / updates if stated else nothing,
+            log_likelihood=per_run[7],
+            repairs=per_run[8],
+            updates=updates,
+            diverged_at=per_run[9],
+            kept=kept,
+        )
+
+
+def chi_square_bounds(count: int, coverage: float = COVERAGE) -> Floats:
+    """Return two-sided chi-square bounds by degrees of freedom, ``(count, 2)``; row 0 is empty."""
+    bounds = np.zeros((count, 2))
+    tail = (1 - coverage) / 2
+    for degrees in range(1, count):
+        bounds[degrees] = stats.chi2.ppf([tail, 1 - tail], degrees)
+    return bounds

@@ -1,0 +1,81 @@
+"""The names an estimator's kernels may use.
+
+An estimator file writes its kernels as ordinary functions that import from here. ``harness.estimate`` pastes
+their source behind the compiled kernels of a model, which defines these names for that model. Here they only
+make the file importable, so that editors, linters and readers know what they are.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from harness.lane_algebra import cholesky, mahalanobis, scalar_updates, sigma_update
+from harness.lane_math import atan, cos, exp, log, maximum, minimum, sign, sin, tan, tanh
+from harness.lanes import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
+
+__all__ = [
+    "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "Belief", "Info", "State", "absolute", "any_of",
+    "atan", "cholesky", "cos", "exp", "floor", "get", "is_nan", "log", "mahalanobis", "maximum", "minimum",
+    "next_covariance", "next_jacobian", "next_state", "output", "output_jacobian", "put", "scalar_updates",
+    "select", "sigma_update", "sign", "signals", "signals_jacobian", "sin", "splat", "sqrt", "tan", "tanh",
+]  # fmt: skip
+
+
+class State(NamedTuple):
+    """What an estimator carries from sample to sample; nothing else may be carried.
+
+    Attributes:
+        mean: State estimate, shape ``(nx, LANES)``.
+        covariance: Its error covariance, shape ``(nx, nx, LANES)``; NaN for an estimator that states none.
+        memory: Whatever else the estimator declares by ``memory_size``, shape ``(rows, LANES)``.
+    """
+
+    mean: Any
+    covariance: Any
+    memory: Any
+
+
+class Belief(NamedTuple):
+    """What an estimator believes about the vehicle, fixed for a run.
+
+    Attributes:
+        constants: Constants of the model, shape ``(nc, LANES)``.
+        process_noise: Variances per step, shape ``(nx, LANES)``.
+        measurement_noise: Variances per sample, shape ``(ny, LANES)``.
+        tuning: The estimator's own numbers, shape ``(nt,)``.
+    """
+
+    constants: Any
+    process_noise: Any
+    measurement_noise: Any
+    tuning: Any
+
+
+class Info(NamedTuple):
+    """What an estimator says about a step beside the state.
+
+    Attributes:
+        innovation: Measurement minus its prediction, shape ``(ny, LANES)``; NaN where nothing was measured.
+        innovation_covariance: Shape ``(ny, ny, LANES)``.
+        nis: Normalised innovation squared, shape ``(LANES,)`` as ``(1, LANES)``.
+        log_likelihood: Of the sample's measurements, ``(1, LANES)``.
+        seen: Number of measurements used, ``(1, LANES)``.
+        repairs: 1 where a covariance factor had to be repaired, ``(1, LANES)``.
+    """
+
+    innovation: Any
+    innovation_covariance: Any
+    nis: Any
+    log_likelihood: Any
+    seen: Any
+    repairs: Any
+
+
+def _compiled_only(*_: Any) -> Any:
+    raise RuntimeError("this name exists in compiled estimators only; see harness.estimate.compile_estimator")
+
+
+NX = NU = NY = NS = NW = 0
+OUTPUTS_ARE_LINEAR = False
+next_state = next_jacobian = next_covariance = _compiled_only
+output = output_jacobian = signals = signals_jacobian = _compiled_only

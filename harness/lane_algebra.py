@@ -1,0 +1,250 @@
+"""Linear algebra of small symmetric matrices over lanes, shared by the estimators."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from harness.lane_math import log
+from harness.lanes import get, put, select, splat, sqrt
+
+_jit = njit(error_model="numpy", cache=False)
+
+RELATIVE_FLOOR = 1e-13
+"""A Cholesky pivot below this share of its diagonal entry is replaced by that share, and the repair counted."""
+
+
+@_jit
+def cholesky(P, S, n):
+    """Write the lower Cholesky factor of ``P (n, n, LANES)`` to ``S`` and return the lanes repaired (1 or 0).
+
+    Policy when a factor fails: a pivot that rounding made non-positive (or smaller than ``RELATIVE_FLOOR`` of
+    its diagonal entry) is raised to that floor, which adds the least variance that makes the matrix positive
+    definite in working precision. A zero diagonal entry gives a zero column and is no repair.
+    """
+    repaired = splat(0.0)
+    for j in range(n):
+        diagonal = get(P, j, j)
+        pivot = diagonal
+        for k in range(j):
+            v = get(S, j, k)
+            pivot = pivot - v * v
+        floor = RELATIVE_FLOOR * diagonal
+        broken = pivot < floor
+        repaired = select(broken, 1.0, repaired)
+        root = sqrt(select(broken, floor, pivot))
+        inverse = select(root > 0.0, 1.0 / root, 0.0)
+        put(root, S, j, j)
+        for i in range(j + 1, n):
+            total = get(P, i, j)
+            for k in range(j):
+                total = total - get(S, i, k) * get(S, j, k)
+            put(total * inverse, S, i, j)
+    return repaired
+
+
+@_jit
+def mahalanobis(S, error, scratch, n):
+    """Return ``error' (S S')^-1 error`` for a lower factor ``S``, by forward substitution."""
+    total = splat(0.0)
+    for i in range(n):
+        value = get(error, i)
+        for k in range(i):
+            value = value - get(S, i, k) * get(scratch, k)
+        value = value / get(S, i, i)
+        put(value, scratch, i)
+        total = total + value * value
+    return total
+
+
+@_jit
+def scalar_updates(x_prior, P_prior, predicted, H, y, r, x, P, work, info):
+    """Correct a prior with independent measurements one at a time, in Joseph form (Ziaukas 2.14 to 2.16).
+
+    Measurements with diagonal noise may be processed one after another with the same result as all at once;
+    each needs one division and no matrix inverse. A NaN measurement changes nothing.
+
+    Args:
+        x_prior: Predicted state ``(nx, LANES)``.
+        P_prior: Predicted covariance ``(nx, nx, LANES)``.
+        predicted: Predicted measurements ``(ny, LANES)``.
+        H: Output Jacobian at the prediction ``(ny, nx, LANES)``.
+        y: Measurements ``(ny, LANES)``.
+        r: Measurement variances ``(ny, LANES)``.
+        x: Corrected state, written.
+        P: Corrected covariance, written, symmetric.
+        work: Scratch ``(2 nx, LANES)``.
+        info: ``harness.kernel.Info``, written but for ``repairs``.
+    """
+    n, m = x.shape[0], y.shape[0]
+    gain, slope = work[:n], work[n : 2 * n]
+    _innovations(P_prior, predicted, H, y, r, info)
+    nis, log_likelihood, seen = splat(0.0), splat(0.0), splat(0.0)
+    for i in range(n):
+        put(get(x_prior, i), x, i)
+        for j in range(n):
+            put(get(P_prior, i, j), P, i, j)
+    for a in range(m):
+        measured = get(y, a) == get(y, a)
+        s = get(r, a)
+        rest = get(y, a) - get(predicted, a)
+        for i in range(n):
+            g = splat(0.0)
+            for j in range(n):
+                g = g + get(P, i, j) * get(H, a, j)
+            put(g, slope, i)
+            s = s + get(H, a, i) * g
+            rest = rest - get(H, a, i) * (get(x, i) - get(x_prior, i))
+        rest = select(measured, rest, 0.0)
+        inverse = 1.0 / s
+        for i in range(n):
+            k = select(measured, get(slope, i) * inverse, 0.0)
+            put(k, gain, i)
+            put(get(x, i) + k * rest, x, i)
+        _joseph(P, H, a, get(r, a), gain, slope)
+        nis = nis + rest * rest * inverse
+        log_likelihood = log_likelihood + select(
+            measured, -0.5 * (rest * rest * inverse + log(s) + 1.8378770664093453), 0.0
+        )
+        seen = seen + select(measured, 1.0, 0.0)
+    put(nis, info.nis, 0)
+    put(log_likelihood, info.log_likelihood, 0)
+    put(seen, info.seen, 0)
+
+
+@_jit
+def _joseph(P, H, a, r, gain, slope):
+    """Overwrite P by (I - K h) P (I - K h)' + K r K' for one measurement row h, slope = P h'."""
+    n = P.shape[0]
+    for i in range(n):
+        k = get(gain, i)
+        for j in range(n):
+            put(get(P, i, j) - k * get(slope, j), P, i, j)
+    for i in range(n):
+        v = splat(0.0)
+        for j in range(n):
+            v = v + get(P, i, j) * get(H, a, j)
+        put(v, slope, i)
+    for i in range(n):
+        v = get(slope, i)
+        k = get(gain, i)
+        for j in range(i + 1):
+            value = get(P, i, j) + (k * r - v) * get(gain, j)
+            put(value, P, i, j)
+            put(value, P, j, i)
+
+
+@_jit
+def _innovations(P, predicted, H, y, r, info):
+    """Write the joint innovation and its covariance H P H' + R for the record."""
+    n, m = P.shape[0], y.shape[0]
+    for a in range(m):
+        put(get(y, a) - get(predicted, a), info.innovation, a)
+        for b in range(a + 1):
+            total = get(r, a) if a == b else splat(0.0)
+            for i in range(n):
+                for j in range(n):
+                    total = total + get(H, a, i) * get(P, i, j) * get(H, b, j)
+            put(total, info.innovation_covariance, a, b)
+            put(total, info.innovation_covariance, b, a)
+
+
+@_jit
+def sigma_update(x_prior, P_prior, points, images, w0m, w0c, wi, y, r, x, P, predicted, V, factor, info):
+    """Correct a prior through sigma points of a non-linear output (Ziaukas 2.25 to 2.31).
+
+    A NaN measurement is taken out by giving it no covariance with the state and a unit variance of its own.
+
+    Args:
+        x_prior: Predicted state ``(nx, LANES)``.
+        P_prior: Predicted covariance ``(nx, nx, LANES)``.
+        points: Sigma points of the prior ``(2 nx + 1, nx, LANES)``.
+        images: Their outputs ``(2 nx + 1, >= ny, LANES)``; overwritten by differences from the prediction.
+        w0m: Weight of the first point in means.
+        w0c: Weight of the first point in covariances.
+        wi: Weight of all other points.
+        y: Measurements ``(ny, LANES)``.
+        r: Measurement variances ``(ny, LANES)``.
+        x: Corrected state, written.
+        P: Corrected covariance, written, symmetric.
+        predicted: Predicted measurements, written ``(ny, LANES)``.
+        V: Scratch ``(ny, nx, LANES)``.
+        factor: Scratch, at least ``(ny, ny, LANES)``.
+        info: ``harness.kernel.Info``, written but for ``repairs``.
+
+    Returns:
+        Lanes whose innovation covariance had to be repaired (1 or 0).
+    """
+    n, m, count = x.shape[0], y.shape[0], points.shape[0]
+    S = info.innovation_covariance
+    for a in range(m):
+        total = splat(0.0)
+        for s in range(1, count):
+            total = total + get(images, s, a)
+        mean = w0m * get(images, 0, a) + wi * total
+        put(mean, predicted, a)
+        put(get(y, a) - mean, info.innovation, a)
+        for s in range(count):
+            put(get(images, s, a) - mean, images, s, a)
+    for a in range(m):
+        seen_a = get(y, a) == get(y, a)
+        for b in range(a + 1):
+            total = splat(0.0)
+            for s in range(1, count):
+                total = total + get(images, s, a) * get(images, s, b)
+            value = wi * total + w0c * get(images, 0, a) * get(images, 0, b)
+            if a == b:
+                value = select(seen_a, value + get(r, a), 1.0)
+            else:
+                value = select(seen_a & (get(y, b) == get(y, b)), value, 0.0)
+            put(value, S, a, b)
+            put(value, S, b, a)
+        for i in range(n):
+            total = splat(0.0)
+            for s in range(1, count):
+                total = total + (get(points, s, i) - get(x_prior, i)) * get(images, s, a)
+            value = wi * total + w0c * (get(points, 0, i) - get(x_prior, i)) * get(images, 0, a)
+            put(select(seen_a, value, 0.0), V, a, i)
+    repaired = cholesky(S, factor, m)
+    return _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired)
+
+
+@_jit
+def _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired):
+    """Turn V into P_xy L^-T, then x + V (L^-1 innovation) and P - V V' for S = L L'."""
+    n, m = x.shape[0], y.shape[0]
+    for i in range(n):
+        put(get(x_prior, i), x, i)
+    nis, log_likelihood, seen = splat(0.0), splat(0.0), splat(0.0)
+    for a in range(m):
+        measured = get(y, a) == get(y, a)
+        inverse = 1.0 / get(factor, a, a)
+        for i in range(n):
+            value = get(V, a, i)
+            for b in range(a):
+                value = value - get(factor, a, b) * get(V, b, i)
+            put(value * inverse, V, a, i)
+        rest = select(measured, get(info.innovation, a), 0.0)
+        for b in range(a):
+            # the whitened innovation of measurement b waits in the upper triangle of the factor
+            rest = rest - get(factor, a, b) * get(factor, b, b + 1)
+        rest = select(measured, rest * inverse, 0.0)
+        if a + 1 < m:
+            put(rest, factor, a, a + 1)
+        for i in range(n):
+            put(get(x, i) + get(V, a, i) * rest, x, i)
+        nis = nis + rest * rest
+        log_likelihood = log_likelihood + select(
+            measured, -0.5 * (rest * rest + 1.8378770664093453) + log(inverse), 0.0
+        )
+        seen = seen + select(measured, 1.0, 0.0)
+    for i in range(n):
+        for j in range(i + 1):
+            value = get(P_prior, i, j)
+            for a in range(m):
+                value = value - get(V, a, i) * get(V, a, j)
+            put(value, P, i, j)
+            put(value, P, j, i)
+    put(nis, info.nis, 0)
+    put(log_likelihood, info.log_likelihood, 0)
+    put(seen, info.seen, 0)
+    return repaired
