@@ -1,10 +1,11 @@
 """The semitrailer's equations against an independent derivation by Lagrange's equations of the second kind.
 
-Two rigid bodies move freely in the plane (six generalised coordinates). Tyre forces act at the axles, the
-kingpin force along the trailer's lateral axis on both bodies. There is no longitudinal kingpin force (the thesis
-leaves it out); a longitudinal force through each body's own axis keeps the prescribed speed instead. Unknown are
-six accelerations, the kingpin force and the two longitudinal forces; there are six equations of Lagrange, two of
-the kingpin (same acceleration of its point on both bodies) and one of the prescribed speed.
+Two rigid bodies move freely in the plane (six generalised coordinates). Tyre forces act at the axles,
+the kingpin force along the trailer's lateral axis on both bodies. There is no longitudinal kingpin force
+(the thesis leaves it out); a longitudinal force through each body's own axis keeps the prescribed speed
+instead. Unknown are six accelerations, the kingpin force and the two longitudinal forces; there are six
+equations of Lagrange, two of the kingpin (same acceleration of its point on both bodies) and one of the
+prescribed speed.
 """
 
 from __future__ import annotations
