@@ -175,7 +175,7 @@ def read_drives(path: str | Path) -> dict[str, tuple[str, dict[str, object]]]:
 def reference_peaks(
     profiles: Mapping[str, Profile], masses: Sequence[float], parameters: str = "ziaukas_2023"
 ) -> dict[str, dict[str, Any]]:
-    """Drive the reference semitrailer and return the largest magnitudes per drive and trailer mass.
+    """Drive the reference semitrailer and return the largest magnitudes for each trailer mass.
 
     Explicit Euler at the drives' own step, without noise; all drives and masses advance together as lanes.
 
@@ -185,8 +185,8 @@ def reference_peaks(
         parameters: File in ``models/parameters``.
 
     Returns:
-        Per drive the signals of ``WATCHED``, each of shape ``(masses,)`` and in SI units; NaN where the run left
-        the model's validity.
+        Per drive the signals of ``WATCHED``, each of shape ``(masses,)`` and in SI units; NaN where the run
+        left the model's validity.
     """
     values = dict(registry.load("models.parameters", parameters).VALUES)
     model = assemble("semitrailer", "magic_formula")

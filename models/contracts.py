@@ -16,6 +16,7 @@ folder          exports
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -89,12 +90,15 @@ class DriveContext:
         steering_ratio: Steering-wheel angle over road-wheel angle.
         step: Sample time in s.
         base: Folder against which relative file names are resolved.
+        read: Reads a recording by path into columns of shape ``(samples,)``; the harness provides it, because
+            models read no files.
     """
 
     wheelbase: float
     steering_ratio: float
     step: float = 0.01
     base: str = "."
+    read: Callable[[str], dict[str, NDArray[np.float64]]] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,138 @@
+"""Comma-separated values, plain or gzipped, with or without comment lines and a header.
+
+Separator (comma, semicolon, tab) and decimal comma are recognised. Comment lines (``#``, ``%``, ``//``)
+before the data are passed over; if the last of them names as many columns as there are, it is the header, as
+``numpy.savetxt`` writes it. Without a header the columns are ``column_1``, ``column_2``, ... A line of units
+below the header is passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import itertools
+import zlib
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from harness.errors import UserError
+
+SUFFIXES = (".csv", ".csv.gz", ".txt", ".txt.gz")
+
+_COMMENTS = ("#", "%", "//")
+_MISSING = ["", "nan", "NaN", "NAN", "null", "NA", "N/A", "-"]
+
+
+def read(path: str) -> dict[str, NDArray[np.float64]]:
+    """Return the numeric columns of a CSV file; columns of text are left out, empty cells are NaN.
+
+    Raises:
+        UserError: If the file is empty, its rows differ in length, or a numeric column holds text.
+    """
+    try:
+        head = _head(path)
+        lines, names, separator, decimal = _layout(path, head)
+        table = pd.read_csv(
+            path,
+            sep=separator,
+            decimal=decimal,
+            skiprows=lines,
+            header=None,
+            names=names,
+            index_col=False,
+            na_values=_MISSING,
+            keep_default_na=False,
+            skipinitialspace=True,
+            on_bad_lines="error",
+            low_memory=False,
+        )
+    except pd.errors.EmptyDataError:
+        raise UserError(f"{path}: has a header but no row of data") from None
+    except pd.errors.ParserError as error:
+        raise UserError(f"{path}: {_first_line(error)}; every row must have as many cells") from None
+    except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise UserError(f"{path}: is damaged or no text in UTF-8: {error}") from None
+    columns: dict[str, NDArray[np.float64]] = {}
+    for name in names:
+        values = _numbers(table[name], path, name)
+        if values is not None:
+            columns[name] = values
+    return columns
+
+
+def _head(path: str) -> list[str]:
+    """Return the lines up to two past the comments (header, units), without their line ends."""
+    opener = gzip.open if path.lower().endswith(".gz") else open
+    with opener(path, "rt", encoding="utf-8-sig", newline=None) as file:
+        lines: list[str] = []
+        plain = 0
+        for line in itertools.islice(file, 10_000):
+            lines.append(line.rstrip("\n"))
+            plain += bool(line.strip()) and not line.lstrip().startswith(_COMMENTS)
+            if plain == 3:
+                break
+    return lines
+
+
+def _layout(path: str, head: list[str]) -> tuple[int, list[str], str, str]:
+    """Return how many lines precede the data, the columns' names, the separator and the decimal sign."""
+    is_comment = [not line.strip() or line.lstrip().startswith(_COMMENTS) for line in head]
+    data = [n for n, comment in enumerate(is_comment) if not comment]
+    if not data:
+        raise UserError(f"{path}: is empty")
+    first = head[data[0]]
+    body = [head[n] for n in data]
+    separator = next((s for s in (";", "\t") if all(s in line for line in body)), ",")
+    decimal = "," if separator != "," and any("," in line for line in body[1:]) else "."
+    cells = _cells(first, separator)
+    if any(_is_number(c, decimal) for c in cells):
+        comments = [head[n].strip().lstrip("#%/ ") for n in range(data[0]) if head[n].strip()]
+        named = _cells(comments[-1], separator) if comments else []
+        fits = len(named) == len(cells) and (len(cells) > 1 or " " not in named[0])
+        names = named if fits else [f"column_{n + 1}" for n in range(len(cells))]
+        before = data[0]
+    else:
+        names, before = cells, data[0] + 1
+        units = len(data) > 1 and not any(
+            _is_number(c, decimal) or c in _MISSING[1:] for c in _cells(body[1], separator)
+        )
+        before = data[1] + 1 if units else before
+    names = [name or f"column_{n + 1}" for n, name in enumerate(names)]
+    twice = next((name for n, name in enumerate(names) if name in names[:n]), None)
+    if twice is not None:
+        raise UserError(f"{path}: two columns are named '{twice}'; rename one")
+    return before, names, separator, decimal
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return [c.strip() for c in next(csv.reader([line], delimiter=separator))]
+
+
+def _is_number(text: str, decimal: str) -> bool:
+    try:
+        float(text.replace(decimal, "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(column: pd.Series, path: str, name: str) -> NDArray[np.float64] | None:
+    """Return a column as numbers, or None for a column of text."""
+    numbers = pd.to_numeric(column, errors="coerce")
+    values = np.asarray(numbers.to_numpy(dtype=float, na_value=np.nan))
+    text = np.flatnonzero(np.isnan(values) & column.notna().to_numpy())
+    if text.size == 0:
+        return values
+    if np.isnan(values).all():
+        return None
+    row = int(text[0])
+    raise UserError(
+        f"{path}: column '{name}', row {row + 1} of the data: {str(column.iloc[row])!r} "
+        "is not a number; leave the cell empty if the sample is missing"
+    )
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0].removeprefix("Error tokenizing data. C error: ")
