@@ -16,6 +16,7 @@ from harness.configure.specs import (
     ModelSpec,
     Study,
 )
+from harness.configure.vehicle import resolve_single
 
 __all__ = [
     "NOISE_SCALES",
@@ -27,6 +28,7 @@ __all__ = [
     "ModelSpec",
     "Study",
     "load_study",
+    "resolve_single",
     "study_schema",
     "write_schema",
 ]

@@ -148,6 +148,8 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
 def _drive_specs(
     tables: list[DriveTable], beside: Path, folder: Path, problems: Problems, before: list[DriveSpec]
 ) -> list[DriveSpec]:
+    from harness.drives import options_of
+
     specs: list[DriveSpec] = []
     for i, table in enumerate(tables):
         key = f"drive[{i}]"
@@ -157,7 +159,7 @@ def _drive_specs(
                 f"{key}.name", f"'{table.name}' is the name of {first.where} already; choose another"
             )
         with problems.catch(f"{key}.kind"):
-            options = registry.load("models.drives", table.kind).OPTIONS
+            options = options_of(table.kind)
             _check_options(
                 table,
                 [o.name for o in options],
@@ -185,13 +187,15 @@ def _check_options(
 
 def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
     """Return the first folder in which a file named by an option exists (the first folder if none does)."""
-    texts = [v for v in options.values() if isinstance(v, str)]
-    return next((c for c in candidates if any(_is_file(c / t) for t in texts)), candidates[0])
+    return next((c for c in candidates if any(_names_file(c, v) for v in options.values())), candidates[0])
 
 
-def _is_file(path: Path) -> bool:
+def _names_file(folder: Path, value: Any) -> bool:
+    """Whether an option's value names a file: text with a suffix, so that column names are none."""
+    if not isinstance(value, str) or not Path(value).suffix:
+        return False
     try:
-        return path.is_file()
+        return (folder / value).is_file()
     except (OSError, ValueError):  # text that cannot be a file name
         return False
 
@@ -348,5 +352,5 @@ def _file_digests(drive: DriveSpec) -> dict[str, str]:
     return {
         name: hashlib.sha256((drive.base / value).read_bytes()).hexdigest()
         for name, value in drive.options.items()
-        if isinstance(value, str) and _is_file(drive.base / value)
+        if _names_file(drive.base, value)
     }

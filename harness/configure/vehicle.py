@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import ValidationError
+
 from harness.configure.file import ModelTable
 from harness.configure.limits import broken_relations, out_of_bounds
 from harness.configure.parameter_set import ParameterSet, published_set, set_from_file, variance_unit
-from harness.configure.problems import Problems
+from harness.configure.problems import Problems, add_validation_errors
 from harness.configure.specs import ModelSpec, assembled
 from models import registry
 from models.assemble import Model
@@ -75,6 +77,29 @@ def stated(side: str, table: ModelTable, parent: Stated | None = None) -> Stated
             if name not in entries and not (fresh and name.startswith(("values.", "noise."))):
                 entries[name], keys[name] = value, parent.key(name)
     return Stated(side, entries, keys)
+
+
+def resolve_single(table: Mapping[str, Any], where: str) -> ModelSpec:
+    """Return a model that is stated outside a study, such as on the command line.
+
+    Args:
+        table: Keys and values as in ``[plant]``.
+        where: Named in errors in place of the file.
+
+    Raises:
+        UserError: If anything in it is wrong.
+    """
+    problems = Problems(where)
+    try:
+        parsed = ModelTable.model_validate(dict(table))
+    except ValidationError as error:
+        add_validation_errors(problems, error, ModelTable)
+        problems.stop()
+        raise
+    spec = resolve_model(stated("plant", parsed), Path(), problems)
+    problems.stop()
+    assert spec is not None
+    return spec
 
 
 def resolve_model(table: Stated, folder: Path, problems: Problems) -> ModelSpec | None:
