@@ -87,16 +87,11 @@ def _resolve_factor(table: FactorTable, key: str, models: Models, problems: Prob
     nominal = 1.0
     if name not in NOISE_SCALES:
         nominal = models.belief.values.get(name, models.plant.values.get(name, float("nan")))
-    before = len(problems)
-    report_unit = table.unit or _unit_as_written(table) or parameter.unit
-    if table.unit is not None:
-        with problems.catch(f"{key}.unit"):
-            from harness.units import scale
-
-            scale(table.unit, parameter.unit, problems.at(f"{key}.unit"))
-    if len(problems) > before:
+    report_unit = _report_unit(table, parameter.unit, f"{key}.unit", problems)
+    if report_unit is None:
         return None
     reader = _FactorReader(table, key, parameter, nominal, report_unit, problems)
+    before = len(problems)
     rows = reader.rows()
     if rows is None:
         return None
@@ -150,14 +145,28 @@ def _check_form(table: FactorTable, key: str, problems: Problems) -> bool:
     return True
 
 
-def _unit_as_written(table: FactorTable) -> str | None:
-    """Return the unit of the first entry that is text and no percentage: what labels should show."""
+def _report_unit(table: FactorTable, unit: str, key: str, problems: Problems) -> str | None:
+    """Return the unit of the labels: as stated, else as the first entry is written, else the SI unit.
+
+    ``None`` if the stated unit does not fit; a unit written with an entry is judged with that entry.
+    """
+    from harness.units import scale
+
+    if table.unit is not None:
+        with problems.catch(key):
+            scale(table.unit, unit, problems.at(key))
+            return table.unit
+        return None
     for raw in table.levels or table.shift or table.bands or []:
         text = _unsigned(raw)
-        if isinstance(text, str) and not _PERCENT.fullmatch(text):
-            unit = re.sub(r"^\s*[-+]?\s*[\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
-            return unit or None
-    return None
+        if isinstance(text, str) and not _PERCENT.fullmatch(text.strip()):
+            written = re.sub(r"^\s*[-+]?\s*[\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
+            try:
+                scale(written, unit, key)
+            except UserError:
+                return unit
+            return written
+    return unit
 
 
 def _unsigned(raw: Any) -> Any:
