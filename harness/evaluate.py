@@ -1,0 +1,245 @@
+"""Evaluate a unit of a study: simulate its runs, let every estimator see the same ones, return the scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.compile import CompiledModel, compile_model
+from harness.configure import ModelSpec, Study
+from harness.design import Lanes, Unit, lanes, points
+from harness.drives import build_drive
+from harness.estimate import Estimator, Scores
+from harness.lanes import LANES
+from harness.simulate import Batch, Simulator, in_lanes, input_table
+from models import registry
+from models.contracts import DriveContext, Profile
+
+Floats = NDArray[np.float64]
+
+PENDING, OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, FAILED = -1, 0, 1, 2, 3
+
+PER_TARGET = ("rmse", "bias", "max_error")
+PER_RUN = (
+    "nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates", "time_of_divergence"
+)  # fmt: skip
+
+
+class Case(NamedTuple):
+    """One run of a unit: its Sobol point and its repeat."""
+
+    sample: int
+    repeat: int
+
+
+@dataclass(frozen=True)
+class Road:
+    """A drive ready to run.
+
+    Attributes:
+        profile: Inputs over time.
+        plant_inputs: As the plant reads them, ``(samples, nu, LANES)``.
+        belief_inputs: What the estimators know, ``(samples, nu, LANES)``.
+    """
+
+    profile: Profile
+    plant_inputs: Floats
+    belief_inputs: Floats
+
+
+class Bench:
+    """A study with everything compiled and every drive built, ready to evaluate units from any thread.
+
+    Args:
+        study: The study.
+
+    Raises:
+        UserError, ModelError: If a drive, model or estimator cannot be built.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        belief_model, plant_model = study.belief.model(), study.plant.model()
+        scored = study.targets
+        self.signals = tuple(dict.fromkeys([*scored, *study.belief.unknown_inputs]))
+        known = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
+        watched = tuple(dict.fromkeys([*(s for s in belief_model.states if s in known), *self.signals]))
+        self.roads = [self._road(i) for i in range(len(study.drives))]
+        self.plant = _compile(study.plant, watched)
+        self.belief = _compile(study.belief, self.signals)
+        self.simulator = Simulator(self.plant)
+        self.estimators = [Estimator(e.kind, self.belief, e.settings) for e in study.estimators]
+        self._points = [points(study, d).values for d in study.designs]
+
+    def _road(self, index: int) -> Road:
+        study, drive = self.study, self.study.drives[index]
+        vehicle = registry.load("models.vehicles", study.plant.vehicle)
+        context = DriveContext(
+            wheelbase=vehicle.wheelbase(study.plant.values) if hasattr(vehicle, "wheelbase") else 1.0,
+            steering_ratio=study.plant.values.get("steering_ratio", 1.0),
+            step=study.plant.step,
+            base=str(drive.base),
+        )
+        profile = build_drive(drive.kind, drive.options, context, drive.where)
+        tables = (
+            input_table(profile, model.inputs, model.rates)
+            for model in (study.plant.model(), study.belief.model())
+        )
+        return Road(profile, *(in_lanes(table) for table in tables))
+
+    def warm_up(self, index: int) -> str:
+        """Compile one kernel (0 is the simulation, then the estimators) and return its name; ``range(kernels)``."""
+        short = Unit(0, 0, 0, 0, 1)
+        if index == 0:
+            self._simulate(short, [Case(0, 0)], samples=3)
+            return "simulation"
+        batch, belief = (
+            self._simulate(short, [Case(0, 0)], samples=3),
+            self._lanes(short, [Case(0, 0)], "belief"),
+        )
+        self._estimate(index - 1, self.roads[0], batch, belief)
+        return self.study.estimators[index - 1].name
+
+    @property
+    def kernels(self) -> int:
+        """Number of kernels that ``warm_up`` compiles."""
+        return 1 + len(self.estimators)
+
+    def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
+        """Return the scores of a unit: ``(sample, repeat, estimator[, target])`` by name, SI units."""
+        design = self.study.designs[unit.design]
+        shape = (unit.stop - unit.first, design.repeats, len(self.estimators))
+        result: dict[str, NDArray[np.generic]] = {
+            n: np.full((*shape, len(self.study.targets)), np.nan) for n in PER_TARGET
+        }
+        result |= {n: np.full(shape, np.nan) for n in PER_RUN}
+        result["status"] = np.full(shape, PENDING, dtype=np.int8)
+        cases = [Case(s, r) for s in range(unit.first, unit.stop) for r in range(design.repeats)]
+        for start in range(0, len(cases), LANES):
+            group = cases[start : start + LANES]
+            batch, belief = self._simulate(unit, group), self._lanes(unit, group, "belief")
+            for e in range(len(self.estimators)):
+                scores = self._estimate(e, self.roads[unit.drive], batch, belief)
+                self._enter(result, unit, group, e, batch, scores)
+        return result
+
+    def history(self) -> xr.Dataset | None:
+        """Return the run the study wants drawn over time, or ``None``."""
+        wanted = self.study.history
+        if wanted is None:
+            return None
+        study = self.study
+        names = [d.name for d in study.drives]
+        design = next(i for i, d in enumerate(study.designs) if d.name == wanted.design)
+        unit = Unit(design, wanted.band, names.index(wanted.drive), wanted.sample, wanted.sample + 1)
+        case = [Case(wanted.sample, wanted.repeat)]
+        batch, belief = self._simulate(unit, case), self._lanes(unit, case, "belief")
+        road = self.roads[unit.drive]
+        runs = [self._estimate(e, road, batch, belief, keep=True) for e in range(len(self.estimators))]
+        rows = [self.plant.signal_names.index(name) for name in self.signals]
+        kept = np.stack([r.kept[:, :, :, 0] for r in runs if r.kept is not None], axis=1)
+        dataset = xr.Dataset(
+            {
+                "truth": (("time", "target"), batch.truth[:, rows, 0]),
+                "estimate": (("time", "estimator", "target"), kept[:, :, 0]),
+                "std": (("time", "estimator", "target"), kept[:, :, 1]),
+            },
+            coords={
+                "time": road.profile.time,
+                "estimator": [e.name for e in study.estimators],
+                "target": list(self.signals),
+            },
+        )
+        stated = [e.has_covariance for e in self.estimators]
+        dataset["std"] = dataset["std"].where(xr.DataArray(stated, dims="estimator"))
+        for i, name in enumerate(self.plant.model.inputs):
+            dataset[f"input_{name}"] = ("time", road.plant_inputs[:, i, 0])
+        rmse = {
+            e.name: {t: float(r.rmse[i, 0]) for i, t in enumerate(study.targets)}
+            for e, r in zip(study.estimators, runs, strict=True)
+        }
+        dataset.attrs = {
+            "design": wanted.design,
+            "band_label": study.designs[design].band_labels[wanted.band],
+            "drive": wanted.drive,
+            "repeat": wanted.repeat,
+            "rmse": rmse,
+        }
+        return dataset
+
+    def _lanes(self, unit: Unit, group: list[Case], side: str) -> Lanes:
+        """Return what plant or belief holds in each lane; lanes without a run repeat the last one."""
+        design = self.study.designs[unit.design]
+        rows = [c.sample for c in group] + [group[-1].sample] * (LANES - len(group))
+        values = self._points[unit.design][unit.band, rows]
+        if side == "plant":
+            return lanes(self.study.plant, design, "plant", values)
+        return lanes(self.study.belief, design, "belief", values)
+
+    def _simulate(self, unit: Unit, group: list[Case], samples: int | None = None) -> Batch:
+        plant, inputs = self._lanes(unit, group, "plant"), self.roads[unit.drive].plant_inputs[:samples]
+        width = self.plant.nx + self.plant.ny
+        noise = np.empty((len(inputs), width, LANES))
+        for lane, case in enumerate(group):
+            key = (unit.drive, case.sample, case.repeat)  # not the band: levels share their noise
+            rng = np.random.default_rng(np.random.SeedSequence(self.study.seed, spawn_key=key))
+            noise[:, :, lane] = rng.standard_normal((len(inputs), width))
+        noise[:, :, len(group) :] = noise[:, :, len(group) - 1 : len(group)]
+        return self.simulator.run(
+            inputs,
+            self.plant.constants(plant.values.T),
+            np.ascontiguousarray(plant.process_noise.T),
+            np.ascontiguousarray(plant.measurement_noise.T),
+            noise,
+            np.zeros((self.plant.nx, LANES)),
+        )
+
+    def _estimate(self, index: int, road: Road, batch: Batch, held: Lanes, keep: bool = False) -> Scores:
+        estimator = self.estimators[index]
+        process = np.ascontiguousarray(held.process_noise.T)
+        belief = estimator.belief(
+            self.belief.constants(held.values.T), process, np.ascontiguousarray(held.measurement_noise.T)
+        )
+        # The first covariance is the process noise and the first mean zero (Ziaukas 2023, 5.1 and 6.1).
+        first = estimator.init(np.zeros(self.belief.nx), process)
+        return estimator.run(
+            road.belief_inputs[: len(batch.truth)],
+            batch.measurements,
+            batch.truth,
+            self.plant.signal_names,
+            batch.left_at,
+            belief,
+            first,
+            keep,
+        )
+
+    def _enter(
+        self,
+        result: dict[str, NDArray[np.generic]],
+        unit: Unit,
+        group: list[Case],
+        e: int,
+        batch: Batch,
+        scores: Scores,
+    ) -> None:
+        """Write a batch's scores of one estimator into the unit's arrays."""
+        count, targets = len(group), len(self.study.targets)
+        at = (np.array([c.sample for c in group]) - unit.first, np.array([c.repeat for c in group]), e)
+        for name in PER_TARGET:
+            result[name][at] = getattr(scores, name)[:targets, :count].T
+        for name in PER_RUN[:-1]:
+            result[name][at] = getattr(scores, name)[:count]
+        samples = len(batch.truth)
+        diverged = scores.diverged_at[:count] < samples
+        left = ~diverged & (batch.left_at[:count] < samples)
+        first = np.where(diverged, scores.diverged_at[:count], batch.left_at[:count])
+        result["status"][at] = np.where(diverged, ESTIMATOR_DIVERGED, np.where(left, PLANT_DIVERGED, OK))
+        result["time_of_divergence"][at] = np.where(diverged | left, first * self.study.plant.step, np.nan)
+
+
+def _compile(spec: ModelSpec, signals: tuple[str, ...]) -> CompiledModel:
+    return compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, signals)

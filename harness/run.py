@@ -1,0 +1,133 @@
+"""Run a study: compile, evaluate the units that are not in the store yet, report.
+
+Units run in threads, because the kernels release the GIL; scores are entered in the order in which units end
+and land at their own place, so neither the number of workers nor an interruption changes a bit of the store.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import joblib
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from harness.configure import Study
+from harness.design import Unit, units
+from harness.evaluate import Bench
+from harness.store import Store
+
+RUN_FILE = "run.json"
+_FLUSH_EVERY = 5.0  # s
+
+
+class _Rate(ProgressColumn):
+    """Runs per second since the start; those found in the store do not count."""
+
+    def __init__(self, found: int) -> None:
+        super().__init__()
+        self._found = found
+
+    def render(self, task: Task) -> Text:
+        done, elapsed = task.completed - self._found, task.finished_time or task.elapsed
+        return Text(f"{done / elapsed:.0f} runs/s" if done and elapsed else "", style="progress.data.speed")
+
+
+def run_study(study: Study, out: Path, jobs: int | None = None, console: Console | None = None) -> Path:
+    """Run a study to the end and write its reports.
+
+    Args:
+        study: The study.
+        out: Result folder. A result of the same study there is continued; another study's is left alone.
+        jobs: Worker threads; by default one per core.
+        console: Where progress is shown.
+
+    Returns:
+        The result folder.
+
+    Raises:
+        UserError: If the folder holds another study's result.
+    """
+    from harness.report import write_report
+
+    console = console or Console(stderr=True)
+    jobs = jobs or joblib.cpu_count()
+    started = datetime.now(UTC)
+    begin = time.perf_counter()
+    with console.status("building models and drives"):
+        bench = Bench(study)
+        store = Store(study, bench, out)
+    todo = [u for d in study.designs for u in units(study, d) if not store.is_done(u)]
+    total = sum(u.runs(study) for d in study.designs for u in units(study, d))
+    left = sum(u.runs(study) for u in todo)
+    if left < total:
+        console.print(f"{total - left} of {total} runs are in {store.path} already")
+    if todo:
+        _warm_up(bench, console)
+        compiled = time.perf_counter()
+        _evaluate(bench, store, todo, jobs, total, left, console)
+        seconds = time.perf_counter() - compiled
+        record = {
+            "started": started.isoformat(timespec="seconds"),
+            "jobs": jobs,
+            "runs": left,
+            "resumed": total - left,
+            "compile_s": round(compiled - begin, 2),
+            "duration_s": round(seconds, 2),
+            "runs_per_s": round(left / seconds, 1),
+            "peak_memory_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        }
+        (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n")
+    if todo or not (store.path / "history").exists():
+        store.write_history(bench.history())
+    with console.status("writing the reports"):
+        write_report(out)
+    return out
+
+
+def _warm_up(bench: Bench, console: Console) -> None:
+    with console.status("compiling kernels (only the first start takes long)") as status:
+        for i in range(bench.kernels):
+            status.update(f"compiled {bench.warm_up(i)}; {bench.kernels - 1 - i} to go")
+
+
+def _evaluate(
+    bench: Bench, store: Store, todo: list[Unit], jobs: int, total: int, left: int, console: Console
+) -> None:
+    def work(unit: Unit) -> tuple[Unit, dict[str, Any]]:
+        return unit, bench.evaluate(unit)
+
+    columns = (
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
+        TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    parallel = joblib.Parallel(
+        n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1
+    )
+    flushed = time.monotonic()
+    try:
+        with Progress(*columns, console=console) as progress:
+            task = progress.add_task(bench.study.name, total=total, completed=total - left)
+            for unit, result in parallel(joblib.delayed(work)(unit) for unit in todo):
+                store.enter(unit, result)
+                progress.advance(task, unit.runs(bench.study))
+                if time.monotonic() - flushed > _FLUSH_EVERY:
+                    store.flush()
+                    flushed = time.monotonic()
+    finally:
+        store.flush()  # an interruption keeps what is done

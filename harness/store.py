@@ -1,0 +1,281 @@
+"""The store of a study's scores: Zarr through xarray, resumable, and the same bits however it was filled.
+
+One group per design, with the plain dimensions ``band, sample, drive, repeat, estimator, target``. ``status``
+is written after everything else of a unit, so a unit whose status is pending counts as not done. Nothing that
+depends on the number of workers or on the clock is in the store; ``run.json`` beside it tells that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from numpy.typing import NDArray
+
+from harness.configure import DesignSpec, Study
+from harness.design import Unit, points
+from harness.errors import UserError
+from harness.evaluate import PENDING, PER_RUN, PER_TARGET, Bench
+from models.signals import SIGNALS
+
+STORE = "scores.zarr"
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
+
+_MEANINGS = {
+    "rmse": "root mean square error",
+    "bias": "mean error, estimate minus truth",
+    "max_error": "largest error",
+    "nees": "normalised estimation error squared, average over the run",
+    "nis": "normalised innovation squared, average over the run",
+    "nees_inside": "share of samples with the NEES inside its 95 % region",
+    "nis_inside": "share of samples with the NIS inside its 95 % region",
+    "log_likelihood": "log-likelihood of the measurements",
+    "repairs": "samples at which a covariance factor was repaired",
+    "updates": "samples with a measurement",
+    "time_of_divergence": "time at which estimator or plant left its range of validity",
+    "status": "0 ok, 1 estimator diverged, 2 plant left its range, 3 failed, -1 pending",
+}
+
+
+class Store:
+    """The scores of a study in a folder.
+
+    Args:
+        study: The study.
+        bench: Its compiled models (for the dimensions of state and output).
+        folder: Result folder; created if need be.
+
+    Raises:
+        UserError: If the folder holds another study's result, or this study's computed by other code.
+    """
+
+    def __init__(self, study: Study, bench: Bench, folder: Path) -> None:
+        self.study, self.folder, self.path = study, folder, folder / STORE
+        self._attributes = _root_attributes(study)
+        self._dirty: list[Unit] = []
+        if self.path.exists():
+            self._check_same_study()
+        else:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
+            self._create(bench)
+        self._groups = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
+        names = (*PER_TARGET, *PER_RUN, "status")
+        self._arrays: list[dict[str, NDArray[Any]]] = [
+            {n: np.asarray(g[n][...]) for n in names} for g in self._groups
+        ]
+
+    def is_done(self, unit: Unit) -> bool:
+        """Return whether a unit's scores are in the store."""
+        status = self._arrays[unit.design]["status"]
+        return bool(np.all(status[unit.band, unit.samples, unit.drive] != PENDING))
+
+    def enter(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:
+        """Take a unit's scores; they reach the disk with the next ``flush``."""
+        for name, values in result.items():
+            self._arrays[unit.design][name][unit.band, unit.samples, unit.drive] = values
+        self._dirty.append(unit)
+
+    def flush(self) -> None:
+        """Write what was entered since the last flush, the status last."""
+        for index in sorted({u.design for u in self._dirty}):
+            bands = sorted({u.band for u in self._dirty if u.design == index})
+            for name, values in self._arrays[index].items():  # "status" is the last
+                for band in bands:
+                    self._groups[index][name][band] = values[band]
+        self._dirty.clear()
+
+    def write_history(self, history: xr.Dataset | None) -> None:
+        """Write the run to be drawn over time."""
+        if history is None:
+            return
+        history = history.assign_coords({n: _text(history[n].values) for n in ("estimator", "target")})
+        history.attrs["rmse"] = json.dumps(history.attrs["rmse"])
+        history.to_zarr(self.path, group="history", mode="w", consolidated=False, zarr_format=3)
+
+    def _check_same_study(self) -> None:
+        try:
+            found = dict(zarr.open_group(str(self.path), mode="r").attrs)
+        except (FileNotFoundError, ValueError, KeyError) as error:
+            raise UserError(
+                f"{self.path} is not a result of this harness; choose another folder with --out"
+            ) from error
+        way_out = f"remove {self.folder} or choose another folder with --out"
+        if found.get("study_name") != self.study.name:
+            raise UserError(f"{self.folder} holds the result of study '{found.get('study_name')}'; {way_out}")
+        if found.get("study_hash") != self.study.hash:
+            raise UserError(
+                f"{self.folder} was computed from an earlier text of {self.study.path}; {way_out}"
+            )
+        for key, what in (
+            ("engine", "by other code of this project"),
+            ("versions", "with other package versions"),
+        ):
+            if found.get(key) != self._attributes[key]:
+                raise UserError(f"{self.folder} was computed {what}; {way_out}")
+        self._attributes = {str(k): v for k, v in found.items()}
+
+    def _create(self, bench: Bench) -> None:
+        # A half-created store would look like a whole one, so it is made elsewhere and moved into place.
+        temporary = self.folder / (STORE + ".new")
+        if temporary.exists():
+            import shutil
+
+            shutil.rmtree(temporary)
+        root = zarr.open_group(str(temporary), mode="w", zarr_format=3)
+        root.attrs.update(self._attributes)
+        for design in self.study.designs:
+            dataset = _empty(self.study, design, bench)
+            chunks = {
+                name: {"chunks": (1, *array.shape[1:])}
+                for name, array in dataset.data_vars.items()
+                if array.ndim > 2
+            }
+            dataset.to_zarr(
+                temporary, group=design.name, mode="w", consolidated=False, zarr_format=3, encoding=chunks
+            )
+        temporary.rename(self.path)
+
+
+def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
+    """Return a design's dataset with every score pending."""
+    table = points(study, design)
+    sizes = (design.bands, design.samples, len(study.drives), design.repeats, len(study.estimators))
+    dims = ("band", "sample", "drive", "repeat", "estimator")
+    targets = list(study.targets)
+    variables: dict[str, Any] = {}
+    for name in PER_TARGET:
+        values = np.full((*sizes, len(targets)), np.nan)
+        variables[name] = (
+            (*dims, "target"),
+            values,
+            {"long_name": _MEANINGS[name], "units": "unit of the target"},
+        )
+    for name in PER_RUN:
+        unit = "s" if name == "time_of_divergence" else "1"
+        variables[name] = (dims, np.full(sizes, np.nan), {"long_name": _MEANINGS[name], "units": unit})
+    status = np.full(sizes, PENDING, dtype=np.int8)
+    for i, factor in enumerate(table.factors):
+        unit = design.factors[i].unit
+        variables[f"factor_{factor}"] = (("band", "sample"), table.values[:, :, i], {"units": unit})
+    variables["status"] = (dims, status, {"long_name": _MEANINGS["status"]})
+    factors = [
+        {
+            "name": name,
+            "parameter": f.parameter,
+            "of": f.of,
+            "unit": f.report_unit,
+            "si_unit": f.unit,
+            "nominal": f.nominal,
+            "lower": list(f.lower),
+            "upper": list(f.upper),
+        }
+        for name, f in zip(table.factors, design.factors, strict=True)
+    ]
+    coordinates = {
+        "drive": _text([d.name for d in study.drives]),
+        "estimator": _text([e.name for e in study.estimators]),
+        "target": _text(targets),
+        "band_label": ("band", _text(table.band_labels)),
+        "target_unit": ("target", _text([SIGNALS[t].unit for t in targets])),
+        "duration": ("drive", [float(r.profile.time[-1]) for r in bench.roads], {"units": "s"}),
+    }
+    attributes = {
+        "factors": json.dumps(factors),
+        "state_dimension": bench.belief.nx,
+        "output_dimension": bench.belief.ny,
+        "samples": design.samples,
+        "repeats": design.repeats,
+    }
+    return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+
+
+def _text(words: Sequence[str]) -> NDArray[Any]:
+    """Return text of any length, which Zarr's format specifies; text of fixed length it does not."""
+    return np.array([str(w) for w in words], dtype=object)
+
+
+def _root_attributes(study: Study) -> dict[str, Any]:
+    sides = {"plant": study.plant, "belief": study.belief}
+    description: dict[str, Any] = {
+        side: {
+            "model": spec.model().name,
+            "parameters": spec.parameters,
+            "tyre": spec.tyre,
+            "effects": list(spec.effects),
+            "sensors": spec.sensors,
+            "integrator": spec.integrator,
+            "substeps": spec.substeps,
+            "unknown_inputs": list(spec.unknown_inputs),
+            "process_noise": spec.process_noise,
+            "measurement_noise": spec.measurement_noise,
+        }
+        for side, spec in sides.items()
+    }
+    plant, belief = study.plant.values, study.belief.values
+    description["differing"] = {
+        name: {"plant": plant.get(name), "belief": belief.get(name)}
+        for name in sorted(plant.keys() | belief.keys())
+        if plant.get(name) != belief.get(name)
+    }
+    return {
+        "study": study.text,
+        "study_name": study.name,
+        "study_hash": study.hash,
+        "title": study.title,
+        "seed": study.seed,
+        "step": study.plant.step,
+        "designs": json.dumps([d.name for d in study.designs]),
+        "description": json.dumps(description, sort_keys=True),
+        "versions": json.dumps(
+            {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
+        ),
+        "engine": engine_hash(),
+        "commit": commit(),
+        "machine": f"{platform.system()} {platform.machine()}, {_processor()}",
+    }
+
+
+def engine_hash() -> str:
+    """Return a hash of the code that numbers depend on: the models and the harness but for report and CLI."""
+    root = Path(__file__).resolve().parents[1]
+    skipped = ("harness/report", "harness/cli.py", "harness/run.py", "harness/statistics.py")
+    digest = hashlib.sha256()
+    for path in sorted([*root.glob("models/**/*.py"), *root.glob("harness/**/*.py")]):
+        name = path.relative_to(root).as_posix()
+        if not name.startswith(skipped):
+            digest.update(name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def commit() -> str:
+    """Return the commit of the checkout, marked if there are changes, or ``unknown`` outside one."""
+    here = Path(__file__).resolve().parents[1]
+    try:
+        run = lambda *a: (
+            subprocess.run(["git", "-C", here, *a], capture_output=True, text=True, check=True).stdout
+        )  # noqa: E731
+        return run("rev-parse", "HEAD").strip() + (
+            " with changes" if run("status", "--porcelain").strip() else ""
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "unknown processor"
