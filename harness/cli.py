@@ -122,7 +122,8 @@ def run(
 
     console = Console()
     folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console)
-    _write_report(console, folder)
+    for path in sorted(folder.glob("report.*")):
+        console.print(Text(str(path)), soft_wrap=True)
 
 
 @app.command()
@@ -135,12 +136,9 @@ def report(folder: Annotated[Path, typer.Argument(help="Result folder of a finis
     if not folder.is_dir():
         there = sorted(str(p) for p in folder.parent.glob("*") if p.is_dir())
         raise UserError(f"{folder}: there is no such folder{_closest(str(folder), there)}")
-    _write_report(Console(), folder)
-
-
-def _write_report(console: Console, folder: Path) -> None:
     from harness.report import write_report
 
+    console = Console()
     for path in write_report(folder):
         console.print(Text(str(path)), soft_wrap=True)
 
@@ -194,9 +192,7 @@ def _wide_console() -> Console:
 
 _Set = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'
-    ),
+    typer.Option("--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'),
 ]
 _Parameters = Annotated[
     str | None, typer.Option("--parameters", help="Parameter set; the vehicle's only one if absent.")
@@ -221,9 +217,7 @@ def simulate(
     tyre: _Tyre = "magic_formula",
     effect: Annotated[list[str] | None, typer.Option("--effect", help="Effect in force; repeatable.")] = None,
     sensors: _Sensors = "series",
-    signal: Annotated[
-        list[str] | None, typer.Option("--signal", help="Further quantity to write; repeatable.")
-    ] = None,
+    signal: Annotated[list[str] | None, typer.Option("--signal", help="Further quantity to write; repeatable.")] = None,
     seed: Annotated[
         int | None,
         typer.Option("--seed", min=0, help="Seed of process and measurement noise; none if absent."),

@@ -38,6 +38,7 @@ from types import ModuleType
 
 import numba
 import numpy as np
+
 from harness import lane_algebra, lane_math, lanes
 from harness.emit import constants_kernel, kernel, matrix, vector
 from harness.equations import Equations, derive

@@ -123,9 +123,7 @@ def points(study: Study, design: DesignSpec) -> DesignPoints:
     return DesignPoints(names, values, lower, upper, design.band_labels)
 
 
-def lanes(
-    spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]
-) -> Lanes:
+def lanes(spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]) -> Lanes:
     """Return what a model holds at given points of a design.
 
     Args:

@@ -135,14 +135,10 @@ def _check_shape(profile: Profile, step: float) -> None:
     grid = np.arange(len(profile.time)) * step
     if np.abs(profile.time - grid).max() > 1e-6 * step:
         n = int(np.argmax(np.abs(profile.time - grid) > 1e-6 * step))
-        raise ModelError(
-            f"time is {profile.time[n]:.6f} s at sample {n}, not {grid[n]:.6f} s (step {step:g} s)"
-        )
+        raise ModelError(f"time is {profile.time[n]:.6f} s at sample {n}, not {grid[n]:.6f} s (step {step:g} s)")
     if profile.speed.min() <= 0:
         n = int(profile.speed.argmin())
-        raise ModelError(
-            f"speed is {profile.speed[n]:g} m/s at {profile.time[n]:.2f} s; it must stay positive"
-        )
+        raise ModelError(f"speed is {profile.speed[n]:g} m/s at {profile.time[n]:.2f} s; it must stay positive")
 
 
 def read_drives(path: str | Path) -> dict[str, tuple[str, dict[str, object]]]:
@@ -194,12 +190,7 @@ def reference_peaks(
     names, step = list(profiles), next(iter(profiles.values())).time[1]
     lengths = np.array([len(profiles[n].time) for n in names])
     steering, speed = (
-        np.stack(
-            [
-                np.pad(getattr(profiles[n], key), (0, lengths.max() - len(profiles[n].time)), "edge")
-                for n in names
-            ]
-        )
+        np.stack([np.pad(getattr(profiles[n], key), (0, lengths.max() - len(profiles[n].time)), "edge") for n in names])
         for key in ("steering_wheel_angle", "speed")
     )
     # The derivative towards the next sample is the one the explicit Euler step needs.
@@ -250,8 +241,7 @@ def table(path: str | Path, masses: Sequence[float] = (8e3, 24e3, 32e3)) -> str:
     context = DriveContext(vehicle.wheelbase(values), values["steering_ratio"], base=str(Path(path).parent))
     drives = read_drives(path)
     profiles = {
-        name: build_drive(kind, options, context, f"{path}, drive '{name}'")
-        for name, (kind, options) in drives.items()
+        name: build_drive(kind, options, context, f"{path}, drive '{name}'") for name, (kind, options) in drives.items()
     }
     peaks = reference_peaks(profiles, masses)
 
@@ -302,15 +292,12 @@ def kinds_table() -> str:
     return "\n".join(lines).rstrip()
 
 
-_SHOWN_IN = {"rad": "deg", "rad/s": "deg/s"}
-
-
-def _shown(value: float, unit: str) -> str:
-    """Write a number in SI units as a study would, angles in degrees."""
-    shown = _SHOWN_IN.get(unit, unit)
-    if shown != unit:
-        value = float(unit_registry().Quantity(value, unit).to(shown).magnitude)
-    return f"{value:.6g}" if np.isfinite(value) else "no end"
+def _shown(option: Option, value: float) -> tuple[float, str]:
+    """Return a number and its unit as a study would write it: angles in degrees, factors as they are."""
+    shown = {"rad": "deg", "rad/s": "deg/s"}.get(option.unit, option.unit)
+    if shown == option.unit or option.name.endswith("_scale"):
+        return value, option.unit
+    return float(unit_registry().Quantity(value, option.unit).to(shown).magnitude), shown
 
 
 def _default(option: Option) -> str:
@@ -318,13 +305,16 @@ def _default(option: Option) -> str:
         return "required"
     if option.unit == "text":
         return f"`{option.default}`"
-    return f"{_shown(option.default, option.unit)} {_SHOWN_IN.get(option.unit, option.unit)}".strip()
+    value, unit = _shown(option, option.default)
+    return f"{value:.6g} {unit}".strip() if np.isfinite(value) else "none"
 
 
 def _bounds(option: Option) -> str:
     if option.unit == "text":
         return "text"
-    return f"{_shown(option.lower, option.unit)} to {_shown(option.upper, option.unit)}"
+    (lower, _), (upper, unit) = _shown(option, option.lower), _shown(option, option.upper)
+    span = f"{lower:.6g} to {upper:.6g}" if np.isfinite(upper) else f"from {lower:.6g}"
+    return f"{span} {unit}".strip()
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -156,21 +156,43 @@ class Estimator:
         inputs: Floats,
         measurements: Floats,
         truth: Floats,
+        truth_names: tuple[str, ...],
         until: Floats,
         belief: Belief,
         first: State,
         keep: bool = False,
     ) -> Scores:
-        """Run over a batch and score it while it runs; arguments as in ``harness.loops.estimate``."""
+        """Run over a batch and score it while it runs.
+
+        Args:
+            inputs: What the estimator knows ``(samples, nu, LANES)``.
+            measurements: ``(samples, ny, LANES)``; NaN where missing.
+            truth: The plant's signals ``(samples, len(truth_names), LANES)``.
+            truth_names: Their names; they must hold every target. The NEES needs every state as well.
+            until: Scores stop before this sample ``(LANES,)``.
+            belief: From ``belief``.
+            first: From ``init``.
+            keep: Whether to keep the estimates of the targets over time.
+
+        Raises:
+            UserError: If the plant does not have a target.
+        """
+        states, wanted = self.compiled.model.states, self.compiled.signal_names
+        missing = [t for t in wanted if t not in truth_names]
+        if missing:
+            raise UserError(f"the plant has no '{missing[0]}' to score{registry.closest(missing[0], truth_names)}")
+        rows = np.array([truth_names.index(n) if n in truth_names else -1 for n in (*states, *wanted)])
+        comparable = self.has_covariance and bool(np.all(rows >= 0))
         samples, targets = inputs.shape[0], len(self.compiled.signal_names)
         sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
         kept = np.empty((samples if keep else 0, 2, targets, LANES))
         diagonal = np.ascontiguousarray(np.einsum("iil->il", first.covariance))
-        options = np.array([float(NEES_EVERY), 1.0 if self.has_covariance else 0.0])
+        options = np.array([float(NEES_EVERY), 1.0 if comparable else 0.0])
         self._kernels.estimate(
             inputs,
             measurements,
             truth,
+            rows,
             until.reshape(1, LANES),
             belief,
             first.mean,

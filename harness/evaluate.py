@@ -86,8 +86,7 @@ class Bench:
         )
         profile = build_drive(drive.kind, drive.options, context, drive.where)
         tables = (
-            input_table(profile, model.inputs, model.rates)
-            for model in (study.plant.model(), study.belief.model())
+            input_table(profile, model.inputs, model.rates) for model in (study.plant.model(), study.belief.model())
         )
         return Road(profile, *(in_lanes(table) for table in tables))
 

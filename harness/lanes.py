@@ -78,7 +78,13 @@ def _binary(op: Callable[..., Any], emit: Callable[[Any, Any, Any], Any], result
         a, b = (_broadcast(context, builder, v, t) for v, t in zip(args, sig.args, strict=True))
         return emit(builder, a, b)
 
-    for pair in ((lane, lane), (lane, types.Float), (types.Float, lane), (lane, types.Integer), (types.Integer, lane)):
+    for pair in (
+        (lane, lane),
+        (lane, types.Float),
+        (types.Float, lane),
+        (lane, types.Integer),
+        (types.Integer, lane),
+    ):
         lower_builtin(op, *pair)(lower)
 
 

@@ -67,9 +67,7 @@ def show(console: Console, role: str, name: str | None = None, studies: Path = P
         _details(console, role, name)
     else:
         package = PACKAGES[role]
-        _table(
-            console, role, ("name", "what it is"), [(n, summary(package, n)) for n in registry.names(package)]
-        )
+        _table(console, role, ("name", "what it is"), [(n, summary(package, n)) for n in registry.names(package)])
         if role in ("drives", "parameters"):
             for each in registry.names(package):
                 _details(console, role, each)
@@ -120,9 +118,7 @@ def _details(console: Console, role: str, name: str) -> None:
     elif role == "parameters":
         _parameter_set(console, name, module.VEHICLE, module.VALUES)
     elif role in ("vehicles", "tyres", "effects"):
-        rows = [
-            (p.name, _range(p.unit, p.lower, p.upper), _unit(p.unit), p.meaning) for p in module.PARAMETERS
-        ]
+        rows = [(p.name, _range(p.unit, p.lower, p.upper), _unit(p.unit), p.meaning) for p in module.PARAMETERS]
         _table(console, f"parameters of {name}", ("parameter", "allowed", "unit", "meaning"), rows)
     elif role == "sensors":
         _table(console, f"outputs of {name}", ("output", "signal"), list(module.OUTPUTS.items()))

@@ -73,21 +73,22 @@ def simulate(u, c, deviation_x, deviation_y, limits, x0, noise, truth, y, left_a
             put(get(ahead, i) + get(deviation_x, i) * get(noise, k, i), x, i)
 
 
-def estimate(u, y, truth, until, belief, x0, P0, memory0, limits, options, bounds, scores, per_run, kept):
+def estimate(u, y, truth, rows, until, belief, x0, P0, memory0, limits, options, bounds, scores, per_run, kept):
     """Run the estimator over a batch and score it against the truth while it runs.
 
     Args:
         u: Inputs the estimator knows ``(samples, nu, LANES)``.
         y: Measurements ``(samples, ny, LANES)``, NaN where missing.
-        truth: The estimator's states as the plant has them, then the targets
-            ``(samples, nx + ns, LANES)``; the states are NaN where the plant has no such quantity.
+        truth: The plant's signals ``(samples, plant signals, LANES)``.
+        rows: Row of ``truth`` of each state of the estimator, then of each target ``(nx + ns,)``; -1 where the
+            plant has no such quantity.
         until: Scores stop before this sample ``(1, LANES)``.
         belief: ``harness.kernel.Belief``.
         x0: First mean ``(nx, LANES)``.
         P0: First variances ``(nx, LANES)``.
         memory0: First memory ``(rows, LANES)``.
         limits: Largest magnitude of each state ``(nx,)``.
-        options: NEES every that many samples, and 1 if the estimator states a covariance ``(2,)``.
+        options: NEES every that many samples, and 1 if there is one to compute ``(2,)``.
         bounds: Two-sided 95 % chi-square bounds ``(1 + max(nx, ny), 2)`` by degrees of freedom.
         scores: Sum of squares, sum and largest magnitude of the error, written ``(3, ns, LANES)``.
         per_run: Written ``(10, LANES)``: samples scored, sum of NEES, samples of it, those inside, sum of NIS,
@@ -122,19 +123,19 @@ def estimate(u, y, truth, until, belief, x0, P0, memory0, limits, options, bound
         diverged = select(bad, 1.0 * k, diverged)
         put(diverged, per_run, 9)
         active = (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
-        score_targets(before, u[k], belief, truth[k], active, s, scores)
+        score_targets(before, u[k], belief, truth[k], rows, active, s, scores)
         score_information(info, active, bounds, per_run)
         if stated and k % every == 0:
-            score_covariance(before, truth[k], active, bounds, factor, error, scratch, per_run)
+            score_covariance(before, truth[k], rows, active, bounds, factor, error, scratch, per_run)
         if kept.shape[0] > 0:
             keep(before, u[k], belief, s, slopes, kept[k])
 
 
-def score_targets(state, u, belief, truth, active, s, scores):
+def score_targets(state, u, belief, truth, rows, active, s, scores):
     """Add one sample's target errors."""
     signals(state.mean, u, belief.constants, s)
     for i in range(NS):
-        e = select(active, get(s, i) - get(truth, NX + i), 0.0)
+        e = select(active, get(s, i) - get(truth, rows[NX + i]), 0.0)
         put(get(scores, 0, i) + e * e, scores, 0, i)
         put(get(scores, 1, i) + e, scores, 1, i)
         magnitude = select(e < 0.0, -e, e)
@@ -159,11 +160,11 @@ def score_information(info, active, bounds, per_run):
     put(get(per_run, 8) + select(active, get(info.repairs, 0), 0.0), per_run, 8)
 
 
-def score_covariance(state, truth, active, bounds, factor, error, scratch, per_run):
+def score_covariance(state, truth, rows, active, bounds, factor, error, scratch, per_run):
     """Add one sample's normalised estimation error squared."""
     cholesky(state.covariance, factor, NX)
     for i in range(NX):
-        put(get(state.mean, i) - get(truth, i), error, i)
+        put(get(state.mean, i) - get(truth, rows[i]), error, i)
     nees = mahalanobis(factor, error, scratch, NX)
     used = active & (nees == nees)
     put(get(per_run, 1) + select(used, nees, 0.0), per_run, 1)

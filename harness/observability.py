@@ -216,9 +216,7 @@ def plot(dataset: xr.Dataset) -> Figure:
         dataset: Result of ``structural_observability``.
     """
     time, states = dataset["time"].to_numpy(), dataset["state"].to_numpy()
-    with mpl.rc_context(
-        {"font.size": 9, "lines.linewidth": 1.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}
-    ):
+    with mpl.rc_context({"font.size": 9, "lines.linewidth": 1.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}):
         figure = Figure(figsize=(6.3, 6.0), layout="constrained")
         axes = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 0.25 * len(states)])
         _draw_drive(axes[0], dataset)
@@ -284,9 +282,7 @@ def report(
         out.mkdir(parents=True, exist_ok=True)
         plot(dataset).savefig(out / "observability.svg")
     except OSError as error:
-        raise UserError(
-            f"cannot write the figure to {out}: {error.strerror}; choose another folder"
-        ) from error
+        raise UserError(f"cannot write the figure to {out}: {error.strerror}; choose another folder") from error
     _print(dataset, out / "observability.svg")
     return dataset
 

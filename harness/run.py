@@ -106,9 +106,7 @@ def _warm_up(bench: Bench, console: Console) -> None:
             status.update(f"compiled {bench.warm_up(i)}; {bench.kernels - 1 - i} to go")
 
 
-def _evaluate(
-    bench: Bench, store: Store, todo: list[Unit], jobs: int, total: int, left: int, console: Console
-) -> None:
+def _evaluate(bench: Bench, store: Store, todo: list[Unit], jobs: int, total: int, left: int, console: Console) -> None:
     def work(unit: Unit) -> tuple[Unit, dict[str, Any]]:
         return unit, bench.evaluate(unit)
 
@@ -116,9 +114,7 @@ def _evaluate(
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
         TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
-    parallel = joblib.Parallel(
-        n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1
-    )
+    parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1)
     flushed = time.monotonic()
     try:
         with Progress(*columns, console=console) as progress:

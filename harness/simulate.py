@@ -67,7 +67,13 @@ class Simulator:
         self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
 
     def run(
-        self, inputs: Floats, constants: Floats, variance_x: Floats, variance_y: Floats, noise: Floats, x0: Floats
+        self,
+        inputs: Floats,
+        constants: Floats,
+        variance_x: Floats,
+        variance_y: Floats,
+        noise: Floats,
+        x0: Floats,
     ) -> Batch:
         """Simulate ``LANES`` runs.
 
@@ -84,7 +90,16 @@ class Simulator:
         y = np.empty((samples, self.compiled.ny, LANES))
         left = np.empty((1, LANES))
         self._run(
-            inputs, constants, np.sqrt(variance_x), np.sqrt(variance_y), self.limits, x0, noise, truth, y, left
+            inputs,
+            constants,
+            np.sqrt(variance_x),
+            np.sqrt(variance_y),
+            self.limits,
+            x0,
+            noise,
+            truth,
+            y,
+            left,
         )
         return Batch(truth, y, left[0])
 
@@ -167,7 +182,11 @@ def simulate_drive(
     dataset = xr.Dataset(coords={"time": ("time", profile.time, {"units": "s", "long_name": "time"})})
     for name, values in {**columns, **measured}.items():
         dataset[name] = ("time", values, signal_attributes(name.removeprefix("measured_")))
-    dataset.attrs = {"model": model.name, "parameters": spec.parameters, "seed": "none" if seed is None else seed}
+    dataset.attrs = {
+        "model": model.name,
+        "parameters": spec.parameters,
+        "seed": "none" if seed is None else seed,
+    }
     return dataset
 
 

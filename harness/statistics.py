@@ -75,10 +75,7 @@ def _resampled_indices(sizes: tuple[int, ...], resamples: int, seed: int) -> NDA
     """Return indices of shape ``(resamples, sum(sizes))``, each stratum redrawn within itself."""
     rng = np.random.default_rng(seed)
     start = np.concatenate(([0], np.cumsum(sizes)))
-    parts = [
-        rng.integers(start[k], start[k + 1], (resamples, size), dtype=np.int32)
-        for k, size in enumerate(sizes)
-    ]
+    parts = [rng.integers(start[k], start[k + 1], (resamples, size), dtype=np.int32) for k, size in enumerate(sizes)]
     return np.concatenate(parts, axis=1)
 
 
@@ -142,9 +139,7 @@ def summarise(values: ArrayLike, strata: ArrayLike | None = None, *, seed: int =
     return Summary(data.size, median, float(lower), float(upper), float(minimum), float(maximum))
 
 
-def compare(
-    first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0
-) -> Comparison:
+def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0) -> Comparison:
     """Compare two estimators run by run.
 
     Args:

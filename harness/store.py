@@ -11,8 +11,9 @@ import hashlib
 import importlib.metadata
 import json
 import platform
+import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -70,11 +71,9 @@ class Store:
             except OSError as error:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
             self._create(bench)
-        self._groups = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
+        self._groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
         names = (*PER_TARGET, *PER_RUN, "status")
-        self._arrays: list[dict[str, NDArray[Any]]] = [
-            {n: np.asarray(g[n][...]) for n in names} for g in self._groups
-        ]
+        self._arrays: list[dict[str, NDArray[Any]]] = [{n: np.asarray(g[n][...]) for n in names} for g in self._groups]
 
     def is_done(self, unit: Unit) -> bool:
         """Return whether a unit's scores are in the store."""
@@ -108,16 +107,12 @@ class Store:
         try:
             found = dict(zarr.open_group(str(self.path), mode="r").attrs)
         except (FileNotFoundError, ValueError, KeyError) as error:
-            raise UserError(
-                f"{self.path} is not a result of this harness; choose another folder with --out"
-            ) from error
+            raise UserError(f"{self.path} is not a result of this harness; choose another folder with --out") from error
         way_out = f"remove {self.folder} or choose another folder with --out"
         if found.get("study_name") != self.study.name:
             raise UserError(f"{self.folder} holds the result of study '{found.get('study_name')}'; {way_out}")
         if found.get("study_hash") != self.study.hash:
-            raise UserError(
-                f"{self.folder} was computed from an earlier text of {self.study.path}; {way_out}"
-            )
+            raise UserError(f"{self.folder} was computed from an earlier text of {self.study.path}; {way_out}")
         for key, what in (
             ("engine", "by other code of this project"),
             ("versions", "with other package versions"),
@@ -130,21 +125,15 @@ class Store:
         # A half-created store would look like a whole one, so it is made elsewhere and moved into place.
         temporary = self.folder / (STORE + ".new")
         if temporary.exists():
-            import shutil
-
             shutil.rmtree(temporary)
         root = zarr.open_group(str(temporary), mode="w", zarr_format=3)
         root.attrs.update(self._attributes)
         for design in self.study.designs:
             dataset = _empty(self.study, design, bench)
             chunks = {
-                name: {"chunks": (1, *array.shape[1:])}
-                for name, array in dataset.data_vars.items()
-                if array.ndim > 2
+                name: {"chunks": (1, *array.shape[1:])} for name, array in dataset.data_vars.items() if array.ndim > 2
             }
-            dataset.to_zarr(
-                temporary, group=design.name, mode="w", consolidated=False, zarr_format=3, encoding=chunks
-            )
+            dataset.to_zarr(temporary, group=design.name, mode="w", consolidated=False, zarr_format=3, encoding=chunks)
         temporary.rename(self.path)
 
 
@@ -201,7 +190,7 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
     return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 
 
-def _text(words: Sequence[str]) -> NDArray[Any]:
+def _text(words: Iterable[Any]) -> NDArray[Any]:
     """Return text of any length, which Zarr's format specifies; text of fixed length it does not."""
     return np.array([str(w) for w in words], dtype=object)
 
@@ -261,16 +250,17 @@ def engine_hash() -> str:
 
 def commit() -> str:
     """Return the commit of the checkout, marked if there are changes, or ``unknown`` outside one."""
+    head, changes = _git("rev-parse", "HEAD"), _git("status", "--porcelain")
+    return "unknown" if head is None else head + (" with changes" if changes else "")
+
+
+def _git(*arguments: str) -> str | None:
     here = Path(__file__).resolve().parents[1]
     try:
-        run = lambda *a: (
-            subprocess.run(["git", "-C", here, *a], capture_output=True, text=True, check=True).stdout
-        )  # noqa: E731
-        return run("rev-parse", "HEAD").strip() + (
-            " with changes" if run("status", "--porcelain").strip() else ""
-        )
+        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
-        return "unknown"
+        return None
+    return done.stdout.strip()
 
 
 def _processor() -> str:

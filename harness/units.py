@@ -42,11 +42,7 @@ def to_si(value: object, unit: str, where: str) -> float:
         )
     if isinstance(value, str):
         if _is_number(value):
-            hint = (
-                f"write e.g. '{value} {unit}'"
-                if _in(unit) != " without a unit"
-                else "write it without quotes"
-            )
+            hint = f"write e.g. '{value} {unit}'" if _in(unit) != " without a unit" else "write it without quotes"
             raise UserError(f"{where}: {value!r} has no unit; {hint}")
         number = _parse(value, unit, where)
     else:
@@ -89,9 +85,7 @@ def _parse(text: str, unit: str, where: str) -> float:
         ) from None
     # Root units keep the radian, which pint's dimensions do not.
     if root != units.Quantity(1.0, _plain(unit)).to_root_units().units:
-        raise UserError(
-            f"{where}: {text!r} does not fit; a quantity{_in(unit)} is expected, e.g. '{example}'"
-        )
+        raise UserError(f"{where}: {text!r} does not fit; a quantity{_in(unit)} is expected, e.g. '{example}'")
     return float(quantity.to(_plain(unit)).magnitude)
 
 

@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from harness.kernel import LANES, NW, NX, NY, get, next_covariance, output_jacobian, put, scalar_updates, splat
+from harness.kernel import (
+    LANES,
+    NW,
+    NX,
+    NY,
+    get,
+    next_covariance,
+    output_jacobian,
+    put,
+    scalar_updates,
+    splat,
+)
 
 
 class Settings(BaseModel):
@@ -47,6 +58,15 @@ def step(before, u_before, u, y, belief, work, after, info):
         put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
     output_jacobian(x_prior, u, belief.constants, predicted, H)
     scalar_updates(
-        x_prior, P_prior, predicted, H, y, belief.measurement_noise, after.mean, after.covariance, scratch, info
+        x_prior,
+        P_prior,
+        predicted,
+        H,
+        y,
+        belief.measurement_noise,
+        after.mean,
+        after.covariance,
+        scratch,
+        info,
     )
     put(splat(0.0), info.repairs, 0)

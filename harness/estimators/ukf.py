@@ -116,7 +116,16 @@ def step(before, u_before, u, y, belief, work, after, info):
     if OUTPUTS_ARE_LINEAR:
         output_jacobian(x_prior, u, belief.constants, predicted, H)
         scalar_updates(
-            x_prior, P_prior, predicted, H, y, belief.measurement_noise, after.mean, after.covariance, scratch, info
+            x_prior,
+            P_prior,
+            predicted,
+            H,
+            y,
+            belief.measurement_noise,
+            after.mean,
+            after.covariance,
+            scratch,
+            info,
         )
     else:
         repaired = repaired + cholesky(P_prior, factor, NX)

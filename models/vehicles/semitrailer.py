@@ -57,6 +57,9 @@ VALID: dict[str, float] = {
 LOWEST_SPEED = 0.3
 """m/s; slip angles and relaxation use at least this speed, so that a standstill in a recording stays finite."""
 
+CONSTANTS: dict[str, str] = {"GRAVITY": "m/s^2", "LOWEST_SPEED": "m/s"}
+"""Units of this file's constants that have one, for the check of dimensions in ``tests/contracts``."""
+
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter("tractor_mass", "m_1", "kg", 2e3, 3e4, "mass of the tractor"),
     Parameter("tractor_yaw_inertia", "J_1", "kg*m^2", 2e3, 3e5, "yaw inertia of the tractor"),
@@ -66,32 +69,18 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("trailer_mass", "m_2", "kg", 1e3, 6e4, "mass of the trailer with its load"),
     Parameter("trailer_track", r"\ell_\mathrm{track}", "m", 1.0, 3.0, "track width of the trailer"),
     Parameter("trailer_length", r"\ell_2", "m", 4.0, 25.0, "length of the trailer"),
-    Parameter(
-        "trailer_inertia_scale", r"\kappa_{J2}", "dimensionless", 0.2, 5.0, "yaw inertia over that of a box"
-    ),
+    Parameter("trailer_inertia_scale", r"\kappa_{J2}", "dimensionless", 0.2, 5.0, "yaw inertia over that of a box"),
     Parameter("kingpin_from_rear", r"a_{2,\mathrm{RW}}", "m", 2.0, 25.0, "rear wall to the kingpin"),
-    Parameter(
-        "axle_21_from_rear", r"b_{21,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the first trailer axle"
-    ),
-    Parameter(
-        "axle_22_from_rear", r"b_{22,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the second trailer axle"
-    ),
-    Parameter(
-        "axle_23_from_rear", r"b_{23,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the third trailer axle"
-    ),
-    Parameter(
-        "trailer_cog_from_rear", r"x_\mathrm{CoG}", "m", 0.5, 24.0, "rear wall to the CoG of the trailer"
-    ),
+    Parameter("axle_21_from_rear", r"b_{21,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the first trailer axle"),
+    Parameter("axle_22_from_rear", r"b_{22,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the second trailer axle"),
+    Parameter("axle_23_from_rear", r"b_{23,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the third trailer axle"),
+    Parameter("trailer_cog_from_rear", r"x_\mathrm{CoG}", "m", 0.5, 24.0, "rear wall to the CoG of the trailer"),
     Parameter("friction", r"\mu_\mathrm{max}", "dimensionless", 0.05, 1.5, "largest friction, all axles"),
     Parameter("relaxation_length_11", r"\ell_{R11}", "m", 0.01, 2.0, "relaxation length, tractor front"),
     Parameter("relaxation_length_12", r"\ell_{R12}", "m", 0.01, 2.0, "relaxation length, tractor rear"),
     Parameter("relaxation_length_2", r"\ell_{R2}", "m", 0.01, 2.0, "relaxation length, trailer axles"),
-    Parameter(
-        "steering_ratio", r"i_\mathrm{L}", "dimensionless", 5.0, 40.0, "steering wheel over road wheel angle"
-    ),
-    Parameter(
-        "constraint_rate", r"\kappa", "1/s", 0.0, 50.0, "rate that restores the kingpin tie; 0 as printed"
-    ),
+    Parameter("steering_ratio", r"i_\mathrm{L}", "dimensionless", 5.0, 40.0, "steering wheel over road wheel angle"),
+    Parameter("constraint_rate", r"\kappa", "1/s", 0.0, 50.0, "rate that restores the kingpin tie; 0 as printed"),
 )
 
 
@@ -100,9 +89,7 @@ def check(values: dict[str, float]) -> list[tuple[str, str]]:
     wrong = []
     cog, kingpin = values["trailer_cog_from_rear"], values["kingpin_from_rear"]
     if kingpin > values["trailer_length"]:
-        wrong.append(
-            ("kingpin_from_rear", f"{kingpin:g} m lies outside the trailer of {values['trailer_length']:g} m")
-        )
+        wrong.append(("kingpin_from_rear", f"{kingpin:g} m lies outside the trailer of {values['trailer_length']:g} m"))
     if not values["axle_22_from_rear"] < cog < kingpin:
         wrong.append(
             (
@@ -111,10 +98,7 @@ def check(values: dict[str, float]) -> list[tuple[str, str]]:
                 f"({kingpin:g} m), or an axle or the kingpin would lift",
             )
         )
-    if (
-        values["tractor_cog_to_kingpin"]
-        > values["tractor_cog_to_rear_axle"] + values["tractor_cog_to_front_axle"]
-    ):
+    if values["tractor_cog_to_kingpin"] > values["tractor_cog_to_rear_axle"] + values["tractor_cog_to_front_axle"]:
         wrong.append(("tractor_cog_to_kingpin", "the kingpin lies more than a wheelbase behind the CoG"))
     return wrong
 
@@ -157,9 +141,7 @@ def equations(v: Builder) -> None:
     for axle in AXLES:
         length = v.p(f"relaxation_length_{AXLES[axle]}")
         steady = v.tyre(axle, slip[axle], load[axle], v.p("friction"))
-        v.derivative(
-            f"lateral_force_axle_{axle}", (roll_1 if axle[0] == "1" else roll_2) / length * (steady - F[axle])
-        )
+        v.derivative(f"lateral_force_axle_{axle}", (roll_1 if axle[0] == "1" else roll_2) / length * (steady - F[axle]))
 
     # Lateral force and yaw moment on each body, everything but the coupling force (4.8 to 4.11).
     moment = v.port("coupling_moment", 0)
@@ -200,5 +182,5 @@ def _vertical_loads(
     return {
         "11": m_1 * GRAVITY * b_1 / l_1 + kingpin * e_1 / l_1,
         "12": m_1 * GRAVITY * a_1 / l_1 + kingpin * (l_1 - e_1) / l_1,
-        **{axle: trailer for axle in ("21", "22", "23")},
+        **dict.fromkeys(("21", "22", "23"), trailer),
     }
