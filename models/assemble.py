@@ -90,9 +90,7 @@ class Model:
         """
         for name in unknown_inputs:
             if name not in self.inputs:
-                raise ModelError(
-                    f"'{name}' is not an input of '{self.name}'{registry.closest(name, self.inputs)}"
-                )
+                raise ModelError(f"'{name}' is not an input of '{self.name}'{registry.closest(name, self.inputs)}")
         return replace(
             self,
             states=self.states + tuple(unknown_inputs),
@@ -104,9 +102,7 @@ class Model:
 class _Reader:
     """What every part of a model may do: read signals and parameters by name."""
 
-    def __init__(
-        self, builder: Builder, owner: str, parameters: Sequence[Parameter], suffix: str = ""
-    ) -> None:
+    def __init__(self, builder: Builder, owner: str, parameters: Sequence[Parameter], suffix: str = "") -> None:
         self._builder, self._owner, self._suffix = builder, owner, suffix
         self._own = {p.name: p.name + suffix for p in parameters}
 
@@ -162,9 +158,7 @@ class EffectContext(_Reader):
 class Builder:
     """Collects a vehicle's equations; handed to ``equations(v)`` of a vehicle file."""
 
-    def __init__(
-        self, vehicle: ModuleType, tyre: ModuleType | None, effects: Mapping[str, ModuleType]
-    ) -> None:
+    def __init__(self, vehicle: ModuleType, tyre: ModuleType | None, effects: Mapping[str, ModuleType]) -> None:
         self.vehicle, self.tyre_file, self.effects = vehicle, tyre, dict(effects)
         self.vehicle_name = vehicle.__name__.rsplit(".", 1)[-1]
         self.states: list[str] = list(vehicle.STATES)
@@ -224,9 +218,7 @@ class Builder:
         if name in self.ports or name in self.states or name in self.inputs:
             raise ModelError(f"'{name}' has two writers in '{self.vehicle_name}'")
         if name not in SIGNALS and not name.startswith("sensor_"):
-            raise ModelError(
-                f"port '{name}' is not in models/signals.py{registry.closest(name, list(SIGNALS))}"
-            )
+            raise ModelError(f"port '{name}' is not in models/signals.py{registry.closest(name, list(SIGNALS))}")
         value = sp.sympify(expr)
         for effect_name, effect in self.effects.items():
             if name in _ports_of(effect):
@@ -240,9 +232,7 @@ class Builder:
         if self.tyre_file is None:
             raise ModelError(f"vehicle '{self.vehicle_name}' needs a tyre")
         group = self.vehicle.AXLES[axle]
-        if not any(
-            name.endswith(f"_{group}") and name in self._tyre_names(group) for name in self.parameters
-        ):
+        if not any(name.endswith(f"_{group}") and name in self._tyre_names(group) for name in self.parameters):
             self._declare(self.tyre_file.PARAMETERS, f"_{group}", f"tyre of axle {axle}")
         quantities = {
             "slip_angle": self.port(f"slip_angle_axle_{axle}", slip_angle),
@@ -284,7 +274,7 @@ class Builder:
                     f"{registry.closest(measured, known)}"
                 )
             output_expressions[name] = self.port(f"sensor_{name}", symbol(measured))
-            unused.pop(next((n for n, e in unused.items() if f"sensor_{name}" in _ports_of(e)), ""), None)
+        unused = {n: e for n, e in unused.items() if not set(_ports_of(e)) & set(self.ports)}
         if unused:
             name, effect = next(iter(unused.items()))
             raise ModelError(
@@ -297,9 +287,8 @@ class Builder:
                 raise ModelError(
                     f"{owner} reads '{name}', which nothing provides{registry.closest(name, sorted(readable))}"
                 )
-        reads_time = any(
-            symbol("time") in e.free_symbols for e in [*self.ports.values(), *self._derivatives.values()]
-        )
+        self._check_symbols(readable)
+        reads_time = any(symbol("time") in e.free_symbols for e in [*self.ports.values(), *self._derivatives.values()])
         tyre_name = "" if self.tyre_file is None else "+" + self.tyre_file.__name__.rsplit(".", 1)[-1]
         return Model(
             name=self.vehicle_name + tyre_name,
@@ -314,6 +303,16 @@ class Builder:
             axles=tuple(self.vehicle.AXLES),
             effects=tuple(self.effects),
         )
+
+    def _check_symbols(self, readable: set[str]) -> None:
+        """Refuse an equation over a symbol that no part provides (one written without ``p``, ``state``, ...)."""
+        equations = {**self.ports, **{f"d/dt {s}": e for s, e in self._derivatives.items()}}
+        for equation, expr in equations.items():
+            for name in sorted(s.name for s in expr.free_symbols if s != symbol(s.name) or s.name not in readable):
+                raise ModelError(
+                    f"'{self.vehicle_name}': the equation of '{equation}' reads '{name}', which nothing provides"
+                    f"{registry.closest(name, sorted(readable))}"
+                )
 
 
 def _ports_of(effect: ModuleType) -> tuple[str, ...]:

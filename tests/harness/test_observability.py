@@ -205,9 +205,7 @@ def test_figure_says_what_it_shows(printed):
 def test_report_writes_the_figure_and_prints_the_delay(tmp_path, capsys):
     values = {"constraint_rate": 0.0}
     unknown = ["steering_wheel_angle"]
-    found = ob.report(
-        "semitrailer", "ziaukas_2023", "magic_formula", "series", unknown, tmp_path / "new", values
-    )
+    found = ob.report("semitrailer", "ziaukas_2023", "magic_formula", "series", unknown, tmp_path / "new", values)
     assert (tmp_path / "new" / "observability.svg").read_text().lstrip().startswith("<?xml")
     printed_text = capsys.readouterr().out
     assert f"{ob.delays(found)['rank']:.2f} s" in printed_text

@@ -24,9 +24,7 @@ def evaluator(
     if key not in _COMPILED:
         expressions = [symbol(q) for q in quantities] if quantities else list(model.derivatives)
         ports = [(symbol(n), e) for n, e in model.ports.items()]
-        arguments = [
-            [symbol(n) for n in part] for part in (model.states, model.inputs, model.parameter_names)
-        ]
+        arguments = [[symbol(n) for n in part] for part in (model.states, model.inputs, model.parameter_names)]
         raw = sp.lambdify(arguments, expressions, modules="math", cse=lambda e: (ports, e))
         _COMPILED[key] = model, raw  # keeps the model alive, so that its id stays its own
     _, raw = _COMPILED[key]

@@ -35,9 +35,7 @@ def derive():
     """
     q = me.dynamicsymbols("X1 Y1 psi1 X2 Y2 psi2")
     qd = [c.diff(t) for c in q]
-    m1, J1, a1, b1, h1, m2, J2, a2, b21, b22, b23 = geometry = sp.symbols(
-        "m1 J1 a1 b1 h1 m2 J2 a2 b21 b22 b23"
-    )
+    m1, J1, a1, b1, h1, m2, J2, a2, b21, b22, b23 = geometry = sp.symbols("m1 J1 a1 b1 h1 m2 J2 a2 b21 b22 b23")
     delta, H, T1, T2, rate = sp.symbols("delta H T1 T2 rate")
     F = sp.symbols("F11 F12 F21 F22 F23")
 

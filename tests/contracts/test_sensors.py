@@ -1,0 +1,39 @@
+"""What holds for every file in ``models/sensors``."""
+
+from __future__ import annotations
+
+import pytest
+from _dimensions import assemble_with_units, check_dimensions
+from _parts import COMBINATIONS, SENSORS, load
+
+from models.assemble import assemble
+from models.contracts import EXPORTS, ModelError
+from models.signals import SIGNALS
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_exports_and_names(name):
+    module = load("sensors", name)
+    assert all(hasattr(module, export) for export in EXPORTS["sensors"])
+    assert module.__doc__
+    assert module.OUTPUTS
+    assert not [s for pair in module.OUTPUTS.items() for s in pair if s not in SIGNALS]
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_some_vehicle_publishes_what_is_measured(name):
+    fits, refusals = [], []
+    for vehicle, tyre in COMBINATIONS:
+        try:
+            built = assemble(vehicle, tyre, sensors=name)
+        except ModelError as error:
+            refusals.append(str(error))
+            continue
+        fits.append(vehicle)
+        assert tuple(built.outputs) == tuple(load("sensors", name).OUTPUTS)
+        for output, measured in load("sensors", name).OUTPUTS.items():
+            assert built.expand(built.outputs[output]) == built.expand(built.resolve(measured))
+        tyre_file = None if tyre is None else load("tyres", tyre)
+        parts = assemble_with_units(load("vehicles", vehicle), tyre_file, sensors=load("sensors", name))
+        check_dimensions(parts)
+    assert fits, "\n".join(refusals)
