@@ -53,4 +53,6 @@ def read(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not columns:
         raise UserError(f"{path}: holds no numeric column")
+    if not len(next(iter(columns.values()))):
+        raise UserError(f"{path}: has columns but no row of data")
     return columns

@@ -54,9 +54,7 @@ DIRECTION = Option("direction", "text", "left", 0.0, 0.0, "side of the (first) t
 
 def amplitude(default: float) -> Option:
     """Return the option of a steering-wheel amplitude in rad."""
-    return Option(
-        "amplitude", "rad", default, -30.0, 30.0, "steering-wheel angle; negative begins to the right"
-    )
+    return Option("amplitude", "rad", default, -30.0, 30.0, "steering-wheel angle; negative begins to the right")
 
 
 def seed(default: int) -> Option:
@@ -259,9 +257,7 @@ def _lay_out(
         there = slice(*np.searchsorted(way, [begin, begin + arc.length]))
         x = way[there] - begin
         rise = max(arc.transition, 1e-9)
-        curvature[there] = arc.curvature * np.minimum(
-            smooth_step(x / rise), smooth_step((arc.length - x) / rise)
-        )
+        curvature[there] = arc.curvature * np.minimum(smooth_step(x / rise), smooth_step((arc.length - x) / rise))
         wanted[there] = arc.speed
         begin += arc.length
     if lateral is not None:

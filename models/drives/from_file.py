@@ -40,9 +40,7 @@ OPTIONS: tuple[Option, ...] = (
     ),
     Option("speed_scale", "m/s", 1.0, 1e-6, 100.0, 'speed that a 1 in the column stands for, e.g. "1 km/h"'),
     Option("start", "s", 0.0, 0.0, 1e7, "time after the first sample at which the drive begins"),
-    Option(
-        "stop", "s", np.inf, 0.0, np.inf, "time after the first sample at which it ends; by default the last"
-    ),
+    Option("stop", "s", np.inf, 0.0, np.inf, "time after the first sample at which it ends; by default the last"),
     Option("largest_gap", "s", 0.1, 1e-4, 60.0, "longest time between samples that may be interpolated"),
     Option(
         "lowest_speed",
@@ -53,9 +51,7 @@ OPTIONS: tuple[Option, ...] = (
         "slower ends are cut off, slower samples in between raised to it",
     ),
     Option("cutoff", "Hz", 5.0, 0.05, 1e3, "frequency at which the low pass has lost 3 dB"),
-    Option(
-        "fade", "s", 3.0, 0.0, 60.0, "time in which the steering comes in, since the vehicle starts straight"
-    ),
+    Option("fade", "s", 3.0, 0.0, 60.0, "time in which the steering comes in, since the vehicle starts straight"),
     shapes.LIMIT,
 )
 
@@ -71,9 +67,7 @@ def generate(options: dict[str, Any], context: DriveContext) -> Profile:
             vehicle reverses, or nothing is left; with file, column and sample (counted from 0).
     """
     if options["steering_is"] not in ("steering_wheel", "road_wheel"):
-        raise ModelError(
-            f"steering_is: '{options['steering_is']}' is unknown; write steering_wheel or road_wheel"
-        )
+        raise ModelError(f"steering_is: '{options['steering_is']}' is unknown; write steering_wheel or road_wheel")
     if context.read is None:
         raise ModelError("from_file needs a DriveContext with a function 'read'; the harness provides one")
     path = os.path.join(context.base, options["file"])
@@ -115,16 +109,12 @@ def _select(
     for option in ("time", "steering", "speed"):
         name = options[option]
         if name not in columns:
-            raise ModelError(
-                f"{path}: no column '{name}' (option {option}){registry.closest(name, sorted(columns))}"
-            )
+            raise ModelError(f"{path}: no column '{name}' (option {option}){registry.closest(name, sorted(columns))}")
         wanted.append(columns[name])
     time, steering, speed = wanted
     if not np.isfinite(time).all():
         n = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise ModelError(
-            f"{path}: column '{options['time']}', sample {n}: {time[n]}; every sample needs a time"
-        )
+        raise ModelError(f"{path}: column '{options['time']}', sample {n}: {time[n]}; every sample needs a time")
     since = time - time[0] if time.size else time
     inside = np.flatnonzero((since >= options["start"]) & (since <= options["stop"]))
     if inside.size < 2:

@@ -41,9 +41,7 @@ def generate(options: dict[str, Any], context: DriveContext) -> Profile:
     return Profile(time, steering, options["speed"] + options["speed_variation"] * wander)
 
 
-def _levels(
-    t: shapes.Array, rise_time: float, longest_hold: float, random: np.random.Generator
-) -> shapes.Array:
+def _levels(t: shapes.Array, rise_time: float, longest_hold: float, random: np.random.Generator) -> shapes.Array:
     """Return levels in [-1, 1] joined by S-shaped steps, 0 before t = 0, shape as ``t``."""
     signal, level, begin = np.zeros_like(t), 0.0, 0.0
     while begin < t[-1]:

@@ -16,9 +16,7 @@ from models.drives import _shapes as shapes
 OPTIONS: tuple[Option, ...] = (
     *shapes.common(duration=90.0, speed=15.0),
     Option("rate", "rad/s", np.radians(2.0), 1e-4, 1.0, "rate of the steering-wheel angle"),
-    Option(
-        "lateral_acceleration", "m/s^2", 2.0, 0.05, 20.0, "kinematic lateral acceleration at which it is held"
-    ),
+    Option("lateral_acceleration", "m/s^2", 2.0, 0.05, 20.0, "kinematic lateral acceleration at which it is held"),
     shapes.DIRECTION,
     Option("rounding", "s", 2.0, 0.01, 30.0, "time in which the corners of the ramp are rounded"),
     shapes.SPEED_CHANGE,

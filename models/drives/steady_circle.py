@@ -31,11 +31,6 @@ def generate(options: dict[str, Any], context: DriveContext) -> Profile:
     on_circle = t - options["transition"]
     growth = options["tightening"] * shapes.smooth_step(on_circle / max(on_circle[-1], 1e-9))
     curvature = (
-        shapes.sign(options)
-        / options["radius"]
-        * shapes.smooth_step(t / options["transition"])
-        * (1.0 + growth)
+        shapes.sign(options) / options["radius"] * shapes.smooth_step(t / options["transition"]) * (1.0 + growth)
     )
-    return Profile(
-        time, shapes.steering_of_curvature(curvature, context), shapes.changing_speed(options, time)
-    )
+    return Profile(time, shapes.steering_of_curvature(curvature, context), shapes.changing_speed(options, time))

@@ -13,12 +13,8 @@ OPTIONS: tuple[Option, ...] = (
     *shapes.common(duration=120.0, speed=15.0),
     Option("tightest_radius", "m", 40.0, 8.0, 2e3, "radius of the tightest bends"),
     Option("widest_radius", "m", 250.0, 8.0, 2e4, "radius of the widest bends"),
-    Option(
-        "least_angle", "rad", np.radians(15.0), np.radians(1.0), np.pi, "heading gained in the least bend"
-    ),
-    Option(
-        "most_angle", "rad", np.radians(90.0), np.radians(1.0), np.pi, "heading gained in the longest bend"
-    ),
+    Option("least_angle", "rad", np.radians(15.0), np.radians(1.0), np.pi, "heading gained in the least bend"),
+    Option("most_angle", "rad", np.radians(90.0), np.radians(1.0), np.pi, "heading gained in the longest bend"),
     Option("straight", "m", 40.0, 0.0, 2e3, "longest straight between two bends"),
     Option("same_side", "", 0.2, 0.0, 1.0, "share of the bends that turn to the side of the bend before"),
     Option("comfort", "m/s^2", 2.0, 0.1, 20.0, "lateral acceleration for which the driver slows"),

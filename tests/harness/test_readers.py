@@ -1,0 +1,118 @@
+import gzip
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import scipy.io
+
+from harness import readers
+from harness.errors import UserError
+
+COLUMNS = {
+    "time": np.arange(50) * 0.01,
+    "speed": 10 + np.sin(np.arange(50)),
+    "with_hole": np.where(np.arange(50) == 7, np.nan, np.arange(50.0)),
+}
+
+
+def same(read, expected=COLUMNS):
+    assert list(read) == list(expected)
+    for name, values in expected.items():
+        assert read[name].dtype == np.float64
+        np.testing.assert_allclose(read[name], values, rtol=1e-15)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".CSV", ".txt.gz"])
+def test_csv_round_trip(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    compression = "gzip" if suffix.endswith(".gz") else None
+    pd.DataFrame(COLUMNS).to_csv(path, index=False, compression=compression)
+    same(readers.read(path))
+
+
+def test_parquet_round_trip_keeps_numbers_only(tmp_path):
+    path = tmp_path / "speed=3.parquet"
+    text = {"driver": ["A"] * 50, "brake": [True, False] * 25, "gear": pa.array([1, None] * 25, pa.int64())}
+    pq.write_table(pa.table({**COLUMNS, **text}), path)
+    read = readers.read(path)
+    np.testing.assert_array_equal(read.pop("brake"), [1, 0] * 25)
+    np.testing.assert_array_equal(read.pop("gear"), [1, np.nan] * 25)
+    same(read)
+
+
+def test_mat_round_trip_leaves_parameters_out(tmp_path):
+    path = tmp_path / "a.mat"
+    extra = {
+        "mass": 24e3,
+        "mode": "Real",
+        "gains": np.arange(3.0),
+        "matrix": np.eye(50),
+        "complex": 1j * np.ones(50),
+    }
+    scipy.io.savemat(path, {**COLUMNS, **extra})
+    same(readers.read(path))
+
+
+def test_mat_structures_become_dotted_names(tmp_path):
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"log": {"t": COLUMNS["time"], "imu": {"r": COLUMNS["speed"]}}})
+    same(readers.read(path), {"log.t": COLUMNS["time"], "log.imu.r": COLUMNS["speed"]})
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("# recorded on Monday\n# by somebody\n\nt,v\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),
+        ("# t, v\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),  # as numpy.savetxt
+        ("t;v\n0,5;1,25\n1;2\n", {"t": [0.5, 1], "v": [1.25, 2]}),
+        ("t\tv\n0.5\t1\n1\t2\n", {"t": [0.5, 1], "v": [1, 2]}),
+        ("t,v\ns,m/s\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),
+        ("t,v,mode\n0,,Real\n1,2,Real\n", {"t": [0, 1], "v": [np.nan, 2]}),
+        ('"yaw rate, rad/s",v\n0,1\n1,nan\n', {"yaw rate, rad/s": [0, 1], "v": [1, np.nan]}),
+        ("0,1\n1,2\n", {"column_1": [0, 1], "column_2": [1, 2]}),
+        ("% some words\n1.5\n2\n", {"column_1": [1.5, 2]}),
+        ("\ufefft,v\r\n0,1\r\n1,2\r\n", {"t": [0, 1], "v": [1, 2]}),
+    ],
+)
+def test_csv_dialects(tmp_path, text, expected):
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    same(readers.read(path), expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", b"", "is empty"),
+        ("a.csv", b"# nothing\n", "is empty"),
+        ("a.csv", b"t,v\n", "no row of data"),
+        ("a.csv", b"t,v\n0,1\n1,2,3\n", "line 3"),
+        ("a.csv", b"t,v\n0,1\n1,fast\n", "column 'v', row 2 of the data: 'fast' is not a number"),
+        ("a.csv", b"t,t\n0,1\n", "two columns are named 't'"),
+        ("a.csv", b"driver\nA\nB\nC\n", "holds no numeric column"),
+        ("a.csv", b"\xff\xfe\x00t,v\n", "UTF-8"),
+        ("a.csv.gz", b"t,v\n0,1\n", "damaged"),
+        ("a.csv.gz", gzip.compress(b"t,v\n" + b"0,1\n" * 999)[:-12], "damaged"),
+        ("a.mat", b"no matlab", "no readable MATLAB file"),
+        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "version 7.3; save it with"),
+        ("a.parquet", b"PAR1", "no readable Parquet file"),
+        ("a.mf4", b"", r"no reader for this suffix; known are .csv, .csv.gz, .mat, .parquet"),
+    ],
+)
+def test_bad_files_are_refused_by_name(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(UserError) as error:
+        readers.read(path)
+    assert str(error.value).startswith(str(path))
+    assert message in str(error.value)
+
+
+def test_absent_file(tmp_path):
+    with pytest.raises(UserError, match=r"nowhere\.csv: the recording does not exist"):
+        readers.read(tmp_path / "nowhere.csv")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(UserError, match=r"folder\.csv: the recording is a folder"):
+        readers.read(tmp_path / "folder.csv")
