@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import sys
 import traceback
 from collections.abc import Callable
@@ -344,14 +345,18 @@ def cache(
     from harness.compile import cache_folder
 
     folder = cache_folder()
-    files = [p for p in folder.rglob("*") if p.is_file()] if folder.is_dir() else []
-    size = sum(p.stat().st_size for p in files)
+    # Only what load_source and numba wrote: the folder is the user's choice and may hold other things.
+    generated = [p for p in folder.glob("*.py") if re.fullmatch(r".+_[0-9a-f]{8,}", p.stem)]
+    caches = [p for p in folder.glob("__pycache__/*") if re.match(r".+_[0-9a-f]{8,}\.", p.name)]
+    size = sum(p.stat().st_size for p in (*generated, *caches))
     if clear:
-        import shutil
-
-        shutil.rmtree(folder, ignore_errors=True)
-    verb = "deleted from" if clear else "in"
-    Console().print(Text(f"{len(files)} files, {size / 2**20:.1f} MiB {verb} {folder}"), soft_wrap=True)
+        for path in (*generated, *caches):
+            path.unlink(missing_ok=True)
+        for each in (folder / "__pycache__", folder):
+            if each.is_dir() and not any(each.iterdir()):
+                each.rmdir()
+    count, verb = len(generated) + len(caches), "deleted from" if clear else "in"
+    Console().print(Text(f"{count} files, {size / 2**20:.1f} MiB {verb} {folder}"), soft_wrap=True)
 
 
 @app.command()
