@@ -26,6 +26,7 @@ class Settings(BaseModel):
 
 
 HAS_COVARIANCE = True
+KALMAN_TYPE = True
 
 
 def tuning(settings: Settings, nx: int, ny: int) -> list[float]:

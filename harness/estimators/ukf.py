@@ -39,6 +39,7 @@ class Settings(BaseModel):
 
 
 HAS_COVARIANCE = True
+KALMAN_TYPE = True
 
 
 def tuning(settings: Settings, nx: int, ny: int) -> list[float]:

@@ -1,0 +1,170 @@
+"""One suite over every estimator in ``harness/estimators``."""
+
+import numpy as np
+import pytest
+from small_vehicles import curved, linear
+
+from harness.compile import compile_model
+from harness.estimate import Estimator, load_estimator
+from harness.lanes import LANES
+from harness.simulate import in_lanes
+from models import registry
+
+NAMES = registry.names("harness.estimators")
+KALMAN = [n for n in NAMES if getattr(load_estimator(n), "KALMAN_TYPE", False)]
+STEP = 0.05
+Q, R, P0 = np.array([1e-3, 2e-3, 5e-4]), np.array([1e-2, 4e-2]), np.array([0.5, 1.0, 2.0])
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    return compile_model(linear(), STEP)
+
+
+def drive_linear(samples=80, seed=3):
+    """Return inputs, measurements and the matrices of the sampled linear model."""
+    rng = np.random.default_rng(seed)
+    A = np.eye(3) + STEP * np.array([[-0.3 * 1.5, 1, 0], [-4, -1.5, 0], [0.5, 0, -0.2]])
+    B = STEP * np.array([[0.0], [1.0], [0.0]])
+    C = np.array([[1.0, 0, 0], [0, 0, 1.0]])
+    u = rng.normal(size=(samples, 1))
+    x, y = np.zeros(3), np.empty((samples, 2))
+    for k in range(samples):
+        y[k] = C @ x + rng.normal(size=2) * np.sqrt(R)
+        x = A @ x + B @ u[k] + rng.normal(size=3) * np.sqrt(Q)
+    return u, y, A, B, C
+
+
+def textbook(u, y, A, B, C):
+    """The Kalman filter with full matrices; a NaN measurement is left out."""
+    x, P, log_likelihood = np.zeros(3), np.diag(P0), 0.0
+    means, covariances, likelihoods = [x], [P], []
+    for k in range(1, len(y)):
+        x, P = A @ x + B @ u[k - 1], A @ P @ A.T + np.diag(Q)
+        seen = ~np.isnan(y[k])
+        H = C[seen]
+        S = H @ P @ H.T + np.diag(R[seen])
+        innovation = y[k, seen] - H @ x
+        K = P @ H.T @ np.linalg.inv(S)
+        log_likelihood = -0.5 * (
+            innovation @ np.linalg.solve(S, innovation) + np.linalg.slogdet(2 * np.pi * S)[1] if seen.any() else 0.0
+        )
+        x, P = x + K @ innovation, P - K @ S @ K.T
+        means.append(x)
+        covariances.append(P)
+        likelihoods.append(log_likelihood)
+    return np.array(means), np.array(covariances), np.array(likelihoods)
+
+
+def step_through(estimator, compiled, u, y, parameters=(1.5,), q=Q, r=R, p0=P0):
+    constants = compiled.constants(in_lanes(np.array(parameters)))
+    belief = estimator.belief(constants, in_lanes(q), in_lanes(r))
+    state = estimator.init(np.zeros(compiled.nx), p0)
+    means, covariances, infos = [state.mean[:, 0]], [state.covariance[:, :, 0]], []
+    for k in range(1, len(y)):
+        state, info = estimator.step(state, in_lanes(u[k - 1]), in_lanes(u[k]), in_lanes(y[k]), belief)
+        means.append(state.mean[:, 0])
+        covariances.append(state.covariance[:, :, 0])
+        infos.append(info)
+    return np.array(means), np.array(covariances), infos
+
+
+@pytest.mark.parametrize("name", KALMAN)
+@pytest.mark.parametrize("missing", [False, True])
+def test_equals_the_textbook_filter_on_a_linear_model(name, missing, compiled):
+    u, y, A, B, C = drive_linear()
+    if missing:
+        y[5, 0] = y[9] = y[20:30, 1] = np.nan
+    means, covariances, likelihoods = textbook(u, y, A, B, C)
+    got_means, got_covariances, infos = step_through(Estimator(name, compiled), compiled, u, y)
+    np.testing.assert_allclose(got_means, means, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(got_covariances, covariances, rtol=0, atol=1e-10)
+    np.testing.assert_allclose([i.log_likelihood[0, 0] for i in infos], likelihoods, rtol=0, atol=1e-10)
+    assert sum(i.repairs.sum() for i in infos) == 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_states_a_symmetric_positive_definite_covariance(name, compiled):
+    u, y, *_ = drive_linear()
+    estimator = Estimator(name, compiled)
+    if not estimator.has_covariance:
+        pytest.skip("states no covariance")
+    _, covariances, _ = step_through(estimator, compiled, u, y)
+    assert np.array_equal(covariances, covariances.transpose(0, 2, 1))
+    assert np.linalg.eigvalsh(covariances).min() > 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_changes_no_argument(name, compiled):
+    u, y, *_ = drive_linear(3)
+    estimator = Estimator(name, compiled)
+    belief = estimator.belief(compiled.constants(in_lanes(np.array([1.5]))), in_lanes(Q), in_lanes(R))
+    state = estimator.init(np.zeros(3), P0)
+    arguments = (state, in_lanes(u[0]), in_lanes(u[1]), in_lanes(y[1]), belief)
+    flat = lambda: [np.copy(a) for part in arguments for a in (part if isinstance(part, tuple) else (part,))]  # noqa: E731
+    before = flat()
+    first, _ = estimator.step(*arguments)
+    for old, new in zip(before, flat(), strict=True):
+        np.testing.assert_array_equal(old, new)
+    again, _ = estimator.step(*arguments)
+    np.testing.assert_array_equal(first.mean, again.mean)  # no hidden attributes
+    np.testing.assert_array_equal(first.covariance, again.covariance)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_missing_measurements_only_predict(name, compiled):
+    u, y, A, B, _ = drive_linear(12)
+    y[:] = np.nan
+    means, covariances, infos = step_through(Estimator(name, compiled), compiled, u, y)
+    x = np.zeros(3)
+    for k in range(1, len(y)):
+        x = A @ x + B @ u[k - 1]
+        np.testing.assert_allclose(means[k], x, atol=1e-9)
+    assert all(i.seen.sum() == 0 and i.log_likelihood.sum() == 0 for i in infos)
+    assert np.isfinite(covariances).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_same_bits_alone_or_in_a_batch(name, compiled):
+    """One run in lane 0 beside others equals the same run beside itself, scores included."""
+    rng = np.random.default_rng(8)
+    estimator = Estimator(name, compiled_with_targets := compile_model(linear(), STEP, signals=("beta_test",)))
+    samples = 200
+    truth, y = rng.normal(size=(samples, 3, LANES)), rng.normal(size=(samples, 2, LANES))
+    u = rng.normal(size=(samples, 1, LANES))
+    rates = np.linspace(1.0, 3.0, LANES)
+
+    def run(pick):
+        belief = estimator.belief(
+            compiled_with_targets.constants(np.ascontiguousarray(rates[pick][None])), in_lanes(Q), in_lanes(R)
+        )
+        of = lambda a: np.ascontiguousarray(a[..., pick])  # noqa: E731
+        first = estimator.init(np.zeros(3), P0)
+        names = ("alpha_test", "beta_test", "gamma_test")
+        return estimator.run(of(u), of(y), of(truth), names, np.full(LANES, float(samples)), belief, first, keep=True)
+
+    batch = run(np.arange(LANES))
+    for lane in (0, 5):
+        alone = run(np.full(LANES, lane))
+        for field in ("rmse", "bias", "max_error", "nees", "nis", "log_likelihood", "kept"):
+            np.testing.assert_array_equal(getattr(batch, field)[..., lane], getattr(alone, field)[..., 0])
+
+
+@pytest.mark.parametrize("name", KALMAN)
+def test_follows_a_nonlinear_model_with_a_nonlinear_output(name):
+    """The truth stays inside the stated uncertainty as often as it should, within wide limits."""
+    compiled = compile_model(curved(), STEP)
+    rng = np.random.default_rng(11)
+    samples, q, r = 400, np.array([1e-6, 1e-4]), np.array([1e-3])
+    x, y, truth = np.array([0.2, 0.0]), np.empty((samples, 1)), np.empty((samples, 2))
+    u = np.sin(0.5 * STEP * np.arange(samples))[:, None]
+    for k in range(samples):
+        truth[k] = x
+        y[k] = np.exp(0.3 * x[0]) + x[0] * x[1] + rng.normal() * r[0] ** 0.5
+        x = x + STEP * np.array([x[1], -2.0 * np.sin(x[0]) - 0.2 * x[1] * abs(x[1]) + u[k, 0]])
+        x = x + rng.normal(size=2) * np.sqrt(q)
+    means, covariances, _ = step_through(Estimator(name, compiled), compiled, u, y, (2.0,), q, r, np.array([0.1, 0.1]))
+    error = truth - means
+    nees = np.einsum("ki,kij,kj->k", error, np.linalg.inv(covariances), error)[50:]
+    assert 1.0 < nees.mean() < 3.5
+    assert np.sqrt(np.mean(error[50:, 0] ** 2)) < 0.5 * np.std(truth[50:, 0])
