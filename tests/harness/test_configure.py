@@ -111,9 +111,7 @@ process = { articulation_angle = 1e-9 }
     assert belief.values["friction"] == 0.5
     assert belief.measurement_noise == plant.measurement_noise
     assert plant.measurement_noise["yaw_rate_trailer"] == pytest.approx(4 * (3.141592653589793 / 180) ** 2)
-    assert belief.process_noise["articulation_angle"] == pytest.approx(
-        1e-8
-    )  # its own, times the inherited scale
+    assert belief.process_noise["articulation_angle"] == pytest.approx(1e-8)  # its own, times the inherited scale
     assert plant.process_noise["articulation_angle"] == pytest.approx(1e-9)
     assert "steering_wheel_angle" in belief.process_noise
     assert "steering_wheel_angle" not in plant.process_noise
@@ -137,9 +135,7 @@ def test_belief_with_its_own_set_starts_from_that_set(load):
 
 
 def test_belief_with_another_tyre_drops_parameters_it_does_not_have(load):
-    study = load(
-        ("[belief]\n", '[belief]\ntyre = "linear"\n'), append="[plant.values]\nshape_factor_2 = 1.5\n"
-    )
+    study = load(("[belief]\n", '[belief]\ntyre = "linear"\n'), append="[plant.values]\nshape_factor_2 = 1.5\n")
     assert study.plant.values["shape_factor_2"] == 1.5
     assert "shape_factor_2" not in study.belief.values
 
@@ -188,9 +184,7 @@ def test_hash_sees_drive_files_and_recordings(load, tmp_path):
     assert load(from_file).hash != second.hash
 
 
-def test_recording_is_looked_for_in_the_study_folder_then_in_the_working_directory(
-    load, tmp_path, monkeypatch
-):
+def test_recording_is_looked_for_in_the_study_folder_then_in_the_working_directory(load, tmp_path, monkeypatch):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     (elsewhere / "a.csv").write_text("time\n")
@@ -265,9 +259,7 @@ def test_bands_lie_around_the_belief(load):
 
 
 def test_history_names_a_run_of_the_design(load):
-    study = load(
-        append='[history]\ndesign = "level"\nlevels = { trailer_mass = 24000 }\ndrive = "sine"\nrepeat = 1\n'
-    )
+    study = load(append='[history]\ndesign = "level"\nlevels = { trailer_mass = 24000 }\ndrive = "sine"\nrepeat = 1\n')
     assert study.history is not None
     assert (study.history.band, study.history.repeat) == (1, 1)
     assert study.history.levels == {"trailer_mass": 24000.0}
@@ -391,8 +383,7 @@ REFUSALS = {
     ),
     "levels and bands": (
         [("levels =", 'bands = ["5 %"]\nlevels =')],
-        "design[0].factor[0]: a factor needs exactly one of levels, shift and bands; "
-        "this one has levels and bands",
+        "design[0].factor[0]: a factor needs exactly one of levels, shift and bands; this one has levels and bands",
     ),
     "band beyond bound": (
         [("levels =", 'band = "90 %"\nlevels =')],
@@ -457,8 +448,7 @@ APPENDED = {
         "plant.values.trailer_cog_from_rear: 13.5 m must lie between",
     ),
     "cog shifted outside": (
-        '[[design]]\nname = "cog"\n[[design.factor]]\nparameter = "trailer_cog_from_rear"\n'
-        'shift = ["0 m", "5 m"]\n',
+        '[[design]]\nname = "cog"\n[[design.factor]]\nparameter = "trailer_cog_from_rear"\nshift = ["0 m", "5 m"]\n',
         "design[1].factor[0].shift[1]: +5 m of the plant: trailer_cog_from_rear: 12.8 m must lie between",
     ),
     "cog band outside at a corner alone": (
@@ -473,13 +463,11 @@ APPENDED = {
     ),
     "noise of no state": (
         "[plant.noise]\nprocess = { yaw_rate_trialer = 1.0 }\n",
-        "plant.noise.process.yaw_rate_trialer: the plant has no state 'yaw_rate_trialer'; "
-        "closest: yaw_rate_trailer",
+        "plant.noise.process.yaw_rate_trialer: the plant has no state 'yaw_rate_trialer'; closest: yaw_rate_trailer",
     ),
     "no noise in the belief": (
         "[belief.noise]\nmeasurement_scale = 0\n",
-        "belief.noise.measurement.yaw_rate_trailer: an estimator cannot divide by "
-        "a measurement without noise",
+        "belief.noise.measurement.yaw_rate_trailer: an estimator cannot divide by a measurement without noise",
     ),
     "constant unknown input": (
         "[belief.noise]\nprocess = { steering_wheel_angle = 0 }\n",
@@ -613,15 +601,10 @@ def test_parameter_file_errors_name_that_file(load, tmp_path, changed, expected)
 def test_missing_value_is_named(load, tmp_path):
     text = _parameter_file().replace("friction = 0.9\n", "")
     (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(
-        UserError, match=r"plant\.parameters: parameter set 'mine\.toml' gives no value for friction"
-    ):
+    with pytest.raises(UserError, match=r"plant\.parameters: parameter set 'mine\.toml' gives no value for friction"):
         load(("ziaukas_2023", "mine.toml"))
     assert (
-        load(("ziaukas_2023", "mine.toml"), append="[plant.values]\nfriction = 0.7\n").plant.values[
-            "friction"
-        ]
-        == 0.7
+        load(("ziaukas_2023", "mine.toml"), append="[plant.values]\nfriction = 0.7\n").plant.values["friction"] == 0.7
     )
 
 
@@ -661,6 +644,47 @@ def test_schema_describes_every_key_and_is_valid_json(tmp_path):
 
 def test_study_copied_elsewhere_has_the_same_hash(tmp_path):
     shutil.copytree(ROOT / "studies", tmp_path / "studies")
-    assert (
-        load_study(tmp_path / "studies" / "mass.toml").hash == load_study(ROOT / "studies" / "mass.toml").hash
-    )
+    assert load_study(tmp_path / "studies" / "mass.toml").hash == load_study(ROOT / "studies" / "mass.toml").hash
+
+
+def _documented(heading: str) -> set[str]:
+    """Return the keys in the table of docs/studies.md under a heading."""
+    section = (ROOT / "docs" / "studies.md").read_text().split(f"\n### {heading}\n")[1].split("\n#")[0]
+    rows = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
+    return {key.strip(" `") for row in rows for key in row.split(",")}
+
+
+@pytest.mark.parametrize(
+    ("heading", "table"),
+    [
+        ("Top level", None),
+        ("`[plant]` and `[belief]`", "ModelTable"),
+        ("`[[design]]`", "DesignTable"),
+        ("`[[design.factor]]`", "FactorTable"),
+        ("`[history]`", "HistoryTable"),
+    ],
+)
+def test_documentation_has_every_key_and_no_other(heading, table):
+    schema = study_schema()
+    keys = set(schema["properties"] if table is None else schema["$defs"][table]["properties"])
+    if table == "ModelTable":
+        noise = schema["$defs"]["NoiseTable"]["properties"]
+        keys = keys - {"values", "noise"} | {"values.<parameter>"}
+        keys |= {f"noise.{k}{'' if 'scale' in k else {'process': '.<state>'}.get(k, '.<output>')}" for k in noise}
+    documented = {key.strip("[]") for key in _documented(heading)}
+    assert documented == keys
+
+
+def test_ten_line_study_of_the_documentation_loads(tmp_path):
+    text = (ROOT / "docs" / "studies.md").read_text()
+    blocks = [b.split("```")[0] for b in text.split("```toml\n")[1:]]
+    study, tyre = blocks
+    assert len(study.strip().splitlines()) == 10
+    shutil.copytree(ROOT / "studies" / "drives", tmp_path / "drives")
+    path = tmp_path / "friction.toml"
+    path.write_text(study + tyre)
+    loaded = load_study(path)
+    assert [d.name for d in loaded.designs] == ["level", "tyre"]
+    assert loaded.design("tyre").band_labels == ("±10 %", "±20 %", "±30 %")
+    runs = [d.bands * d.samples * d.repeats * len(loaded.drives) for d in loaded.designs]
+    assert runs == [120, 3 * 32 * 5 * 6]
