@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -688,3 +690,79 @@ def test_ten_line_study_of_the_documentation_loads(tmp_path):
     assert loaded.design("tyre").band_labels == ("±10 %", "±20 %", "±30 %")
     runs = [d.bands * d.samples * d.repeats * len(loaded.drives) for d in loaded.designs]
     assert runs == [120, 3 * 32 * 5 * 6]
+
+
+EFFECT = '''"""A constant push at the trailer, for tests."""
+from models.contracts import Parameter
+PORT = "external_lateral_force_trailer"
+READS = ()
+STATES = ("push_memory",)
+PARAMETERS = (Parameter("push", "F", "N", -1e5, 1e5, "constant lateral force", neutral=0.0),)
+def apply(e, value):
+    e.derivative("push_memory", e.p("push") * 0)
+    return value + e.p("push")
+'''
+
+
+def test_effects_are_neutral_unless_stated_and_the_belief_may_lack_them(load, tmp_path, monkeypatch):
+    import models.effects
+
+    folder = tmp_path / "effects"
+    folder.mkdir()
+    (folder / "test_push.py").write_text(EFFECT)
+    monkeypatch.setattr(models.effects, "__path__", [*models.effects.__path__, str(folder)])
+    with_effect = ('sensors = "series"', 'sensors = "series"\neffects = ["test_push"]')
+    neutral = load(with_effect)
+    assert neutral.plant.effects == neutral.belief.effects == ("test_push",)
+    assert neutral.plant.values["push"] == 0.0
+    assert neutral.plant.process_noise["push_memory"] == 0.0  # no set knows the state of an effect
+    missing = load(
+        with_effect,
+        ("[belief]\n", "[belief]\neffects = []\n"),
+        append='[plant.values]\npush = "2 kN"\n',
+    )
+    assert missing.plant.values["push"] == 2000.0
+    assert missing.belief.effects == ()
+    assert "push" not in missing.belief.values
+    assert "push" not in missing.belief.model().parameter_names
+    with pytest.raises(UserError, match=r"plant\.effects\[1\]: effect 'test_push' is named twice"):
+        load(('sensors = "series"', 'sensors = "series"\neffects = ["test_push", "test_push"]'))
+
+
+def _places(table, before=()):
+    """Yield the path of every entry of nested tables and lists."""
+    for key, value in table.items() if isinstance(table, dict) else enumerate(table):
+        yield (*before, key)
+        if isinstance(value, dict | list):
+            yield from _places(value, (*before, key))
+
+
+def _inline(value) -> str:
+    """Write a value as TOML, tables inline."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k} = {_inline(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return json.dumps(value)
+
+
+FULL = tomllib.loads(STUDY) | {"history": {"design": "level", "drive": "sine", "levels": {"trailer_mass": "8 t"}}}
+
+
+@pytest.mark.parametrize("wrong", [True, -1.5, "8 t", "±3 %", "", [], {"a": 1}], ids=repr)
+def test_a_wrong_entry_anywhere_is_refused_in_words_or_harmless(tmp_path, wrong):
+    path = tmp_path / "wrong.toml"
+    refusals: list[str] = []
+    for place in _places(FULL):
+        content = copy.deepcopy(FULL)
+        inner = content
+        for key in place[:-1]:
+            inner = inner[key]
+        inner[place[-1]] = wrong
+        path.write_text("\n".join(f"{k} = {_inline(v)}" for k, v in content.items()))
+        try:
+            load_study(path)
+        except UserError as error:
+            refusals += str(error).splitlines()
+    assert len(refusals) > 20
+    assert [line for line in refusals if "wrong.toml: " not in line] == []
