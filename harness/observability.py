@@ -299,7 +299,7 @@ def _print(dataset: xr.Dataset, figure: Path) -> None:
         n = dataset[name].to_numpy()
         during = n[excited]
         span = "-" if not during.size else f"{during.min()} .. {during.max()}"
-        after = "never" if np.isnan(late[name]) else f"{late[name]:.2f} s"
+        after = "not violated" if np.isnan(late[name]) else f"{late[name]:.2f} s"
         row = [dataset[name].attrs["long_name"], str(dataset[name].attrs["required"]), str(n[0]), span]
         table.add_row(*row, str(n[-1]), after)
     console = Console()
