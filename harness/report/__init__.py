@@ -1,0 +1,44 @@
+"""Stage *report*: a finished result folder becomes ``report.html`` and ``report.pdf``; nothing is run again.
+
+The parts: ``store`` reads, ``analysis`` computes every number once, each file of ``sections`` writes one part,
+``document`` turns the list of content blocks into both files, ``style`` says how everything looks.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from harness.report.analysis import Analysis
+from harness.report.document import Document, render
+from harness.report.sections import answer, boxes, consistency, drives, history, made, paired, scatter
+from harness.report.store import read
+
+_SECTIONS = (answer, boxes, paired, history, consistency, drives, scatter, made)
+
+
+def write_report(directory: Path) -> list[Path]:
+    """Write the report of a finished study beside its scores.
+
+    Args:
+        directory: Folder with ``scores.zarr`` and, if there is one, ``run.json``.
+
+    Returns:
+        The files written: HTML, then PDF. The same store always gives the same bytes.
+
+    Raises:
+        UserError: If the folder holds no finished study.
+    """
+    directory = Path(directory)
+    store = read(directory)
+    analysis = Analysis(store)
+    question = str(store.attributes.get("title") or store.attributes.get("study_name") or directory.name)
+    document = Document(question, [block for section in _SECTIONS for block in section.blocks(analysis)])
+    html, pdf = render(document)
+    written = []
+    for name, content in (("report.html", html), ("report.pdf", pdf)):
+        path = directory / name
+        unfinished = path.with_suffix(path.suffix + ".part")
+        unfinished.write_bytes(content)
+        unfinished.replace(path)
+        written.append(path)
+    return written

@@ -1,0 +1,178 @@
+"""The numbers of a report, computed once and used by words, figures and tables alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from harness import statistics
+from harness.report.store import OK, Design, Store
+from harness.report.style import Look, looks
+
+
+@dataclass(frozen=True)
+class Paired:
+    """One paired comparison of two estimators.
+
+    Attributes:
+        target: Number of the target.
+        first: Number of the estimator compared with.
+        second: Number of the estimator compared.
+        band: Number of the band; None for all bands together.
+        result: Second minus first, in report units.
+        p_corrected: p-value after Holm's correction over all comparisons of the design.
+    """
+
+    target: int
+    first: int
+    second: int
+    band: int | None
+    result: statistics.Comparison
+    p_corrected: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether a difference is shown at the 5 % level."""
+        return bool(self.p_corrected < 0.05)
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """NEES or NIS of a band and estimator, each divided by its expectation.
+
+    Attributes:
+        ratio: Average over expectation; 1 for a consistent filter.
+        lower: Lower bound of the average over expectation, 95 %.
+        upper: Upper bound.
+        inside: Share of samples inside the 95 % region; 0.95 for a consistent filter.
+        runs: Number of runs averaged.
+    """
+
+    ratio: float
+    lower: float
+    upper: float
+    inside: float
+    runs: int
+
+    @property
+    def verdict(self) -> str:
+        """What the ratio says about the covariance."""
+        if not np.isfinite(self.ratio):
+            return "–"
+        if self.ratio > self.upper:
+            return "over-confident"
+        return "cautious" if self.ratio < self.lower else "consistent"
+
+
+class Findings:
+    """All numbers of one design."""
+
+    def __init__(self, design: Design, seed: int):
+        self.design = design
+        self.seed = seed
+
+    @cached_property
+    def summaries(self) -> list[list[list[statistics.Summary]]]:
+        """Box-plot numbers by target, band, estimator."""
+        d = self.design
+        return [
+            [
+                [statistics.summarise(d.rmse[t, b, e], d.strata, seed=self.seed) for e in range(len(d.estimators))]
+                for b in range(len(d.bands))
+            ]
+            for t in range(len(d.targets))
+        ]
+
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Estimators compared: every pair of up to three, else each with the first of the study."""
+        count = len(self.design.estimators)
+        if count <= 3:
+            return [(a, b) for a in range(count) for b in range(a + 1, count)]
+        return [(0, b) for b in range(1, count)]
+
+    @cached_property
+    def comparisons(self) -> list[Paired]:
+        """All paired comparisons: by target and pair, every band and then all bands together."""
+        d = self.design
+        rows: list[tuple[int, int, int, int | None, statistics.Comparison]] = []
+        band = np.arange(len(d.bands)).reshape(-1, 1, 1, 1)
+        everywhere = d.strata + band * len(d.drives)
+        for t in range(len(d.targets)):
+            for first, second in self.pairs:
+                values = d.rmse[t]
+                for b in range(len(d.bands)):
+                    result = statistics.compare(values[b, first], values[b, second], d.strata, seed=self.seed)
+                    rows.append((t, first, second, b, result))
+                if len(d.bands) > 1:
+                    result = statistics.compare(values[:, first], values[:, second], everywhere, seed=self.seed)
+                    rows.append((t, first, second, None, result))
+        corrected = statistics.holm([row[4].p_value for row in rows])
+        return [Paired(*row, float(p)) for row, p in zip(rows, corrected, strict=True)]
+
+    def compared(self, target: int, first: int, second: int, band: int | None) -> Paired:
+        """Return one comparison; all bands together where there is a single band is that band."""
+        wanted = 0 if band is None and len(self.design.bands) == 1 else band
+        return next(
+            c for c in self.comparisons if (c.target, c.first, c.second, c.band) == (target, first, second, wanted)
+        )
+
+    @cached_property
+    def with_covariance(self) -> list[int]:
+        """Estimators that state a covariance, hence have NEES or NIS."""
+        nees, nis = self.design.per_run("nees"), self.design.per_run("nis")
+        return [
+            e
+            for e in range(len(self.design.estimators))
+            if np.isfinite(nees[:, e]).any() or np.isfinite(nis[:, e]).any()
+        ]
+
+    def consistency(self, score: str, band: int, estimator: int) -> Consistency:
+        """Return ``nees`` or ``nis`` of a band and estimator against its bounds."""
+        d = self.design
+        averages = d.per_run(score)[band, estimator]
+        used = np.isfinite(averages)
+        runs = int(used.sum())
+        dimension = d.state_dimension if score == "nees" else d.output_dimension
+        if runs == 0 or dimension < 1:
+            return Consistency(np.nan, np.nan, np.nan, np.nan, runs)
+        weights = np.ones(runs)
+        count = float(runs)
+        if score == "nis":
+            weights = d.per_run("updates")[band, estimator][used]
+            count = float(weights.sum())
+        lower, upper = statistics.average_bounds(dimension, count)
+        inside = d.per_run(f"{score}_inside")[band, estimator][used]
+        return Consistency(
+            float(np.average(averages[used], weights=weights)) / dimension,
+            lower / dimension,
+            upper / dimension,
+            float(np.average(inside, weights=weights)),
+            runs,
+        )
+
+    def repairs(self, band: int, estimator: int) -> int:
+        """Count the steps of a band and estimator at which a covariance factor had to be repaired."""
+        return int(np.nansum(self.design.per_run("repairs")[band, estimator]))
+
+    def shared_n(self, band: int) -> tuple[int, int]:
+        """Return the smallest and largest number of scored runs over the estimators of a band."""
+        counts = [self.design.count(OK, band, e) for e in range(len(self.design.estimators))]
+        return min(counts), max(counts)
+
+
+class Analysis:
+    """A store with its numbers and the looks of its estimators."""
+
+    def __init__(self, store: Store):
+        self.store = store
+        self.findings = [Findings(design, store.seed) for design in store.designs]
+        names = list(dict.fromkeys(e for d in store.designs for e in d.estimators))
+        self.looks: dict[str, Look] = looks(names)
+
+    @property
+    def main(self) -> Findings:
+        """The first design of the study, which the answer in words is about."""
+        return self.findings[0]

@@ -1,0 +1,196 @@
+"""Box plots in the form of Bild 5.9 of Ziaukas 2023, and the table behind them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from harness.report import style
+from harness.report.analysis import Analysis, Findings
+from harness.report.document import Block, Heading, Picture, Sheet
+from harness.report.store import ESTIMATOR_DIVERGED, FAILED, PENDING, PLANT_DIVERGED, Design
+from harness.statistics import Summary
+
+_LOGARITHMIC_FROM = 30.0  # largest error over typical error from which a linear axis would show nothing
+
+
+def blocks(analysis: Analysis) -> list[Block]:
+    """Return box plots and table of every design."""
+    found: list[Block] = []
+    for number, findings in enumerate(analysis.findings):
+        if number:  # the first figure belongs to the answer above it
+            found.append(Heading(heading(findings.design)))
+        found += pictures(analysis, findings)
+        found += [table(findings, target) for target in range(len(findings.design.targets))]
+    return found
+
+
+def heading(design: Design) -> str:
+    """Return the question a design answers."""
+    varied = " and ".join(f.words for f in design.factors) or "setting"
+    where = "in each band of" if design.sampled else "at each level of"
+    return f"How large is the error {where} {varied}?"
+
+
+def factor_label(design: Design) -> str:
+    """Return the label of the axis of levels, e.g. ``trailer mass of the plant``."""
+    owners = {"plant": " of the plant", "belief": " believed", "both": " of plant and belief"}
+    label = ", ".join(f.words + owners.get(f.of, "") for f in design.factors) or design.name
+    if design.matched is not None:
+        label += " (grey: as the estimators believe)"
+    return label
+
+
+def tick_labels(design: Design, findings: Findings) -> list[str]:
+    """Return what stands under each level: its name, the runs in the box and those that have no score."""
+    labels = []
+    for band, name in enumerate(design.bands):
+        low, high = findings.shared_n(band)
+        lines = [_broken(name), f"n {low}" if low == high else f"n {low}–{high}"]
+        for word, fates in (("div.", (ESTIMATOR_DIVERGED, PLANT_DIVERGED)), ("failed", (FAILED,))):
+            counts = [sum(design.count(f, band, e) for f in fates) for e in range(len(design.estimators))]
+            if max(counts):
+                some = str(max(counts)) if min(counts) == max(counts) else f"{min(counts)}–{max(counts)}"
+                lines.append(f"{word} {some}")
+        labels.append(("\n" if len(design.bands) <= 9 else " · ").join(lines))
+    return labels
+
+
+def _broken(label: str) -> str:
+    return label.replace(", ", ",\n") if len(label) > 12 else label
+
+
+def label_levels(axes: Axes, design: Design, findings: Findings) -> None:
+    """Write the levels, the runs and the losses under an axis."""
+    turn: dict[str, Any] = {} if len(design.bands) <= 9 else {"rotation": 90}
+    axes.set_xticks(range(len(design.bands)), tick_labels(design, findings), **turn)
+    axes.tick_params(axis="x", length=0)
+    axes.set_xlim(-0.5, len(design.bands) - 0.5)
+    axes.set_xlabel(factor_label(design))
+
+
+def row_height(design: Design) -> float:
+    """Return the inches a target needs: more where many boxes stand side by side."""
+    return 1.85 if len(design.estimators) <= 3 else 2.6
+
+
+def pictures(analysis: Analysis, findings: Findings) -> list[Block]:
+    """Return the box plots of a design, as many targets on a page as fit."""
+    design = findings.design
+    per_page = int((style.TALLEST - 1.6) // row_height(design))
+    found: list[Block] = []
+    for start in range(0, len(design.targets), per_page):
+        chosen = list(range(start, min(start + per_page, len(design.targets))))
+        found.append(_picture(analysis, findings, chosen))
+    return found
+
+
+def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Picture:
+    design = findings.design
+    with style.drawing():
+        fig = style.figure(1.15 + row_height(design) * len(targets))
+        rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, t in zip(rows, targets, strict=True):
+            _boxes(axes, analysis, findings, t)
+        label_levels(rows[-1], design, findings)
+        style.head(fig, heading(design), style.patches(design.estimators, analysis.looks))
+        svg = style.svg(fig)
+    names = " and ".join(design.targets[t].words for t in targets)
+    caption = (
+        f"RMSE of {names} over the drives and repeats of each level. Box: quartiles; line: median; thick "
+        "bar: "
+        "95 % bootstrap interval of the median; whiskers: smallest and largest run. n: runs in the box "
+        "of each "
+        "estimator; div.: runs in which estimator or plant diverged, which are in no box."
+    )
+    return Picture(svg, caption, f"Box plots of the RMSE of {names} per level and estimator")
+
+
+def _boxes(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> None:
+    design = findings.design
+    style.mark_matched(axes, design.matched)
+    count = len(design.estimators)
+    width = 0.8 / count
+    for e, name in enumerate(design.estimators):
+        look = analysis.looks[name]
+        places, boxes = [], []
+        for band in range(len(design.bands)):
+            summary = findings.summaries[target][band][e]
+            if summary.n:
+                places.append(band + (e - (count - 1) / 2) * width)
+                boxes.append(_statistics(summary))
+        if not boxes:
+            continue
+        axes.bxp(
+            boxes,
+            positions=places,
+            widths=0.82 * width,
+            showfliers=False,
+            patch_artist=True,
+            manage_ticks=False,
+            boxprops={"facecolor": look.tint, "edgecolor": look.line, "hatch": look.hatch},
+            whiskerprops={"color": look.line, "linewidth": 0.8},
+            capprops={"color": look.line, "linewidth": 0.8},
+            medianprops={"color": "black", "linewidth": 1.0},
+        )
+        low, high = [b["low"] for b in boxes], [b["high"] for b in boxes]
+        axes.vlines(places, low, high, color="white", lw=3.6, zorder=5)
+        axes.vlines(places, low, high, color="black", lw=2.2, zorder=6)
+    quantity = design.targets[target]
+    axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}")
+    axes.set_title(quantity.words, loc="left")
+    scale_errors(axes, design.rmse[target])
+    axes.grid(axis="y")
+
+
+def scale_errors(axes: Axes, errors: np.ndarray) -> None:
+    """Begin at zero; where errors span more than a decade and a half, use a logarithmic axis."""
+    finite = errors[np.isfinite(errors) & (errors > 0)]
+    if finite.size and finite.max() > _LOGARITHMIC_FROM * np.median(finite):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
+
+
+def _statistics(s: Summary) -> dict[str, Any]:
+    return {
+        "med": s.median.value,
+        "q1": s.lower_quartile,
+        "q3": s.upper_quartile,
+        "whislo": s.minimum,
+        "whishi": s.maximum,
+        "low": s.median.lower,
+        "high": s.median.upper,
+    }
+
+
+def table(findings: Findings, target: int) -> Sheet:
+    """Return the numbers behind the boxes of a target; fates that never happened have no column."""
+    design = findings.design
+    fates = [(ESTIMATOR_DIVERGED, "diverged")]
+    others = {PLANT_DIVERGED: "plant out of range", FAILED: "failed", PENDING: "not run"}
+    fates += [(fate, title) for fate, title in others.items() if design.count(fate)]
+    rows: list[list[str]] = []
+    for b, label in enumerate(design.bands):
+        for e, name in enumerate(design.estimators):
+            s = findings.summaries[target][b][e]
+            rows.append(
+                [
+                    "" if e else label,
+                    name,
+                    str(s.n),
+                    *(str(design.count(fate, b, e)) for fate, _ in fates),
+                    style.number(s.median.value),
+                    style.span(s.median.lower, s.median.upper) if s.n else "–",
+                    style.number(s.lower_quartile),
+                    style.number(s.upper_quartile),
+                    style.number(s.maximum),
+                ]
+            )
+    header = ["level", "estimator", "n", *(title for _, title in fates)]
+    header += ["median", "its 95 % interval", "25 %", "75 %", "maximum"]
+    quantity = design.targets[target]
+    caption = f"RMSE of {quantity.words}{style.in_unit(quantity.unit)}, design “{design.name}”."
+    return Sheet(header, rows, caption, left=2)

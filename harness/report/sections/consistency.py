@@ -1,0 +1,167 @@
+"""Consistency: is the covariance that an estimator states as large as its errors are?"""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from harness.report import style
+from harness.report.analysis import Analysis, Findings
+from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
+from harness.report.sections.boxes import label_levels
+
+_SCORES = {"nees": "NEES", "nis": "NIS"}
+
+
+def blocks(analysis: Analysis) -> list[Block]:
+    """Return figure and tables for the first design; nothing if no estimator states a covariance."""
+    findings = analysis.main
+    if not findings.with_covariance:
+        return []
+    return [
+        Heading("Do the estimators know how wrong they are?"),
+        Prose(_explain(findings)),
+        _picture(analysis, findings),
+        *(_table(findings, score) for score in _SCORES),
+    ]
+
+
+def _explain(findings: Findings) -> str:
+    design = findings.design
+    silent = [e for k, e in enumerate(design.estimators) if k not in findings.with_covariance]
+    text = (
+        "NEES weighs the state error, NIS the innovation, with the covariance the estimator states. "
+        f"A consistent estimator has an average NEES of {design.state_dimension} (states) and an average "
+        "NIS of "
+        f"{design.output_dimension} (outputs); both are shown divided by that. Above its bounds an "
+        "estimator is "
+        "over-confident: its errors are larger than it says. Below, it is cautious. The bounds are "
+        "two-sided at "
+        "95 %. Those of NIS rest on all updates of all runs of a level, for the innovations of a "
+        "consistent filter "
+        "are independent; they are so narrow that a small misfit shows, and its size is what matters. "
+        "Those of NEES "
+        "rest on the number of runs, for state errors are correlated over time; averaging over time can "
+        "only narrow "
+        "them, so they err on the safe side. The last row is the share of samples inside the 95 % region "
+        "of the "
+        "chi-square distribution."
+    )
+    if silent:
+        text += f" No covariance, hence no row: {', '.join(silent)}."
+    return plain(text)
+
+
+def _picture(analysis: Analysis, findings: Findings) -> Picture:
+    design = findings.design
+    with style.drawing():
+        fig = style.figure(6.6)
+        rows = fig.subplots(3, 1, sharex=True)
+        _ratios(rows[0], analysis, findings, "nees")
+        _ratios(rows[1], analysis, findings, "nis")
+        _shares(rows[2], analysis, findings)
+        label_levels(rows[2], design, findings)
+        handles = []
+        for e in findings.with_covariance:
+            look = analysis.looks[design.estimators[e]]
+            label = design.estimators[e]
+            handles.append(Line2D([], [], color=look.colour, marker=look.marker, ls="", label=label))
+        handles.append(Line2D([], [], color="black", lw=5, alpha=0.25, label="95 % bounds"))
+        style.head(fig, "Are the stated covariances as large as the errors?", handles)
+        svg = style.svg(fig)
+    caption = (
+        f"Average NEES and NIS over their expectation, design “{design.name}”, with the bounds within "
+        "which a "
+        "consistent estimator stays, and the share of samples inside the 95 % region (filled: NEES; "
+        "open: NIS)."
+    )
+    return Picture(svg, caption, "NEES and NIS per level and estimator with their bounds")
+
+
+def _place(findings: Findings, number: int) -> float:
+    count = len(findings.with_covariance)
+    return (number - (count - 1) / 2) * 0.8 / max(count, 2)
+
+
+def _ratios(axes: Axes, analysis: Analysis, findings: Findings, score: str) -> None:
+    design = findings.design
+    style.mark_matched(axes, design.matched)
+    axes.axhline(1.0, color="black", lw=0.8)
+    half = 0.32 / max(len(findings.with_covariance), 2)
+    extremes = [1.0]
+    for number, e in enumerate(findings.with_covariance):
+        look = analysis.looks[design.estimators[e]]
+        found = [findings.consistency(score, band, e) for band in range(len(design.bands))]
+        ratios, lower, upper = np.array([(c.ratio, c.lower, c.upper) for c in found]).T
+        known = np.isfinite(ratios)
+        places = np.arange(len(found))[known] + _place(findings, number)
+        heights = (upper - lower)[known]
+        axes.bar(places, heights, 2.2 * half, bottom=lower[known], color="black", alpha=0.25, lw=0)
+        axes.plot(places, ratios[known], look.marker, ms=5.5, color=look.colour, mec="black", mew=0.4)
+        extremes += [*ratios[known], *lower[known], *upper[known]]
+    name = _SCORES[score]
+    axes.set_title(f"{name}: above the bounds over-confident, below cautious", loc="left")
+    axes.set_ylabel(f"{name} / expectation")
+    if max(extremes) > 4 * max(min(extremes), 1e-12):
+        _logarithmic(axes, min(extremes), max(extremes))
+    else:
+        room = 0.12 * max(max(extremes) - min(extremes), 1e-3)
+        axes.set_ylim(min(extremes) - room, max(extremes) + room)
+    axes.grid(axis="y")
+
+
+def _logarithmic(axes: Axes, low: float, high: float) -> None:
+    """Use a logarithmic axis with plain numbers, at 1, 2, 5 or at decades where it spans many."""
+    axes.set_yscale("log")
+    subs = (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
+    axes.yaxis.set_major_locator(mpl.ticker.LogLocator(subs=subs))
+    axes.yaxis.set_minor_locator(mpl.ticker.NullLocator())
+    axes.yaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.set_ylim(0.75 * low, 1.35 * high)
+
+
+def _shares(axes: Axes, analysis: Analysis, findings: Findings) -> None:
+    design = findings.design
+    style.mark_matched(axes, design.matched)
+    axes.axhline(95.0, color="black", lw=0.8)
+    for number, e in enumerate(findings.with_covariance):
+        look = analysis.looks[design.estimators[e]]
+        for score, face in (("nees", look.colour), ("nis", "white")):
+            shares = [100 * findings.consistency(score, b, e).inside for b in range(len(design.bands))]
+            places = np.arange(len(shares)) + _place(findings, number)
+            axes.plot(places, shares, look.marker, ms=5.5, mec=look.colour, mfc=face)
+    axes.set_title("samples inside the 95 % region (filled: NEES, open: NIS)", loc="left")
+    axes.set_ylabel("share in %")
+    axes.set_ylim(-3, 103)
+    axes.grid(axis="y")
+
+
+def _table(findings: Findings, score: str) -> Sheet:
+    design = findings.design
+    rows = []
+    for band, label in enumerate(design.bands):
+        for number, e in enumerate(findings.with_covariance):
+            c = findings.consistency(score, band, e)
+            known = np.isfinite(c.ratio)
+            rows.append(
+                [
+                    "" if number else label,
+                    design.estimators[e],
+                    str(c.runs),
+                    f"{c.ratio:.3f}" if known and c.ratio < 100 else style.number(c.ratio),
+                    f"{c.lower:.3f} to {c.upper:.3f}" if known else "–",
+                    c.verdict,
+                    f"{100 * c.inside:.1f} %" if known else "–",
+                    str(findings.repairs(band, e)),
+                ]
+            )
+    name = _SCORES[score]
+    header = ["level", "estimator", "runs", f"{name} / expectation", "95 % bounds", "verdict"]
+    header += ["inside region", "repairs"]
+    caption = (
+        f"{name}, design “{design.name}”. Repairs: steps at which a covariance factor had to be repaired, "
+        "summed over the runs."
+    )
+    return Sheet(header, rows, caption, left=2)

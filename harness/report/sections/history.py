@@ -1,0 +1,163 @@
+"""One run over time, as Bild 5.10 of Ziaukas 2023: truth, estimates and their 2-sigma bands."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from harness.report import style
+from harness.report.analysis import Analysis
+from harness.report.document import Block, Heading, Picture, Sheet
+from harness.report.store import Quantity, quantity
+from harness.report.style import Look, looks
+
+_ROW = 1.65
+_POINTS = 900  # drawn per line: more than a printer resolves on the width of a page
+
+
+def blocks(analysis: Analysis) -> list[Block]:
+    """Return the time history and its errors; nothing where the study kept no run."""
+    data = analysis.store.history
+    if data is None:
+        return []
+    estimators = [str(e) for e in data["estimator"].values]
+    chosen = {e: analysis.looks[e] for e in estimators if e in analysis.looks} or looks(estimators)
+    chosen = {**looks(estimators), **chosen}
+    targets = [quantity(str(t)) for t in data["target"].values]
+    inputs = [
+        quantity(str(name).removeprefix("input_"))
+        for name in data.data_vars
+        if str(name).startswith("input_") and str(name).removeprefix("input_") not in {t.name for t in targets}
+    ]
+    inputs = [q for q in inputs if not q.name.endswith("_rate") and q.name != "time"]
+    found: list[Block] = [Heading("What does a run look like over time?")]
+    rows: list[Quantity] = [*targets, *inputs]
+    per_page = int((style.TALLEST - 1.3) // _ROW)
+    for start in range(0, len(rows), per_page):
+        found.append(_picture(data, rows[start : start + per_page], chosen))
+    found.append(_errors(data, targets, estimators))
+    return found
+
+
+def _which(data: xr.Dataset) -> str:
+    """Say which run is drawn."""
+    parts = [str(data.attrs[key]) for key in ("band_label", "drive") if data.attrs.get(key) not in (None, "")]
+    return ", ".join(parts)
+
+
+def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) -> Picture:
+    with style.drawing():
+        fig = style.figure(1.1 + _ROW * len(rows))
+        panels = fig.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, row in zip(panels, rows, strict=True):
+            _panel(axes, data, row, chosen)
+        panels[-1].set_xlabel("time in s")
+        handles: list[Line2D | Patch] = [Line2D([], [], color=style.TRUTH, lw=1.4, label="true")]
+        handles += [Line2D([], [], color=k.line, ls=k.dashes, lw=1.3, label=e) for e, k in chosen.items()]
+        if bool(np.isfinite(data["std"]).any()):
+            handles.append(Patch(color="#b0b0b0", label="± 2σ"))
+        style.head(fig, f"Do the estimates follow the true values ({_which(data)})?", handles)
+        svg = style.svg(fig)
+    names = ", ".join(row.words for row in rows)
+    caption = (
+        f"The run {_which(data)}: true and estimated {names}. The band in the colour of an estimator is "
+        "twice the "
+        "standard deviation it states to either side; a true value outside it is an error it does not "
+        "know of."
+    )
+    return Picture(svg, caption, f"Time history of {names}")
+
+
+def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look]) -> None:
+    time = data["time"].values
+    targets = [str(t) for t in data["target"].values]
+    axes.set_ylabel(f"${row.symbol}${style.in_unit(row.unit)}")
+    axes.set_title(row.words, loc="left")
+    axes.grid(axis="y")
+    axes.set_xlim(time[0], time[-1])
+    if row.name not in targets:
+        values = row.scale * data[f"input_{row.name}"].values
+        axes.plot(*thin(time, values), color=style.TRUTH, lw=1.1)
+        if np.ptp(values) < 1e-6 * max(1.0, float(np.abs(values).max())):
+            axes.set_ylim(values[0] - 1.0, values[0] + 1.0)
+        return
+    one = data.sel(target=row.name)
+    truth = row.scale * one["truth"].values
+    axes.plot(*thin(time, truth), color=style.TRUTH, lw=1.4, zorder=3)
+    shown = [truth]
+    for name, look in chosen.items():
+        mine = one.sel(estimator=name)
+        estimate = row.scale * mine["estimate"].values
+        reach = 2.0 * row.scale * mine["std"].values
+        axes.plot(*thin(time, estimate), color=look.line, ls=look.dashes, lw=1.1, zorder=4)
+        if np.isfinite(reach).any():
+            times, lower, upper = envelope(time, estimate - reach, estimate + reach)
+            axes.fill_between(times, lower, upper, color=look.line, alpha=0.18, lw=0, zorder=2)
+        shown.append(estimate)
+    _limit(axes, shown)
+
+
+def _limit(axes: Axes, shown: list[NDArray[np.float64]]) -> None:
+    """Show all lines and as much of the bands as leaves the lines legible."""
+    finite = np.concatenate([s[np.isfinite(s)] for s in shown])
+    if finite.size == 0 or np.ptp(finite) == 0:
+        return
+    low, high = axes.get_ylim()
+    room = 0.5 * float(np.ptp(finite))
+    axes.set_ylim(max(low, float(finite.min()) - room), min(high, float(finite.max()) + room))
+
+
+def thin(time: NDArray, values: NDArray) -> tuple[NDArray, NDArray]:
+    """Keep the smallest and largest value of each of some hundred spans, so that no peak is lost.
+
+    Returns:
+        Times and values to draw, at most ``2 * _POINTS`` or the input itself if it is shorter.
+    """
+    step = -(-len(values) // _POINTS)
+    if step <= 2:
+        return time, values
+    spans = np.full((-(-len(values) // step), step), np.nan)
+    spans.flat[: len(values)] = values
+    start = step * np.arange(len(spans))
+    lowest = start + np.argmin(np.where(np.isnan(spans), np.inf, spans), axis=1)
+    highest = start + np.argmax(np.where(np.isnan(spans), -np.inf, spans), axis=1)
+    # A span without a value keeps its first sample, NaN, so that a gap stays a gap.
+    order = np.unique(np.concatenate([[0, len(values) - 1], lowest, highest]))
+    return time[order], values[order]
+
+
+def envelope(time: NDArray, lower: NDArray, upper: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Thin a band to the outermost values of each span."""
+    step = -(-len(time) // _POINTS)
+    starts = np.arange(0, len(time), step)
+    return time[starts], np.fmin.reduceat(lower, starts), np.fmax.reduceat(upper, starts)
+
+
+def _errors(data: xr.Dataset, targets: list[Quantity], estimators: list[str]) -> Sheet:
+    rows = []
+    for target in targets:
+        one = data.sel(target=target.name)
+        for number, name in enumerate(estimators):
+            error = target.scale * (one["estimate"].sel(estimator=name) - one["truth"]).values
+            reach = 2.0 * target.scale * one["std"].sel(estimator=name).values
+            known = np.isfinite(error) & np.isfinite(reach)
+            inside = float(np.mean(np.abs(error[known]) <= reach[known])) if known.any() else np.nan
+            finite = error[np.isfinite(error)]
+            rms = float(np.sqrt(np.mean(finite**2))) if finite.size else np.nan
+            largest = float(np.abs(finite).max()) if finite.size else np.nan
+            unit = f" ({target.unit})" if target.unit else ""
+            rows.append(
+                [
+                    "" if number else target.words + unit,
+                    name,
+                    style.number(rms),
+                    style.number(largest),
+                    f"{100 * inside:.0f} %" if np.isfinite(inside) else "–",
+                ]
+            )
+    header = ["target", "estimator", "RMSE of the drawn run", "largest error", "inside ± 2σ"]
+    return Sheet(header, rows, "Errors of the drawn run.", left=2)

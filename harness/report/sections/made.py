@@ -1,0 +1,151 @@
+"""How the report was made: what was run, with what, and what the scores mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from harness.report.analysis import Analysis
+from harness.report.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
+from harness.report.store import Store, quantity, words
+from harness.report.style import number
+from harness.statistics import RESAMPLES
+
+_DEFINITIONS = (
+    r"*RMSE*, *bias* and *maximum error* of a target $z$ over the $K$ samples of a run: "
+    r"$sqrt(1/K sum_(k=1)^K (hat(z)_k - z_k)^2)$, $1/K sum_(k=1)^K (hat(z)_k - z_k)$ and "
+    r"$max_k abs(hat(z)_k - z_k)$.",
+    r"*NEES*, the normalised estimation error squared, with the covariance $P_k$ that the estimator states: "
+    r"$epsilon_k = (x_k - hat(x)_k)^top P_k^(-1) (x_k - hat(x)_k)$; for a consistent estimator it is "
+    r"$chi^2$-distributed with $n$ degrees of freedom, $n$ being the number of states.",
+    r"*NIS*, the normalised innovation squared, with the innovation $nu_k$ and its covariance $S_k$: "
+    r"$nu_k^top S_k^(-1) nu_k$; for a consistent estimator $chi^2$-distributed with $m$ degrees of "
+    r"freedom, $m$ "
+    r"being the number of outputs.",
+    r"*Bounds.* The average NIS over $M$ updates of all runs of a level lies in "
+    r"$[chi^2_(0.025)(M m), chi^2_(0.975)(M m)] \/ M$ with a probability of 95 %; the average NEES over "
+    r"$N$ runs in "
+    r"$[chi^2_(0.025)(N n), chi^2_(0.975)(N n)] \/ N$ with at least that.",
+    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled "
+    "within itself, "
+    "seeded with the seed of the study.",
+)
+
+
+def blocks(analysis: Analysis) -> list[Block]:
+    """Return configuration, definitions and the study text."""
+    store = analysis.store
+    found: list[Block] = [
+        Heading("How was this made?"),
+        Sheet(["item", "value"], _facts(store), "Configuration of the study and of the run.", left=2),
+        Heading("Drives and targets", 2),
+        _drives(store),
+        _targets(store),
+        Heading("Definitions", 2),
+        Bullets(_DEFINITIONS),
+    ]
+    if str(store.attributes.get("study", "")).strip():
+        found += [
+            Heading("The study", 2),
+            Prose(plain("The full text from which everything above follows:")),
+            Listing(str(store.attributes["study"]).rstrip("\n"), "toml"),
+        ]
+    return found
+
+
+def _facts(store: Store) -> list[list[str]]:
+    a = store.attributes
+    rows = []
+    for key, label in (("study_name", "study"), ("study_hash", "hash of the study"), ("seed", "seed")):
+        if key in a:
+            rows.append([label, str(a[key])])
+    if "step" in a:
+        rows.append(["step", f"{number(1000 * float(a['step']))} ms"])
+    for design in store.designs:
+        rows.append([f"design “{design.name}”", _size(design.status.shape)])
+    description = a.get("description")
+    if isinstance(description, dict):
+        rows += [[label, value] for label, value in flatten(_without_repeats(description)) if value]
+    for key in ("commit", "machine"):
+        if key in a:
+            rows += [[label, value] for label, value in flatten({key: a[key]})]
+    versions = a.get("versions")
+    if isinstance(versions, dict):
+        rows.append(["versions", ", ".join(f"{k} {v}" for k, v in versions.items())])
+    return rows + [[label, value] for label, value in flatten(_timing(store.run)) if value]
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    bands, estimators, drives, samples, repeats = shape
+    runs = bands * samples * drives * repeats
+    return (
+        f"{bands} bands × {samples} samples × {drives} drives × {repeats} repeats = {runs} simulated drives, "
+        f"each seen by {estimators} estimators"
+    )
+
+
+def _timing(run: dict[str, Any]) -> dict[str, Any]:
+    """Put units to what the runner noted."""
+    named = dict(run)
+    if isinstance(named.get("duration_s"), int | float):
+        named = {("duration" if k == "duration_s" else k): v for k, v in named.items()}
+        named["duration"] = f"{named['duration']:.1f} s"
+    if isinstance(named.get("runs_per_s"), int | float):
+        named = {("rate" if k == "runs_per_s" else k): v for k, v in named.items()}
+        named["rate"] = f"{named['rate']:.1f} runs per second"
+    return named
+
+
+def _without_repeats(description: dict[str, Any]) -> dict[str, Any]:
+    """Leave out what the belief shares with the plant."""
+    plant, belief = description.get("plant"), description.get("belief")
+    if not isinstance(plant, dict) or not isinstance(belief, dict):
+        return description
+    own = {key: value for key, value in belief.items() if plant.get(key, ...) != value}
+    own = own or {"all": "as the plant"}
+    return {**description, "belief": own}
+
+
+def flatten(value: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Turn nested settings into pairs of words and text, e.g. ``("plant, tyre", "magic_formula")``.
+
+    Settings two levels down, such as a noise per state, share a row.
+    """
+    for key, entry in value.items():
+        label = f"{prefix}, {words(str(key))}" if prefix else words(str(key))
+        flat = isinstance(entry, dict) and not any(isinstance(e, dict) for e in entry.values())
+        if isinstance(entry, dict) and not (prefix and flat):
+            yield from flatten(entry, label)
+        elif isinstance(entry, list | tuple):
+            yield label, ", ".join(_text(e) for e in entry)
+        else:
+            yield label, _text(entry)
+
+
+def _text(entry: Any) -> str:
+    if entry is None:
+        return ""
+    if isinstance(entry, bool):
+        return "yes" if entry else "no"
+    if isinstance(entry, float):
+        return f"{entry:.6g}"
+    if isinstance(entry, dict):
+        return ", ".join(f"{words(str(k))} {_text(v)}" for k, v in entry.items() if v is not None)
+    return str(entry)
+
+
+def _drives(store: Store) -> Sheet:
+    rows: dict[str, str] = {}
+    for design in store.designs:
+        for k, name in enumerate(design.drives):
+            known = "duration" in design.data
+            rows[name] = number(float(design.data["duration"].values[k])) if known else "–"
+    return Sheet(["drive", "duration in s"], [list(item) for item in rows.items()], "Drives.")
+
+
+def _targets(store: Store) -> Sheet:
+    names = dict.fromkeys(t.name for _, _, t in store.pairs())
+    if store.history is not None:
+        names |= dict.fromkeys(str(t) for t in store.history["target"].values)
+    chosen = [quantity(name) for name in names]
+    return Sheet(["target", "meaning"], [[q.words, q.meaning] for q in chosen], "Targets.", left=2)

@@ -1,0 +1,310 @@
+"""Read a finished result folder into arrays in report units, ready to be drawn."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from numpy.typing import NDArray
+
+from harness.errors import UserError
+from harness.units import registry
+from models.signals import SIGNALS
+
+OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, FAILED, PENDING = 0, 1, 2, 3, -1
+FATES = {
+    ESTIMATOR_DIVERGED: "estimator diverged",
+    PLANT_DIVERGED: "plant left its range",
+    FAILED: "failed",
+    PENDING: "not yet run",
+}
+_RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A signal as the report shows it.
+
+    Attributes:
+        name: Signal name.
+        words: The name in words.
+        symbol: LaTeX symbol for figures; the words where the signal has none.
+        unit: Report unit as printed, e.g. ``kN`` or ``°``; empty for a plain number.
+        scale: Report units per SI unit.
+        meaning: One phrase of the table of signals.
+    """
+
+    name: str
+    words: str
+    symbol: str
+    unit: str
+    scale: float
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor of a design; all numbers in its report unit.
+
+    Attributes:
+        name: Parameter name.
+        words: The name in words.
+        unit: Unit as printed.
+        of: ``plant``, ``belief`` or ``both``.
+        lower: Lower end per band, ``(band,)``.
+        upper: Upper end per band, ``(band,)``.
+        nominal: Value the estimators believe; NaN where there is no single one.
+        values: Value used, ``(band, sample)``.
+    """
+
+    name: str
+    words: str
+    unit: str
+    of: str
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    nominal: float
+    values: NDArray[np.float64]
+
+
+def words(name: str) -> str:
+    """Write a name of the project in words: ``trailer_mass`` becomes ``trailer mass``."""
+    return name.replace("_", " ").strip()
+
+
+def print_unit(unit: str) -> str:
+    """Write a unit as it is printed: ``m/s^2`` becomes ``m/s²``, ``deg`` becomes ``°``."""
+    unit = unit.replace("**", "^").replace("*", "·")
+    unit = re.sub(r"\bdeg(ree)?\b", "°", unit)
+    for digit, raised in zip("234", "²³⁴", strict=True):
+        unit = unit.replace(f"^{digit}", raised)
+    return "" if unit in ("1", "dimensionless") else unit
+
+
+def quantity(name: str, si_unit: str = "") -> Quantity:
+    """Look a signal up; one that is not in the table is shown in its SI unit under its own name.
+
+    Args:
+        name: Signal name.
+        si_unit: Unit of the stored numbers; empty for that of the table.
+    """
+    signal = SIGNALS.get(name)
+    if signal is None:
+        return Quantity(name, words(name), rf"\mathrm{{{words(name)}}}", print_unit(si_unit), 1.0)
+    source = registry().Quantity(1.0, si_unit or signal.unit)
+    scale = float(source.to(signal.report_unit).magnitude)
+    return Quantity(name, words(name), signal.symbol, print_unit(signal.report_unit), scale, signal.meaning)
+
+
+def _decode(value: Any) -> Any:
+    """Read an attribute that may have been stored as JSON text."""
+    if isinstance(value, str):
+        try:
+            return json.loads(value)
+        except json.JSONDecodeError:
+            return value
+    return value
+
+
+def _factor(row: dict[str, Any], data: xr.Dataset) -> Factor:
+    """Build a factor from its attributes and the values that were used."""
+    unit = str(row.get("unit") or "")
+    base = float(registry().Quantity(1.0, unit or "dimensionless").to_base_units().magnitude)
+    si = data[f"factor_{row['name']}"].transpose("band", "sample").values.astype(float)
+    nominal = row.get("nominal")
+    return Factor(
+        name=row["name"],
+        words=words(str(row.get("parameter") or row["name"])),
+        unit=print_unit(unit),
+        of=str(row.get("of", "plant")),
+        lower=np.asarray(row.get("lower", si.min(axis=1)), dtype=float) / base,
+        upper=np.asarray(row.get("upper", si.max(axis=1)), dtype=float) / base,
+        nominal=np.nan if nominal is None else float(nominal) / base,
+        values=si / base,
+    )
+
+
+@dataclass
+class Design:
+    """One design of a study: the runs of all its bands, drives, repeats and estimators.
+
+    Attributes:
+        name: Name of the design.
+        data: The group of the store.
+        estimators: Names, in the order of the study.
+        targets: What was scored.
+        drives: Names of the drives.
+        bands: Labels of the levels or bands.
+        factors: What varies.
+        state_dimension: Expectation of NEES.
+        output_dimension: Expectation of NIS.
+    """
+
+    name: str
+    data: xr.Dataset
+    estimators: list[str]
+    targets: list[Quantity]
+    drives: list[str]
+    bands: list[str]
+    factors: list[Factor]
+    state_dimension: int
+    output_dimension: int
+
+    @cached_property
+    def status(self) -> NDArray[np.int8]:
+        """Fate of each run, ``(band, estimator, drive, sample, repeat)``."""
+        return self.data["status"].transpose(*_RUN_DIMS).values
+
+    @cached_property
+    def rmse(self) -> NDArray[np.float64]:
+        """RMSE in report units, ``(target, band, estimator, drive, sample, repeat)``; NaN unless ok."""
+        return self._per_target("rmse")
+
+    def _per_target(self, name: str) -> NDArray[np.float64]:
+        values = self.data[name].transpose("target", *_RUN_DIMS).values.astype(float)
+        values = values * np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
+        return np.where(self.status == OK, values, np.nan)
+
+    def per_run(self, name: str) -> NDArray[np.float64]:
+        """Return a score without target, shape as ``status``; NaN unless the run is ok or if not stored."""
+        if name not in self.data:
+            return np.full(self.status.shape, np.nan)
+        values = self.data[name].transpose(*_RUN_DIMS).values.astype(float)
+        return np.where(self.status == OK, values, np.nan)
+
+    @cached_property
+    def strata(self) -> NDArray[np.int64]:
+        """Number of the drive of each run, ``(drive, sample, repeat)``."""
+        shape = self.status.shape[2:]
+        return np.broadcast_to(np.arange(shape[0]).reshape(-1, 1, 1), shape)
+
+    @property
+    def planned(self) -> int:
+        """Runs per band and estimator."""
+        return int(np.prod(self.status.shape[2:]))
+
+    @cached_property
+    def matched(self) -> int | None:
+        """Band in which every factor has the value the estimators believe; None if there is none."""
+        inside = np.ones(len(self.bands), dtype=bool)
+        distance = np.zeros(len(self.bands))
+        for factor in self.factors:
+            if not np.isfinite(factor.nominal):
+                return None
+            slack = 1e-9 * max(abs(factor.nominal), 1e-12)
+            inside &= (factor.lower - slack <= factor.nominal) & (factor.nominal <= factor.upper + slack)
+            distance += np.abs((factor.lower + factor.upper) / 2 - factor.nominal)
+        if not self.factors or not inside.any():
+            return None
+        return int(np.argmin(np.where(inside, distance, np.inf)))
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a factor takes more than one value within a band."""
+        return any(bool(np.any(np.ptp(f.values, axis=1) > 0)) for f in self.factors)
+
+    def count(self, fate: int, band: int | None = None, estimator: int | None = None) -> int:
+        """Count the runs of a fate, in all or in one band and estimator."""
+        chosen = self.status
+        chosen = chosen if band is None else chosen[band : band + 1]
+        chosen = chosen if estimator is None else chosen[:, estimator : estimator + 1]
+        return int(np.sum(chosen == fate))
+
+    def lost(self, band: int, estimator: int) -> int:
+        """Count the runs of a band and estimator that have no score for the box: everything but ok."""
+        return self.planned - self.count(OK, band, estimator)
+
+
+@dataclass
+class Store:
+    """A finished result folder.
+
+    Attributes:
+        directory: The folder.
+        attributes: Root attributes of the store.
+        designs: The designs, in the order of the study.
+        history: The run kept over time, if the study asked for one.
+        run: What ``run.json`` says about the run, possibly nothing.
+    """
+
+    directory: Path
+    attributes: dict[str, Any]
+    designs: list[Design]
+    history: xr.Dataset | None
+    run: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def seed(self) -> int:
+        """Seed of the study, used for the bootstrap as well."""
+        return int(self.attributes.get("seed", 0))
+
+    def pairs(self) -> Iterator[tuple[Design, int, Quantity]]:
+        """Go through every design and target."""
+        for design in self.designs:
+            for k, target in enumerate(design.targets):
+                yield design, k, target
+
+
+def _design(path: Path, name: str) -> Design:
+    data = xr.open_zarr(path, group=name, chunks=None, consolidated=False).load()
+    units = data.get("target_unit")
+    names = [str(t) for t in data["target"].values]
+    labels = data["band_label"] if "band_label" in data else data["band"]
+    return Design(
+        name=name,
+        data=data,
+        estimators=[str(e) for e in data["estimator"].values],
+        targets=[quantity(t, "" if units is None else str(units.values[k])) for k, t in enumerate(names)],
+        drives=[str(d) for d in data["drive"].values],
+        bands=[str(b) for b in labels.values],
+        factors=[_factor(row, data) for row in _decode(data.attrs.get("factors", "[]"))],
+        state_dimension=int(data.attrs.get("state_dimension", 0)),
+        output_dimension=int(data.attrs.get("output_dimension", 0)),
+    )
+
+
+def read(directory: Path) -> Store:
+    """Read ``scores.zarr`` and ``run.json`` of a result folder.
+
+    Raises:
+        UserError: If there is no store, or it is not one that a study wrote.
+    """
+    path = directory / "scores.zarr"
+    if not path.is_dir():
+        raise UserError(
+            f"{directory}: no finished study here (scores.zarr is missing); "
+            f"make one with 'harness run studies/<name>.toml --out {directory}'"
+        )
+    try:
+        root = zarr.open_group(path, mode="r")
+        attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
+        groups = set(root.group_keys())
+        names = attributes.get("designs", [])
+        if not names:
+            raise KeyError("designs")
+        designs = [_design(path, str(name)) for name in names]
+        history = None
+        if "history" in groups:
+            history = xr.open_zarr(path, group="history", chunks=None, consolidated=False).load()
+    except (KeyError, ValueError, OSError) as error:
+        raise UserError(
+            f"{path}: not a store that a study wrote ({type(error).__name__}: {error}); "
+            "run the study again into an empty folder"
+        ) from error
+    attributes["study"] = root.attrs.get("study", "")
+    run_file = directory / "run.json"
+    run: dict[str, Any] = {}
+    if run_file.is_file():
+        try:
+            run = json.loads(run_file.read_text(encoding="utf-8"))
+        except json.JSONDecodeError as error:
+            raise UserError(f"{run_file}: line {error.lineno}: not JSON; delete it or run again") from error
+    return Store(directory, attributes, designs, history, run)

@@ -1,0 +1,213 @@
+"""How everything looks: one place for colours, hatches, markers, fonts and number formats."""
+
+from __future__ import annotations
+
+import io
+import math
+import textwrap
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import Patch
+
+WIDTH = 6.89  # inches: A4 less two margins of 17.5 mm, so that a point in a figure is a point in print
+TALLEST = 9.3  # inches: the most a figure may take of a page
+TRUTH = "#000000"
+SHADE = "#e9e9e9"
+
+RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "legend.fontsize": 9,
+    "figure.titlesize": 10.5,
+    "figure.titleweight": "bold",
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 0.9,
+    "patch.linewidth": 0.6,
+    "hatch.linewidth": 0.5,
+    "grid.linewidth": 0.4,
+    "grid.color": "#d8d8d8",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "svg.fonttype": "path",  # the HTML must look the same where DejaVu is not installed
+    "svg.hashsalt": "robustness-harness",
+    "path.simplify_threshold": 0.2,
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How an estimator is drawn, everywhere."""
+
+    colour: str
+    hatch: str
+    marker: str
+    dashes: str | tuple[int, tuple[float, ...]]
+
+    @property
+    def tint(self) -> tuple[float, float, float]:
+        """The colour at two fifths of its strength, for areas."""
+        red, green, blue = (1 - 0.40 * (1 - c) for c in mpl.colors.to_rgb(self.colour))
+        return red, green, blue
+
+    @property
+    def line(self) -> tuple[float, float, float]:
+        """The colour for lines and edges, darkened where it would be too light on white."""
+        red, green, blue = mpl.colors.to_rgb(self.colour)
+        light = 0.2126 * red + 0.7152 * green + 0.0722 * blue > 0.7
+        factor = 0.7 if light else 1.0
+        return factor * red, factor * green, factor * blue
+
+
+# Okabe & Ito (2008), without the black that the truth is drawn in. Yellow is last: it is weak on white.
+_LOOKS = (
+    Look("#0072B2", "", "o", "-"),
+    Look("#D55E00", "////", "s", (0, (5, 1.5))),
+    Look("#009E73", "....", "^", (0, (1.2, 1))),
+    Look("#CC79A7", "\\\\\\\\", "D", (0, (6, 1.5, 1, 1.5))),
+    Look("#56B4E9", "----", "v", (0, (3, 1, 1, 1, 1, 1))),
+    Look("#E69F00", "xxxx", "P", (0, (8, 2))),
+    Look("#F0E442", "||||", "X", (0, (2, 2))),
+)
+_MORE_HATCHES = ("++", "oo", "**", "//", "..", "\\\\", "--")
+# Estimators that most studies share keep one look across all reports. A name that is not here takes the first
+# look that is free, in the order of the study, so a new estimator needs no entry.
+_USUAL = {"EKF": 0, "UKF": 1, "CDKF": 2, "STCDKF": 3, "PF": 4, "NARX": 5, "KF": 6}
+
+
+def looks(estimators: Sequence[str]) -> dict[str, Look]:
+    """Return the look of each estimator; no two are alike, however many there are."""
+    found: dict[str, int] = {}
+    for name in estimators:
+        slot = _USUAL.get("".join(c for c in name.upper() if c.isalnum()))
+        if slot is not None and slot not in found.values():
+            found[name] = slot
+    free = (k for k in range(len(_LOOKS) + len(estimators)) if k not in found.values())
+    for name in estimators:
+        if name not in found:
+            found[name] = next(free)
+    return {name: _look(slot) for name, slot in found.items()}
+
+
+def _look(slot: int) -> Look:
+    base = _LOOKS[slot % len(_LOOKS)]
+    turn = slot // len(_LOOKS)
+    if turn == 0:
+        return base
+    return Look(base.colour, _MORE_HATCHES[slot % len(_MORE_HATCHES)] * turn, base.marker, (0, (1.0 + turn, 1.0)))
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Write a number with three significant digits and no exponent where it can be read without one."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    magnitude = abs(value)
+    if magnitude >= 1e6 or magnitude < 1e-4:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        raised = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        return f"{mantissa.replace('-', '−')}·10{raised}"
+    rounded = float(f"{value:.{digits - 1}e}")
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+    return f"{rounded:.{decimals}f}".replace("-", "−")
+
+
+def with_unit(value: float, unit: str) -> str:
+    """Write a number with its unit; degrees and no unit stand without a space."""
+    return f"{number(value)}{'' if unit in ('°', '') else ' '}{unit}"
+
+
+def span(lower: float, upper: float, unit: str = "") -> str:
+    """Write an interval, e.g. ``1.20 to 1.35 kN``."""
+    return f"{number(lower)} to {with_unit(upper, unit)}"
+
+
+def probability(p: float) -> str:
+    """Write a p-value; below one in a thousand only that."""
+    if not math.isfinite(p):
+        return "–"
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def in_unit(unit: str) -> str:
+    """Return ``" in kN"`` for an axis label, nothing for a plain number."""
+    return f" in {unit}" if unit else ""
+
+
+def drawing() -> AbstractContextManager[None]:
+    """Return the context in which figures are made."""
+    settings: Any = RC  # matplotlib types the keys one by one
+    return mpl.rc_context(settings)
+
+
+def figure(height: float, **layout: Any) -> Figure:
+    """Return a figure of the width of the page; call inside ``drawing()``."""
+    fig = Figure(figsize=(WIDTH, height), layout="constrained", **layout)
+    FigureCanvasSVG(fig)
+    return fig
+
+
+def svg(fig: Figure) -> bytes:
+    """Return the figure as SVG that depends on its content only (no date, fixed ids)."""
+    stream = io.BytesIO()
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=200)
+    return stream.getvalue()
+
+
+def patches(estimators: Sequence[str], chosen: dict[str, Look]) -> list[Patch]:
+    """Return the legend of boxes, one patch per estimator."""
+    return [
+        Patch(facecolor=chosen[e].tint, edgecolor=chosen[e].line, hatch=chosen[e].hatch, label=e) for e in estimators
+    ]
+
+
+def mark_matched(axes: Axes, position: int | None) -> None:
+    """Shade the level at which plant and belief agree."""
+    if position is not None:
+        axes.axvspan(position - 0.5, position + 0.5, color=SHADE, lw=0, zorder=0)
+
+
+def head(fig: Figure, text: str, handles: Sequence[Any] = ()) -> None:
+    """Write the question over a figure and the legend below it, and leave the rest to the panels.
+
+    Args:
+        fig: Figure from ``figure``.
+        text: The question; broken where it would be cut off.
+        handles: What the legend explains, in as many rows as the names need.
+    """
+    lines = textwrap.wrap(text, 80)
+    height = fig.get_figheight()
+    used = 0.19 * len(lines) + 0.04
+    fig.text(0.008, 1.0 - 0.04 / height, "\n".join(lines), ha="left", va="top", weight="bold", size=10.5)
+    if handles:
+        longest = max(len(str(h.get_label())) for h in handles)
+        columns = max(1, min(len(handles), 88 // (longest + 8)))
+        fig.legend(
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(0.0, 1.0 - used / height),
+            ncols=columns,
+            handlelength=2.4,
+            columnspacing=1.4,
+            borderaxespad=0.1,
+        )
+        used += 0.2 * -(-len(handles) // columns) + 0.06
+    engine = fig.get_layout_engine()
+    assert isinstance(engine, ConstrainedLayoutEngine)
+    engine.set(rect=(0.0, 0.0, 1.0, 1.0 - used / height))

@@ -1,0 +1,201 @@
+"""Build a finished result folder without running a study, to test the report and to look at it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+import zarr
+
+LEVELS = (8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 32.0)
+DRIVES = ("winding-road", "roundabout", "tight-turn", "lane-changes", "steady-circle", "random-sequence")
+TARGETS = {"lateral_force_axle_21": ("N", 900.0), "articulation_angle": ("rad", 0.012)}
+NOMINAL = 24.0
+STUDY = """name = "mass"
+seed = 7
+
+[belief.values]
+trailer_mass = "24 t"   # "quoted", #hash, $dollar$, *star*, \\back <tag> & [bracket] `tick` @at
+"""
+RUN_DIMS = ("band", "sample", "drive", "repeat", "estimator")
+
+
+def _text(words: Sequence[str]) -> np.ndarray:
+    """Text of any length, as the runner stores it."""
+    return np.array([str(word) for word in words], dtype=object)
+
+
+def design(
+    *,
+    estimators: Sequence[str] = ("EKF", "UKF"),
+    levels: Sequence[float] = LEVELS,
+    targets: dict[str, tuple[str, float]] | None = None,
+    drives: Sequence[str] = DRIVES,
+    band: float = 0.0,
+    samples: int = 1,
+    repeats: int = 20,
+    without_covariance: Sequence[str] = (),
+    status: Callable[[np.ndarray], None] | None = None,
+    seed: int = 1,
+) -> xr.Dataset:
+    """One design group in which the error grows with the distance of the mass from 24 t.
+
+    Args:
+        estimators: Names; the k-th is 3 % worse than the one before it.
+        levels: Trailer masses in t.
+        targets: SI unit and typical RMSE of each target.
+        drives: Names, up to six.
+        band: Half width of the band around each level, as a share.
+        samples: Points in a band.
+        repeats: Repeats per point.
+        without_covariance: Estimators whose NEES and NIS are NaN.
+        status: Changes the status array (dims band, sample, drive, repeat, estimator) in place.
+        seed: Seed of the numbers.
+    """
+    rng = np.random.default_rng(seed)
+    targets = TARGETS if targets is None else targets
+    shape = (len(levels), samples, len(drives), repeats, len(estimators))
+    spread = np.linspace(-band, band, samples) if samples > 1 else np.zeros(1)
+    mass = 1000.0 * np.array(levels)[:, None] * (1.0 + spread[None, :])
+    mismatch = np.abs(mass / 1000.0 / NOMINAL - 1.0)[:, :, None, None, None]
+    drive = np.array([0.5, 0.8, 1.0, 1.4, 2.0, 3.0])[: len(drives)][None, None, :, None, None]
+    worse = 1.0 + 0.03 * np.arange(len(estimators))
+    common = np.exp(0.10 * rng.normal(size=(*shape[:-1], 1)))
+    size = drive * (1.0 + 6.0 * mismatch) * common * worse * np.exp(0.02 * rng.normal(size=shape))
+    scale = np.array([typical for _, typical in targets.values()])
+    fates = np.zeros(shape, dtype=np.int8)
+    if status is not None:
+        status(fates)
+    rmse = size[..., None] * scale
+    blind = np.isin(np.array(estimators), list(without_covariance))
+    nees = 11 * (1.0 + 20 * mismatch**2) * (1 + 0.05 * rng.normal(size=shape))
+    nis = (1.0 + 2 * mismatch**2) * (1 + 0.01 * rng.normal(size=shape))
+    inside = np.broadcast_to(0.95 / (1.0 + mismatch), shape)
+    scores = {
+        "nees": np.where(blind, np.nan, nees),
+        "nis": np.where(blind, np.nan, nis),
+        "nees_inside": np.where(blind, np.nan, inside),
+        "nis_inside": np.where(blind, np.nan, inside),
+        "repairs": np.zeros(shape, dtype=np.int32),
+        "log_likelihood": rng.normal(1e4, 10, shape),
+        "updates": np.full(shape, 9000.0),
+        "time_of_divergence": np.where((fates == 1) | (fates == 2), 12.5, np.nan),
+        "status": fates,
+    }
+    data = xr.Dataset(
+        {name: (RUN_DIMS, values) for name, values in scores.items()},
+        coords={
+            "drive": _text(drives),
+            "estimator": _text(estimators),
+            "target": _text(list(targets)),
+            "band_label": (
+                "band",
+                [f"{m:g} t" + (f" ± {band:.0%}".replace("%", " %") if band else "") for m in levels],
+            ),
+            "target_unit": ("target", _text([unit for unit, _ in targets.values()])),
+            "duration": ("drive", np.full(len(drives), 90.0)),
+        },
+    )
+    for name, values in {"rmse": rmse, "bias": 0.1 * rmse, "max_error": 3.0 * rmse}.items():
+        data[name] = ((*RUN_DIMS, "target"), values)
+    data["factor_trailer_mass"] = (("band", "sample"), mass)
+    ends = {"lower": mass.min(axis=1).tolist(), "upper": mass.max(axis=1).tolist()}
+    factor = {"name": "trailer_mass", "of": "plant", "unit": "t", "nominal": 1000 * NOMINAL, **ends}
+    data.attrs = {
+        "factors": json.dumps([factor]),
+        "state_dimension": 11,
+        "output_dimension": 1,
+        "samples": samples,
+        "repeats": repeats,
+    }
+    return data
+
+
+def history(estimators: Sequence[str] = ("EKF", "UKF"), without_covariance: Sequence[str] = ()) -> xr.Dataset:
+    """A run over time: slow sines, each estimator with a bias of its own and a constant 2-sigma band."""
+    time = np.arange(0.0, 90.0, 0.01)
+    names = {"lateral_force_axle_21": 9000.0, "articulation_angle": 0.15, "steering_wheel_angle": 1.2}
+    shape = np.sin(2 * np.pi * 0.05 * time) + 0.4 * np.sin(2 * np.pi * 0.17 * time)
+    truth = np.stack([amplitude * shape for amplitude in names.values()], axis=1)
+    bias = 1.0 + 0.12 * (1 + np.arange(len(estimators)))[None, :, None]
+    estimate = truth[:, None, :] * bias
+    std = np.broadcast_to(0.05 * np.array(list(names.values())), estimate.shape).copy()
+    std[:, [e in without_covariance for e in estimators], :] = np.nan
+    return xr.Dataset(
+        {
+            "truth": (("time", "target"), truth),
+            "estimate": (("time", "estimator", "target"), estimate),
+            "std": (("time", "estimator", "target"), std),
+            "input_speed": ("time", 15.0 + 3.0 * np.sin(0.1 * time)),
+        },
+        coords={"time": time, "estimator": _text(estimators), "target": _text(list(names))},
+        attrs={"design": "level", "band_label": "8 t", "drive": "winding-road", "repeat": 0},
+    )
+
+
+def write(
+    directory: Path,
+    designs: dict[str, xr.Dataset] | None = None,
+    *,
+    run: xr.Dataset | None = None,
+    title: str = "How wrong do the estimators get when the trailer is heavier or lighter than they believe?",
+) -> Path:
+    """Write a result folder and return it.
+
+    Args:
+        directory: Folder, made if absent.
+        designs: Groups by name; by default levels and bands of the mass study.
+        run: The history group; none by default.
+        title: Question of the study.
+    """
+    if designs is None:
+        designs = {"level": design(), "band": design(band=0.05, samples=16, repeats=1, seed=2)}
+    path = directory / "scores.zarr"
+    directory.mkdir(parents=True, exist_ok=True)
+    root = zarr.open_group(path, mode="w")
+    root.attrs.update(
+        {
+            "study": STUDY,
+            "study_hash": "0123456789abcdef",
+            "study_name": "mass",
+            "title": title,
+            "seed": 7,
+            "step": 0.01,
+            "versions": json.dumps({"python": "3.11.9", "numpy": "2.0.0"}),
+            "commit": "abcdef0",
+            "machine": "2 cores",
+            "designs": json.dumps(list(designs)),
+            "description": json.dumps(
+                {
+                    "plant": {
+                        "model": "semitrailer+magic_formula",
+                        "parameters": "ziaukas_2023",
+                        "unknown_inputs": [],
+                        "measurement_noise": {"yaw_rate_trailer": 0.0025},
+                    },
+                    "belief": {
+                        "model": "semitrailer+magic_formula",
+                        "parameters": "ziaukas_2023",
+                        "unknown_inputs": ["steering_wheel_angle"],
+                        "measurement_noise": {"yaw_rate_trailer": 0.0025},
+                    },
+                    "differing": {"trailer_mass": {"plant": None, "belief": 24000.0}},
+                }
+            ),
+        }
+    )
+    groups = dict(designs) if run is None else {**designs, "history": run}
+    for name, data in groups.items():
+        data.to_zarr(path, group=name, mode="a", consolidated=False, zarr_format=3)
+    facts = {
+        "started": "2026-01-02T03:04:05",
+        "duration_s": 41.5,
+        "jobs": 2,
+        "runs": 3024,
+        "runs_per_s": 72.9,
+    }
+    (directory / "run.json").write_text(json.dumps(facts), encoding="utf-8")
+    return directory
