@@ -309,9 +309,7 @@ def _check_bands(raw: DesignTable, design: DesignSpec, key: str, problems: Probl
         )
 
 
-def _check_relations(
-    raw: DesignTable, design: DesignSpec, key: str, models: Models, problems: Problems
-) -> None:
+def _check_relations(raw: DesignTable, design: DesignSpec, key: str, models: Models, problems: Problems) -> None:
     """Ask the vehicle's ``check`` at the corners of every band."""
     for band in range(design.bands):
         for side in ("plant", "belief"):
@@ -325,9 +323,7 @@ def _check_relations(
                 at = next((i for i, f in enumerate(raw.factor) if f.parameter == name), None)
                 kind = "levels"
                 if at is not None:
-                    kind = next(
-                        k for k in ("levels", "shift", "bands") if getattr(raw.factor[at], k) is not None
-                    )
+                    kind = next(k for k in ("levels", "shift", "bands") if getattr(raw.factor[at], k) is not None)
                 place = f"{key}.factor" if at is None else f"{key}.factor[{at}].{kind}[{band}]"
                 problems.add(place, f"{design.band_labels[band]} of the {side}: {name}: {message}")
 

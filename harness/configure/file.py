@@ -62,9 +62,7 @@ class NoiseTable(Table):
     """``[plant.noise]``, ``[belief.noise]``."""
 
     process_scale: Quantity | None = Field(default=None, description="factor on every process-noise variance")
-    measurement_scale: Quantity | None = Field(
-        default=None, description="factor on every measurement-noise variance"
-    )
+    measurement_scale: Quantity | None = Field(default=None, description="factor on every measurement-noise variance")
     process: dict[str, Quantity] = Field(
         default_factory=dict, description="variance per step by state, square of the state's SI unit"
     )
@@ -118,18 +116,14 @@ class DrivesFile(Table):
 class EstimatorTable(OpenTable):
     """``[[estimator]]``: name, kind and the settings of the kind."""
 
-    name: Name | None = Field(
-        default=None, description="unique name in tables and figures (default: the kind)"
-    )
+    name: Name | None = Field(default=None, description="unique name in tables and figures (default: the kind)")
     kind: Name = Field(description="file in harness/estimators")
 
 
 class FactorTable(Table):
     """``[[design.factor]]``: exactly one of ``levels``, ``shift`` and ``bands``."""
 
-    parameter: Name = Field(
-        description="parameter of the model, or process_noise_scale, measurement_noise_scale"
-    )
+    parameter: Name = Field(description="parameter of the model, or process_noise_scale, measurement_noise_scale")
     of: Literal["plant", "belief", "both"] = Field(default="plant", description="whose value it replaces")
     unit: Name | None = Field(
         default=None, description="unit of the labels, and of plain numbers in this table (default: SI)"
@@ -145,21 +139,15 @@ class FactorTable(Table):
         default=None,
         description="half-width around each of the levels or shifts; percent is relative to the level",
     )
-    labels: list[StrictStr] | None = Field(
-        default=None, description="one label per band, instead of the default"
-    )
+    labels: list[StrictStr] | None = Field(default=None, description="one label per band, instead of the default")
 
 
 class DesignTable(Table):
     """``[[design]]``."""
 
     name: FileName = Field(description="unique name")
-    samples: Annotated[StrictInt, Field(ge=1)] = Field(
-        default=1, description="Sobol points per band; a power of two"
-    )
-    repeats: Annotated[StrictInt, Field(ge=1)] = Field(
-        default=1, description="runs with fresh noise per point"
-    )
+    samples: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="Sobol points per band; a power of two")
+    repeats: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="runs with fresh noise per point")
     sobol_any_n: StrictBool = Field(
         default=False, description="allow a number of samples that is no power of two (unbalanced)"
     )
@@ -173,13 +161,9 @@ class HistoryTable(Table):
 
     design: Name = Field(description="name of a design")
     drive: Name = Field(description="name of a drive")
-    levels: dict[str, Quantity] = Field(
-        default_factory=dict, description="levels by parameter, as in the design"
-    )
+    levels: dict[str, Quantity] = Field(default_factory=dict, description="levels by parameter, as in the design")
     band: Name | None = Field(default=None, description="label of the band, where the design has no levels")
-    sample: Annotated[StrictInt, Field(ge=0)] = Field(
-        default=0, description="index of the Sobol point, from 0"
-    )
+    sample: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the Sobol point, from 0")
     repeat: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the repeat, from 0")
 
 
@@ -213,9 +197,7 @@ class ParameterFile(Table):
     noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
     values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")
     process_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per step by state")
-    measurement_noise: dict[str, Quantity] = Field(
-        default_factory=dict, description="variance per sample by output"
-    )
+    measurement_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per sample by output")
 
 
 def study_schema() -> dict[str, Any]:

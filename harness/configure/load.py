@@ -117,9 +117,7 @@ def _refuse_twice(names: list[str], table: str, key: str, problems: Problems) ->
     for i, name in enumerate(names):
         if name in names[:i]:
             first = names.index(name)
-            problems.add(
-                f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another"
-            )
+            problems.add(f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another")
 
 
 def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]:
@@ -155,9 +153,7 @@ def _drive_specs(
         key = f"drive[{i}]"
         first = next((d for d in [*before, *specs] if d.name == table.name), None)
         if first is not None:
-            problems.add(
-                f"{key}.name", f"'{table.name}' is the name of {first.where} already; choose another"
-            )
+            problems.add(f"{key}.name", f"'{table.name}' is the name of {first.where} already; choose another")
         with problems.catch(f"{key}.kind"):
             options = options_of(table.kind)
             _check_options(
@@ -172,14 +168,10 @@ def _drive_specs(
     return specs
 
 
-def _check_options(
-    table: DriveTable, known: list[str], required: list[str], key: str, problems: Problems
-) -> None:
+def _check_options(table: DriveTable, known: list[str], required: list[str], key: str, problems: Problems) -> None:
     for name in table.further:
         if name not in known:
-            problems.add(
-                f"{key}.{name}", f"drive '{table.kind}' has no option '{name}'{registry.closest(name, known)}"
-            )
+            problems.add(f"{key}.{name}", f"drive '{table.kind}' has no option '{name}'{registry.closest(name, known)}")
     for name in required:
         if name not in table.further:
             problems.add(f"{key}.{name}", f"drive '{table.kind}' needs this option; add it")
@@ -244,8 +236,7 @@ def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: P
         if name not in truth.inputs and name not in held.rates and name != "time":
             problems.add(
                 "belief.vehicle",
-                f"the belief needs input '{name}', which the plant does not have; add it to "
-                "belief.unknown_inputs",
+                f"the belief needs input '{name}', which the plant does not have; add it to belief.unknown_inputs",
             )
     for i, target in enumerate(raw.targets):
         if target in raw.targets[:i]:

@@ -72,9 +72,7 @@ def key_path(location: Sequence[str | int]) -> str:
     return text
 
 
-def add_validation_errors(
-    problems: Problems, error: ValidationError, table: type[BaseModel], prefix: str = ""
-) -> None:
+def add_validation_errors(problems: Problems, error: ValidationError, table: type[BaseModel], prefix: str = "") -> None:
     """Note every error that pydantic found, in words that say how to mend it.
 
     Args:

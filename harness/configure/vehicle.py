@@ -49,9 +49,7 @@ class Stated:
 
     def group(self, prefix: str) -> dict[str, Any]:
         """Return the entries ``prefix.<name>`` by name."""
-        return {
-            k.removeprefix(f"{prefix}."): v for k, v in self.entries.items() if k.startswith(f"{prefix}.")
-        }
+        return {k.removeprefix(f"{prefix}."): v for k, v in self.entries.items() if k.startswith(f"{prefix}.")}
 
     def own(self, name: str) -> bool:
         """Whether the entry was written in this table and not inherited."""
@@ -173,17 +171,13 @@ def _assemble(table: Stated, problems: Problems) -> Model | None:
         if name not in plain.inputs:
             problems.add(key, f"'{name}' is no input{registry.closest(name, plain.inputs)}")
         elif name in plain.rates.values():
-            problems.add(
-                key, f"'{name}' must be known, because its time derivative is an input too; remove it"
-            )
+            problems.add(key, f"'{name}' must be known, because its time derivative is an input too; remove it")
         elif name in unknown[:i]:
             problems.add(key, f"'{name}' is named twice; remove one")
     return None if len(problems) > before else plain.augment(unknown)
 
 
-def _number(
-    table: Stated, name: str, unit: str, problems: Problems, default: float | None = None
-) -> float | None:
+def _number(table: Stated, name: str, unit: str, problems: Problems, default: float | None = None) -> float | None:
     """Return an entry in SI units, its default if absent, ``None`` if it is wrong."""
     from harness.units import to_si
 
@@ -200,9 +194,7 @@ def _parameter_set(table: Stated, folder: Path, problems: Problems) -> Parameter
         return ParameterSet()
     found: ParameterSet | None = None
     with problems.catch(key):
-        found = (
-            set_from_file(name, folder, problems.at(key)) if name.endswith(".toml") else published_set(name)
-        )
+        found = set_from_file(name, folder, problems.at(key)) if name.endswith(".toml") else published_set(name)
     if found is not None and table["vehicle"] is not None and found.vehicle != table["vehicle"]:
         problems.add(
             key,
@@ -242,11 +234,7 @@ def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems
         else:
             values[p.name] = value
     if missing:
-        where = (
-            f"parameter set '{table['parameters']}'"
-            if table["parameters"]
-            else "no parameter set named, and it"
-        )
+        where = f"parameter set '{table['parameters']}'" if table["parameters"] else "no parameter set named, and it"
         problems.add(
             table.key("parameters"),
             f"{where} gives no value for {', '.join(missing)}; add them under [{table.side}.values]",
@@ -256,9 +244,7 @@ def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems
     return values
 
 
-def _check_relations(
-    table: Stated, values: Mapping[str, float], found: ParameterSet, problems: Problems
-) -> None:
+def _check_relations(table: Stated, values: Mapping[str, float], found: ParameterSet, problems: Problems) -> None:
     try:
         wrong = broken_relations(table["vehicle"], values)
     except ModelError as error:
