@@ -10,6 +10,13 @@ The contract of a file in ``harness/estimators``:
 ``step(before, u_before, u, y, belief, work, after, info)``
                                 kernel: one sample; reads ``before``, writes ``after`` and ``info``
 
+and of an estimator that is made for particular signals, such as a trained network,
+
+``fit(settings, compiled, folder)``
+                                in place of ``tuning``: the numbers its kernel reads, for this compiled model; files
+                                its settings name are relative to the folder. ``UserError`` if the model does not fit
+``estimates(settings, folder)`` the signals it estimates; it has no score for any other target
+
 Every other function of the file is a kernel the two may call. Kernels are compiled from their source behind the
 kernels of the model the estimator believes in (``harness.kernel`` lists the names they may use).
 """
@@ -18,6 +25,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -35,8 +43,8 @@ from models import registry
 
 Floats = NDArray[np.float64]
 
-EXPORTS = ("Settings", "HAS_COVARIANCE", "tuning", "memory_size", "workspace", "step")
-_NOT_KERNELS = {"tuning", "memory_size"}
+EXPORTS = ("Settings", "HAS_COVARIANCE", "memory_size", "workspace", "step")
+_NOT_KERNELS = {"tuning", "memory_size", "fit", "estimates"}
 
 NEES_EVERY = 10
 """Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
@@ -49,10 +57,11 @@ class Scores:
     """Scores of ``LANES`` runs of one estimator.
 
     Attributes:
-        rmse, bias, max_error: ``(targets, LANES)`` in SI units of the target, up to a divergence.
+        rmse, bias, max_error: ``(targets, LANES)`` in SI units of the target, up to a divergence; NaN where the
+            estimator does not give the target.
         nees, nis: Averages per step ``(LANES,)``; NaN if the estimator states no covariance.
         nees_inside, nis_inside: Share of samples inside the two-sided 95 % chi-square region.
-        log_likelihood: Sum over the run.
+        log_likelihood: Sum over the run; NaN if the estimator states no covariance.
         repairs: Samples at which a covariance factor had to be repaired.
         updates: Samples with a measurement.
         diverged_at: First diverged sample, ``samples`` if none.
@@ -79,7 +88,8 @@ def load_estimator(kind: str) -> ModuleType:
     Raises:
         ModelError: If there is none of that name or it lacks an export.
     """
-    return registry.load("harness.estimators", kind, EXPORTS)
+    found = registry.load("harness.estimators", kind)
+    return registry.load("harness.estimators", kind, EXPORTS if hasattr(found, "fit") else (*EXPORTS, "tuning"))
 
 
 class Estimator:
@@ -89,21 +99,28 @@ class Estimator:
         kind: File in ``harness/estimators``.
         compiled: The belief, with unknown inputs as states and the targets as signals.
         settings: The estimator's settings as in a study.
+        folder: Folder of the study, to which files that settings name are relative.
 
     Raises:
-        UserError: If a setting does not fit.
+        UserError: If a setting does not fit, or the estimator not the model.
     """
 
-    def __init__(self, kind: str, compiled: CompiledModel, settings: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self, kind: str, compiled: CompiledModel, settings: dict[str, Any] | None = None, folder: Path = Path()
+    ) -> None:
         file = load_estimator(kind)
         self.kind, self.compiled = kind, compiled
         self.has_covariance = bool(file.HAS_COVARIANCE)
         try:
-            self.tuning = np.array(
-                file.tuning(file.Settings(**(settings or {})), compiled.nx, compiled.ny), dtype=float
-            )
+            chosen = file.Settings(**(settings or {}))
+            if hasattr(file, "fit"):
+                self.tuning = np.array(file.fit(chosen, compiled, folder), dtype=float)
+            else:
+                self.tuning = np.array(file.tuning(chosen, compiled.nx, compiled.ny), dtype=float)
         except ValueError as error:
             raise UserError(f"settings of estimator '{kind}': {error}") from error
+        given = file.estimates(chosen, folder) if hasattr(file, "estimates") else compiled.signal_names
+        self.gives = np.array([name in given for name in compiled.signal_names], dtype=bool)
         self.memory_rows = int(file.memory_size(compiled.nx, compiled.ny))
         own = [
             f
@@ -205,6 +222,8 @@ class Estimator:
             per_run,
             kept,
         )
+        sums[:, ~self.gives] = np.nan
+        kept[:, :, ~self.gives] = np.nan
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 
 
@@ -220,7 +239,7 @@ def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) ->
             nees_inside=per_run[3] / nees_samples if stated else nothing,
             nis=per_run[4] / updates if stated else nothing,
             nis_inside=per_run[6] / updates if stated else nothing,
-            log_likelihood=per_run[7],
+            log_likelihood=per_run[7] if stated else nothing,
             repairs=per_run[8],
             updates=updates,
             diverged_at=per_run[9],

@@ -72,7 +72,7 @@ class Bench:
         self.plant = _compile(study.plant, watched)
         self.belief = _compile(study.belief, self.signals)
         self.simulator = Simulator(self.plant)
-        self.estimators = [Estimator(e.kind, self.belief, e.settings) for e in study.estimators]
+        self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base) for e in study.estimators]
         self._points = [points(study, d).values for d in study.designs]
 
     def _road(self, index: int) -> Road:

@@ -237,11 +237,13 @@ def _root_attributes(study: Study) -> dict[str, Any]:
 
 
 def engine_hash() -> str:
-    """Return a hash of the code that numbers depend on: the models and the harness but for report and CLI."""
+    """Return a hash of what numbers depend on: models, committed networks, the harness but for report and CLI."""
     root = Path(__file__).resolve().parents[1]
     skipped = ("harness/report", "harness/cli.py", "harness/run.py", "harness/statistics.py")
     digest = hashlib.sha256()
-    for path in sorted([*root.glob("models/**/*.py"), *root.glob("harness/**/*.py")]):
+    for path in sorted(
+        p for pattern in ("models/**/*.py", "harness/**/*.py", "harness/networks/*.npz") for p in root.glob(pattern)
+    ):
         name = path.relative_to(root).as_posix()
         if not name.startswith(skipped):
             digest.update(name.encode() + b"\0" + path.read_bytes())

@@ -58,7 +58,7 @@ def load_study(path: str | Path) -> Study:
     plant = resolve_model(plant_table, folder, problems)
     belief = resolve_model(stated("belief", raw.belief, plant_table), folder, problems)
     drives = _drives(raw, folder, problems)
-    estimators = _estimators(raw.estimator, problems)
+    estimators = _estimators(raw.estimator, folder, problems)
     designs: list[DesignSpec] = []
     _refuse_twice([d.name for d in raw.design], "design", "name", problems)
     if plant is not None and belief is not None:
@@ -192,7 +192,7 @@ def _names_file(folder: Path, value: Any) -> bool:
         return False
 
 
-def _estimators(tables: list[EstimatorTable], problems: Problems) -> list[EstimatorSpec]:
+def _estimators(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
     specs: list[EstimatorSpec] = []
     for i, table in enumerate(tables):
         key, settings = f"estimator[{i}]", table.further
@@ -211,7 +211,7 @@ def _estimators(tables: list[EstimatorTable], problems: Problems) -> list[Estima
                     settings = model.model_validate(settings).model_dump()
                 except ValidationError as error:
                     add_validation_errors(problems, error, model, key)
-        specs.append(EstimatorSpec(table.name or table.kind, table.kind, settings))
+        specs.append(EstimatorSpec(table.name or table.kind, table.kind, settings, _base(settings, (folder, Path()))))
     _refuse_twice([s.name for s in specs], "estimator", "name", problems)
     return specs
 
@@ -321,8 +321,11 @@ def _hash(study: Study) -> str:
         "targets": study.targets,
         "plant": model(study.plant),
         "belief": model(study.belief),
-        "drives": [[d.name, d.kind, d.options, _file_digests(d)] for d in study.drives],
-        "estimators": [asdict(e) for e in study.estimators],
+        "drives": [[d.name, d.kind, d.options, _file_digests(d.options, d.base)] for d in study.drives],
+        "estimators": [
+            {"name": e.name, "kind": e.kind, "settings": e.settings, "files": _file_digests(e.settings, e.base)}
+            for e in study.estimators
+        ],
         "designs": [
             {
                 "name": d.name,
@@ -338,10 +341,10 @@ def _hash(study: Study) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def _file_digests(drive: DriveSpec) -> dict[str, str]:
-    """Return the digest of every file an option names: another recording is another study."""
+def _file_digests(options: dict[str, Any], base: Path) -> dict[str, str]:
+    """Return the digest of every file an option or setting names: another recording is another study."""
     return {
-        name: hashlib.sha256((drive.base / value).read_bytes()).hexdigest()
-        for name, value in drive.options.items()
-        if _names_file(drive.base, value)
+        name: hashlib.sha256((base / value).read_bytes()).hexdigest()
+        for name, value in options.items()
+        if _names_file(base, value)
     }

@@ -92,11 +92,13 @@ class EstimatorSpec:
         name: Name in tables and figures.
         kind: File in ``harness/estimators``.
         settings: Settings, checked and completed by the ``Settings`` of that file where it has one.
+        base: Folder against which relative file names of the settings are resolved.
     """
 
     name: str
     kind: str
     settings: dict[str, Any]
+    base: Path = Path()
 
 
 @dataclass(frozen=True)
