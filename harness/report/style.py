@@ -165,6 +165,10 @@ def figure(height: float, **layout: Any) -> Figure:
 
 def svg(fig: Figure) -> bytes:
     """Return the figure as SVG that depends on its content only (no date, fixed ids)."""
+    engine = fig.get_layout_engine()
+    if engine is not None:  # laid out once, here; savefig would draw everything a second time for it
+        engine.execute(fig)
+        fig.set_layout_engine(None)
     stream = io.BytesIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=200)
     return stream.getvalue()

@@ -93,7 +93,7 @@ def design(
             "target": _text(list(targets)),
             "band_label": (
                 "band",
-                [f"{m:g} t" + (f" ± {band:.0%}".replace("%", " %") if band else "") for m in levels],
+                _text([f"{m:g} t" + (f" ± {band:.0%}".replace("%", " %") if band else "") for m in levels]),
             ),
             "target_unit": ("target", _text([unit for unit, _ in targets.values()])),
             "duration": ("drive", np.full(len(drives), 90.0)),

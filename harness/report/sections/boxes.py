@@ -13,6 +13,7 @@ from harness.report.document import Block, Heading, Picture, Sheet
 from harness.report.store import ESTIMATOR_DIVERGED, FAILED, PENDING, PLANT_DIVERGED, Design
 from harness.statistics import Summary
 
+UPRIGHT = 9  # levels whose labels fit side by side; more are turned
 _LOGARITHMIC_FROM = 30.0  # largest error over typical error from which a linear axis would show nothing
 
 
@@ -54,7 +55,7 @@ def tick_labels(design: Design, findings: Findings) -> list[str]:
             if max(counts):
                 some = str(max(counts)) if min(counts) == max(counts) else f"{min(counts)}–{max(counts)}"
                 lines.append(f"{word} {some}")
-        labels.append(("\n" if len(design.bands) <= 9 else " · ").join(lines))
+        labels.append(("\n" if len(design.bands) <= UPRIGHT else " · ").join(lines))
     return labels
 
 
@@ -64,11 +65,16 @@ def _broken(label: str) -> str:
 
 def label_levels(axes: Axes, design: Design, findings: Findings) -> None:
     """Write the levels, the runs and the losses under an axis."""
-    turn: dict[str, Any] = {} if len(design.bands) <= 9 else {"rotation": 90}
+    turn: dict[str, Any] = {} if len(design.bands) <= UPRIGHT else {"rotation": 90}
     axes.set_xticks(range(len(design.bands)), tick_labels(design, findings), **turn)
     axes.tick_params(axis="x", length=0)
     axes.set_xlim(-0.5, len(design.bands) - 0.5)
     axes.set_xlabel(factor_label(design))
+
+
+def foot(design: Design) -> float:
+    """Return the inches that the labels of the levels need below the panels."""
+    return 0.9 if len(design.bands) <= UPRIGHT else 1.9
 
 
 def row_height(design: Design) -> float:
@@ -79,7 +85,7 @@ def row_height(design: Design) -> float:
 def pictures(analysis: Analysis, findings: Findings) -> list[Block]:
     """Return the box plots of a design, as many targets on a page as fit."""
     design = findings.design
-    per_page = int((style.TALLEST - 1.6) // row_height(design))
+    per_page = int((style.TALLEST - 0.7 - foot(design)) // row_height(design))
     found: list[Block] = []
     for start in range(0, len(design.targets), per_page):
         chosen = list(range(start, min(start + per_page, len(design.targets))))
@@ -90,7 +96,7 @@ def pictures(analysis: Analysis, findings: Findings) -> list[Block]:
 def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Picture:
     design = findings.design
     with style.drawing():
-        fig = style.figure(1.15 + row_height(design) * len(targets))
+        fig = style.figure(0.25 + foot(design) + row_height(design) * len(targets))
         rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
         for axes, t in zip(rows, targets, strict=True):
             _boxes(axes, analysis, findings, t)

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
-from harness.report.sections.boxes import label_levels
+from harness.report.sections.boxes import foot, label_levels
 
 _SCORES = {"nees": "NEES", "nis": "NIS"}
 
@@ -57,7 +57,7 @@ def _explain(findings: Findings) -> str:
 def _picture(analysis: Analysis, findings: Findings) -> Picture:
     design = findings.design
     with style.drawing():
-        fig = style.figure(6.6)
+        fig = style.figure(5.7 + foot(design))
         rows = fig.subplots(3, 1, sharex=True)
         _ratios(rows[0], analysis, findings, "nees")
         _ratios(rows[1], analysis, findings, "nis")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture
-from harness.report.sections.boxes import factor_label
+from harness.report.sections.boxes import UPRIGHT, factor_label
 from harness.report.store import words
 
 _LINE = 0.225  # inches per drive
@@ -27,7 +27,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         return []
     found: list[Block] = [Heading("On which drives are the estimators wrong?")]
     height = 0.42 + _LINE * len(design.drives)
-    per_page = max(1, int((style.TALLEST - 1.4) // height))
+    per_page = max(1, int((style.TALLEST - 1.6) // height))
     count = len(design.estimators)
     for target in range(len(design.targets)):
         for start in range(0, count, per_page):
@@ -54,7 +54,7 @@ def _picture(findings: Findings, target: int, chosen: list[int], height: float) 
     low, high = (positive.min(), positive.max()) if positive.size else (0.1, 1.0)
     norm: Normalize = LogNorm(low, high * 1.001) if high > 5 * low else Normalize(0.0, high)
     with style.drawing():
-        fig = style.figure(0.85 + height * len(chosen))
+        fig = style.figure((0.85 if len(design.bands) <= UPRIGHT else 1.5) + height * len(chosen))
         rows = fig.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
         for axes, e in zip(rows, chosen, strict=True):
             _map(axes, values[:, e].T, norm)
@@ -62,7 +62,7 @@ def _picture(findings: Findings, target: int, chosen: list[int], height: float) 
             axes.set_yticks(range(len(design.drives)), [words(d) for d in design.drives])
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
-        turn = 90 if len(design.bands) > 9 else 0
+        turn = 90 if len(design.bands) > UPRIGHT else 0
         rows[-1].set_xticks(range(len(design.bands)), design.bands, rotation=turn)
         rows[-1].set_xlabel(factor_label(design).replace("grey", "framed"))
         if design.matched is not None:
@@ -83,7 +83,7 @@ def _map(axes: Axes, values: NDArray[np.float64], norm: Normalize) -> None:
     depth: Any = norm(shown)  # 0 to 1, masked where there is no run
     axes.pcolormesh(edges_x, edges_y, shown, cmap=colours, norm=norm, edgecolors="white", lw=0.8)
     axes.invert_yaxis()
-    digits = 3 if values.shape[1] <= 9 else 2
+    digits = 3 if values.shape[1] <= UPRIGHT else 2
     for (row, column), value in np.ndenumerate(values):
         dark = bool(np.ma.filled(depth, 0.0)[row, column] > 0.6)
         text = style.number(float(value), digits)

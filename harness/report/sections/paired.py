@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from harness.report import style
 from harness.report.analysis import Analysis, Findings, Paired
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
-from harness.report.sections.boxes import label_levels, row_height
+from harness.report.sections.boxes import foot, label_levels, row_height
 
 
 def blocks(analysis: Analysis) -> list[Block]:
@@ -42,7 +42,7 @@ def _explain(findings: Findings) -> str:
 
 def _pictures(analysis: Analysis, findings: Findings) -> list[Block]:
     targets = range(len(findings.design.targets))
-    per_page = int((style.TALLEST - 1.6) // row_height(findings.design))
+    per_page = int((style.TALLEST - 0.7 - foot(findings.design)) // row_height(findings.design))
     starts = range(0, len(targets), per_page)
     return [_picture(analysis, findings, list(targets[start : start + per_page])) for start in starts]
 
@@ -59,7 +59,7 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Pict
     else:
         question = "Which of two estimators is better on the same run?"
     with style.drawing():
-        fig = style.figure(1.15 + row_height(design) * len(targets))
+        fig = style.figure(0.25 + foot(design) + row_height(design) * len(targets))
         rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
         for axes, t in zip(rows, targets, strict=True):
             _differences(axes, analysis, findings, t)
