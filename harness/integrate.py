@@ -22,7 +22,7 @@ _TABLEAUX = {
 
 def work_size(nx: int, integrator: str, substeps: int) -> int:
     """Return the length of the work array a step needs."""
-    return 1 if (integrator, substeps) == ("euler", 1) else 4 * nx + 5 * nx * nx
+    return nx * nx if (integrator, substeps) == ("euler", 1) else 4 * nx + 5 * nx * nx
 
 
 def step_source(eqs: Equations, step: float, integrator: str, substeps: int) -> list[str]:
@@ -48,25 +48,26 @@ def _euler(eqs: Equations, step: float) -> list[str]:
 
 
 def _sparse_covariance(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> str:
-    """Unroll A P A' over the non-zero entries of A, row by row; the result is symmetric by construction."""
+    """Write M = A P and M A' over the non-zero entries of A only; the result is symmetric by construction.
+
+    The rows of A are unrolled and the other index is a loop, which compiles ten times faster than unrolling
+    both and runs as fast.
+    """
     nx = len(ahead)
-    lines = body(eqs, [*ahead, *A.values()])
-    name: dict[tuple[int, int], str] = {}
+    lines = [*body(eqs, [*ahead, *A.values()]), "M = w[: NX * NX].reshape((NX, NX, LANES))"]
     for (i, j), value in sorted(A.items()):
         if value != 1:
-            name[i, j] = f"a_{i}_{j}"
             lines.append(f"a_{i}_{j} = {text(value)}")
 
-    def product(i: int, j: int, factor: str) -> str:
-        return f"{name[i, j]}*{factor}" if (i, j) in name else factor
+    def row(i: int, operand: str) -> str:
+        terms = ((j, operand.format(j=j)) for j in range(nx) if (i, j) in A)
+        return " + ".join(term if A[i, j] == 1 else f"a_{i}_{j}*{term}" for j, term in terms)
 
     for i in range(nx):
-        row = [j for j in range(nx) if (i, j) in A]
-        for k in range(nx):
-            lines.append(f"m_{k} = " + " + ".join(product(i, j, f"get(P, {j}, {k})") for j in row))
-        for m in range(i, nx):
-            total = " + ".join(product(m, k, f"m_{k}") for k in range(nx) if (m, k) in A)
-            lines += [f"r = {total}", f"put(r, Pn, {i}, {m})"] + ([f"put(r, Pn, {m}, {i})"] if m != i else [])
+        lines += ["for k in range(NX):", f"    put({row(i, 'get(P, {j}, k)')}, M, {i}, k)"]
+    for m in range(nx):
+        lines += [f"for i in range({m}, NX):", f"    r = {row(m, 'get(M, i, {j})')}"]
+        lines += [f"    put(r, Pn, i, {m})", f"    put(r, Pn, {m}, i)"]
     lines += [f"put({text(expr)}, xn, {i})" for i, expr in enumerate(ahead)]
     return function("next_covariance", "x, u, c, P, xn, Pn, w", lines)
 

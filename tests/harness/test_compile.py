@@ -51,7 +51,6 @@ def central(function, at, steps):
 def test_state_input_and_parameter_jacobians_match_finite_differences(semitrailer, point):
     m, (x, u, p) = semitrailer, point
     k, c, rows = m.kernels, m.constants(p), m.nx
-    x_unit = SCALE
     drift = lambda x_, u_, c_: call(k.drift, (rows, LANES), x_, u_, c_)  # noqa: E731
     output = lambda x_, c_: call(k.output, (m.ny, LANES), x_, u, c_)  # noqa: E731
     signal = lambda x_: call(k.signals, (len(TARGETS), LANES), x_, u, c)  # noqa: E731
@@ -62,24 +61,35 @@ def test_state_input_and_parameter_jacobians_match_finite_differences(semitraile
         changed[chosen] = values
         return m.constants(changed)
 
+    n, scale, base = len(CHOSEN), SCALE, p[chosen]
+
+    def output_jacobian(J):
+        k.output_jacobian(x, u, c, np.empty((m.ny, LANES)), J)
+        return J
+
     cases = [
-        (call(k.drift_jacobian, (rows, rows, LANES), x, u, c), central(lambda v: drift(v, u, c), x, 1e-6 * x_unit), x_unit),
-        (call(k.drift_input_jacobian, (rows, 2, LANES), x, u, c), central(lambda v: drift(x, v, c), u, [1e-6] * 2), np.ones(2)),
         (
-            call(k.drift_parameter_jacobian, (rows, len(CHOSEN), LANES), x, u, c),
-            central(lambda v: drift(x, u, with_parameters(v)), p[chosen], 1e-6 * p[chosen, 0]),
-            p[chosen, 0],
+            call(k.drift_jacobian, (rows, rows, LANES), x, u, c),
+            central(lambda v: drift(v, u, c), x, 1e-6 * scale),
+            scale,
         ),
         (
-            call(lambda a, b, d, J: k.output_jacobian(a, b, d, np.empty((m.ny, LANES)), J), (m.ny, rows, LANES), x, u, c),
-            central(lambda v: output(v, c), x, 1e-6 * x_unit),
-            x_unit,
+            call(k.drift_input_jacobian, (rows, 2, LANES), x, u, c),
+            central(lambda v: drift(x, v, c), u, [1e-6] * 2),
+            1.0,
         ),
-        (call(k.signals_jacobian, (len(TARGETS), rows, LANES), x, u, c), central(signal, x, 1e-6 * x_unit), x_unit),
+        (
+            call(k.drift_parameter_jacobian, (rows, n, LANES), x, u, c),
+            central(lambda v: drift(x, u, with_parameters(v)), base, 1e-6 * base[:, 0]),
+            base[:, 0],
+        ),
+        (output_jacobian(np.empty((m.ny, rows, LANES))), central(lambda v: output(v, c), x, 1e-6 * scale), scale),
+        (call(k.signals_jacobian, (len(TARGETS), rows, LANES), x, u, c), central(signal, x, 1e-6 * scale), scale),
     ]
     for exact, differences, unit in cases:
-        size = np.abs(exact * unit[None, :, None]).max(axis=(1, 2), keepdims=True) + 1e-12
-        assert np.max(np.abs(exact - differences) * unit[None, :, None] / size) < 1e-6
+        weight = np.reshape(unit, (1, -1, 1))
+        size = np.abs(exact * weight).max(axis=(1, 2), keepdims=True) + 1e-12
+        assert np.max(np.abs(exact - differences) * weight / size) < 1e-6
 
 
 def test_output_parameter_jacobian_is_zero_for_direct_measurements(semitrailer, point):

@@ -1,0 +1,250 @@
+"""A study from file to store: same bits with any number of workers, resuming, refusals, and what scores mean."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+
+from harness.configure import load_study
+from harness.design import Unit, units
+from harness.errors import UserError
+from harness.evaluate import ESTIMATOR_DIVERGED, OK, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED, Bench, Case
+from harness.run import run_study
+from harness.store import STORE, Store
+
+STUDY = """
+name = "probe"
+title = "Does the runner keep its promises?"
+seed = 0
+targets = ["lateral_force_axle_21", "articulation_angle"]
+[plant]
+vehicle = "semitrailer"
+parameters = "ziaukas_2023"
+tyre = "magic_formula"
+sensors = "series"
+[belief]
+unknown_inputs = ["steering_wheel_angle"]
+[[estimator]]
+name = "EKF"
+kind = "ekf"
+[[drive]]
+name = "weave"
+kind = "sine"
+duration = 20
+speed = 12
+[[drive]]
+name = "weave-fast"
+kind = "sine"
+duration = 20
+speed = 18
+frequency = "0.3 Hz"
+[[design]]
+name = "level"
+repeats = 5
+[[design.factor]]
+parameter = "trailer_mass"
+levels = ["8 t", "24 t"]
+[[design]]
+name = "band"
+samples = 4
+[[design.factor]]
+parameter = "trailer_mass"
+levels = ["24 t"]
+band = "5 %"
+[history]
+design = "level"
+levels = { trailer_mass = "8 t" }
+drive = "weave"
+"""
+
+
+@pytest.fixture(scope="module")
+def study_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "probe.toml"
+    path.write_text(STUDY)
+    return path
+
+
+@pytest.fixture(scope="module")
+def study(study_file):
+    return load_study(study_file)
+
+
+@pytest.fixture(scope="module")
+def bench(study):
+    return Bench(study)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def same_checkout():
+    """No reports, and a checkout that holds still while somebody works in it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.report.write_report", lambda out: [])
+        patch.setattr("harness.store.commit", lambda: "this one")
+        patch.setattr("harness.store.engine_hash", lambda: "this one")
+        yield
+
+
+@pytest.fixture(scope="module")
+def finished(study, tmp_path_factory, same_checkout):
+    return run_study(study, tmp_path_factory.mktemp("one"), jobs=1)
+
+
+def bits(folder):
+    return {p.relative_to(folder / STORE): p.read_bytes() for p in sorted((folder / STORE).rglob("*")) if p.is_file()}
+
+
+def test_store_has_the_contracts_dimensions_units_and_provenance(study, finished):
+    level = xr.open_zarr(finished / STORE, group="level", consolidated=False)
+    assert dict(level.sizes) == {"band": 2, "sample": 1, "drive": 2, "repeat": 5, "estimator": 1, "target": 2}
+    assert level.rmse.dims == ("band", "sample", "drive", "repeat", "estimator", "target")
+    assert level.target_unit.values.tolist() == ["N", "rad"]
+    assert level.band_label.values.tolist() == ["8 t", "24 t"]
+    assert (level.status == OK).all()
+    for name in (*PER_TARGET, *PER_RUN):
+        assert name == "time_of_divergence" or np.isfinite(level[name]).all()
+    root = zarr.open_group(str(finished / STORE), mode="r").attrs
+    assert root["study"] == STUDY
+    assert root["seed"] == 0
+    assert root["study_hash"] == study.hash
+    assert {"numba", "numpy"} <= json.loads(root["versions"]).keys()
+    assert json.loads((finished / "run.json").read_text())["runs"] == 2 * 2 * 5 + 2 * 4
+
+
+def test_sobol_points_of_a_band_are_salibs(finished):
+    from SALib.sample import sobol_sequence
+
+    band = xr.open_zarr(finished / STORE, group="band", consolidated=False)
+    expected = 24000 * (0.95 + 0.1 * sobol_sequence.sample(4, 1)[:, 0])
+    np.testing.assert_allclose(band.factor_trailer_mass.values[0], expected, rtol=1e-14)
+
+
+def test_two_workers_write_the_same_bits(study, finished, tmp_path):
+    assert bits(run_study(study, tmp_path / "two", jobs=2)) == bits(finished)
+
+
+def test_an_interrupted_run_is_continued_to_the_same_bits(study, finished, tmp_path, monkeypatch):
+    real, seen = Bench.evaluate, []
+
+    def interrupted(self, unit):
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+        seen.append(unit)
+        return real(self, unit)
+
+    monkeypatch.setattr(Bench, "evaluate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, tmp_path / "cut", jobs=1)
+    level = xr.open_zarr(tmp_path / "cut" / STORE, group="level", consolidated=False)
+    assert (level.status == PENDING).any()
+    assert (level.status == OK).any()
+    done_before = list(seen)
+    seen.clear()
+    monkeypatch.setattr(Bench, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
+    run_study(study, tmp_path / "cut", jobs=2)
+    assert bits(tmp_path / "cut") == bits(finished)
+    assert not set(seen) & set(done_before)
+
+
+def test_a_finished_study_computes_nothing_again(study, finished, monkeypatch):
+    monkeypatch.setattr(Bench, "evaluate", lambda *_: pytest.fail("evaluated again"))
+    before = bits(finished)
+    run_study(study, finished, jobs=1)
+    assert bits(finished) == before
+
+
+def test_another_study_in_the_folder_is_left_alone(study_file, finished, tmp_path):
+    before = bits(finished)
+    other = tmp_path / "other.toml"
+    for change, message in (
+        (('name = "probe"', 'name = "another"'), "study 'probe'"),
+        (("seed = 0", "seed = 1"), "earlier text"),
+    ):
+        other.write_text(STUDY.replace(*change))
+        with pytest.raises(UserError, match=message):
+            run_study(load_study(other), finished, jobs=1)
+    assert bits(finished) == before
+
+
+def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
+    monkeypatch.setattr("harness.store.engine_hash", lambda: "other")
+    with pytest.raises(UserError, match="other code"):
+        run_study(study, finished, jobs=1)
+
+
+def test_levels_share_their_noise_and_runs_do_not(bench, study):
+    cases = [Case(0, r) for r in range(study.designs[0].repeats)]
+    light = bench._simulate(Unit(0, 0, 0, 0, 1), cases)
+    heavy = bench._simulate(Unit(0, 1, 0, 0, 1), cases)
+    light_noise = light.measurements[:, 0] - light.truth[:, bench.plant.signal_names.index("yaw_rate_trailer")]
+    heavy_noise = heavy.measurements[:, 0] - heavy.truth[:, bench.plant.signal_names.index("yaw_rate_trailer")]
+    np.testing.assert_allclose(light_noise, heavy_noise, atol=1e-12)
+    assert np.abs(np.corrcoef(light_noise[:, :5].T) - np.eye(5)).max() < 0.1
+
+
+def test_scores_are_what_the_kept_estimates_say(bench, study, finished):
+    """RMSE, bias and maximum error of the store, recomputed from the history of the same run."""
+    history = bench.history()
+    level = xr.open_zarr(finished / STORE, group="level", consolidated=False)
+    for target in study.targets:
+        error = (history.estimate.sel(target=target, estimator="EKF") - history.truth.sel(target=target)).values[1:]
+        stored = level.sel(target=target, estimator="EKF", drive="weave").isel(band=0, sample=0, repeat=0)
+        np.testing.assert_allclose(stored.rmse, np.sqrt(np.mean(error**2)), rtol=1e-12)
+        np.testing.assert_allclose(stored.bias, np.mean(error), rtol=1e-9, atol=1e-12 * np.abs(error).max())
+        np.testing.assert_allclose(stored.max_error, np.abs(error).max(), rtol=1e-12)
+
+
+def test_a_plant_that_leaves_its_range_is_a_result_with_a_time(tmp_path):
+    wild = STUDY.replace("speed = 12", 'speed = 22\namplitude = "180 deg"\nlateral_acceleration_limit = 20').replace(
+        'sensors = "series"', 'sensors = "series"\n[plant.values]\nfriction = 0.3'
+    )
+    path = tmp_path / "wild.toml"
+    path.write_text(wild)
+    study = load_study(path)
+    result = Bench(study).evaluate(units(study, study.designs[0])[0])
+    left = result["status"] != OK
+    assert left.any()
+    assert set(np.unique(result["status"][left])) <= {ESTIMATOR_DIVERGED, PLANT_DIVERGED}
+    assert np.isfinite(result["time_of_divergence"][left]).all()
+    assert (result["time_of_divergence"][left] < 20).all()
+
+
+def test_a_matched_filter_is_consistent():
+    """100 runs of a linear plant by its own filter: NEES and NIS inside their chi-square bounds."""
+    from scipy import stats
+    from small_vehicles import linear
+
+    from harness.compile import compile_model
+    from harness.estimate import Estimator
+    from harness.lanes import LANES
+    from harness.simulate import Simulator, in_lanes
+
+    names = ("alpha_test", "beta_test", "gamma_test")
+    compiled, samples, runs = compile_model(linear(), 0.05, signals=names), 400, 104
+    q, r, p0 = np.array([1e-3, 2e-3, 5e-4]), np.array([1e-2, 4e-2]), np.array([0.5, 1.0, 2.0])
+    constants, rng = compiled.constants(in_lanes(np.array([1.5]))), np.random.default_rng(5)
+    simulator, estimator = Simulator(compiled), Estimator("ekf", compiled)
+    belief = estimator.belief(constants, in_lanes(q), in_lanes(r))
+    u, nees, nis = rng.normal(size=(samples, 1, LANES)), [], []
+    for _ in range(runs // LANES):
+        noise = rng.standard_normal((samples, 5, LANES))
+        x0 = rng.standard_normal((3, LANES)) * np.sqrt(p0)[:, None]
+        batch = simulator.run(u, constants, in_lanes(q), in_lanes(r), noise, x0)
+        scores = estimator.run(
+            u, batch.measurements, batch.truth, names, batch.left_at, belief, estimator.init(np.zeros(3), p0)
+        )
+        nees += scores.nees.tolist()
+        nis += scores.nis.tolist()
+    bound = lambda degrees, share: stats.chi2.ppf(share, degrees)  # noqa: E731
+    # NIS is white: all samples of all runs count. NEES is not: one sample per run is the safe count.
+    count = runs * (samples - 1) * 2
+    assert bound(count, 0.005) < np.mean(nis) * count / 2 < bound(count, 0.995)
+    assert bound(runs * 3, 0.025) < np.mean(nees) * runs < bound(runs * 3, 0.975)
+
+
+def test_store_is_refused_where_the_folder_cannot_be_made(study, bench, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot create"):
+        Store(study, bench, tmp_path / "file" / "deeper")
