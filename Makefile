@@ -3,14 +3,15 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?=
-STUDIES := $(filter-out study-,$(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml)))
+STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup studies report test lint bench lock clean $(STUDIES)
 
 help:            ## show the targets
-	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
-	@echo "studies:        $(STUDIES)"
+	@echo "study-<name>    run studies/<name>.toml, write results/<name>/report.html and .pdf;"
+	@echo "                there are: $(STUDIES)"
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
 
 $(VENV)/run.stamp: requirements.lock pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -25,8 +26,11 @@ $(VENV)/dev.stamp: $(VENV)/run.stamp requirements-dev.lock
 setup: $(VENV)/run.stamp ## create .venv with pinned packages
 
 # One target for every file in studies/: `make study-mass` runs studies/mass.toml.
-study-%: studies/%.toml $(VENV)/run.stamp ## run studies/<name>.toml and write results/<name>/report.html and .pdf
+$(STUDIES): study-%: studies/%.toml $(VENV)/run.stamp
 	$(BIN)/harness run $< $(if $(JOBS),--jobs $(JOBS)) --out results/$*
+
+study-%:
+	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2
 
 studies: $(STUDIES) ## run every study
 
@@ -45,8 +49,8 @@ bench: $(VENV)/dev.stamp ## print the speed table
 	$(BIN)/python -m bench
 
 lock: ## renew the lock files from pyproject.toml (needs uv)
-	uv pip compile -q --python-version 3.11 --no-header --no-emit-index-url --upgrade pyproject.toml requirements-build.in -o requirements.lock
-	uv pip compile -q --python-version 3.11 --no-header --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --upgrade pyproject.toml requirements-build.in -o requirements.lock
+	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 
 clean: ## remove results and caches (keeps .venv)
 	find results -mindepth 1 ! -name README.md -delete
