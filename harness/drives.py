@@ -84,8 +84,8 @@ def build_drive(kind: str, options: Mapping[str, object], context: DriveContext,
         profile = module.generate({k: v for k, v in values.items() if _declares(module, k)}, context)
         _check_shape(profile, context.step)
         check_lateral_acceleration(profile, context, values[LIMIT.name])
-    except ModelError as error:
-        raise ModelError(f"{where}: {error}") from None
+    except (ModelError, UserError) as error:
+        raise type(error)(f"{where}: {error}") from None
     return profile
 
 

@@ -1,0 +1,35 @@
+"""Print the speed table; ``make bench``."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from bench import engine
+from harness.lanes import LANES
+from harness.store import _processor
+from models import registry
+
+
+def main() -> None:
+    """Measure and print."""
+    console = Console()
+    with console.status("measuring"):
+        mass = [k for k in registry.names("harness.estimators") if k in ("ekf", "ukf")]
+        times, ratio, peer = engine.step_times(mass), engine.workers(), engine.filterpy_ukf()
+    table = Table(title=f"microseconds per step and run, one core of {_processor()}, {LANES} runs at a time")
+    table.add_column("what")
+    table.add_column("us", justify="right")
+    table.add_column("target", justify="right")
+    table.add_column("over EKF", justify="right")
+    for name, value in times.items():
+        target = engine.TARGETS.get(name)
+        table.add_row(name, f"{value:.3f}", "" if target is None else f"{target:g}", f"{value / times['ekf']:.2f}")
+    table.add_row("filterpy's UKF on the same compiled model", f"{peer:.0f}", "", f"{peer / times['ekf']:.0f}")
+    console.print(table)
+    console.print(f"our UKF is {peer / times['ukf']:.0f} times as fast as filterpy's")
+    console.print(f"two workers are {ratio:.2f} times as fast as one (target 1.8)")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""Time per step and run of the simulation and of every estimator of the mass study, and two workers against one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import joblib
+import numpy as np
+
+from bench.timing import quickest
+from harness.configure import EstimatorSpec, Study, load_study
+from harness.design import Unit
+from harness.evaluate import Bench, Case
+from harness.lanes import LANES
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGETS = {"simulation with noise": 0.25, "ekf": 0.7, "ukf": 1.8}  # us per step, one core
+
+
+def mass_study(kinds: list[str]) -> Study:
+    """Return the mass study with these estimators."""
+    import dataclasses
+
+    study = load_study(ROOT / "studies" / "mass.toml")
+    specs = {e.kind: e for e in study.estimators}
+    chosen = tuple(specs.get(kind) or EstimatorSpec(kind, kind, {}) for kind in kinds)
+    return dataclasses.replace(study, estimators=chosen)
+
+
+def step_times(kinds: list[str], samples: int = 3000, rounds: int = 15) -> dict[str, float]:
+    """Return microseconds per step and run, scores included, on one core.
+
+    Args:
+        kinds: Estimators.
+        samples: Steps of each measurement.
+        rounds: Measurements of each, of which the quickest counts.
+    """
+    bench = Bench(mass_study(kinds))
+    unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
+    batch, held = bench._simulate(unit, cases, samples), bench._lanes(unit, cases, "belief")
+    work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: bench._simulate(unit, cases, samples)}
+    for i, kind in enumerate(kinds):
+        work[kind] = lambda i=i: bench._estimate(i, bench.roads[3], batch, held)
+    return {name: 1e6 * t / samples / LANES for name, t in quickest(work, rounds).items()}
+
+
+def workers(rounds: int = 3) -> float:
+    """Return how many times faster two worker threads are than one on the mass study's units."""
+    bench = Bench(mass_study(["ekf", "ukf"]))
+    for i in range(bench.kernels):
+        bench.warm_up(i)
+    units = [Unit(0, band, drive, 0, 1) for band in (0, 6) for drive in range(6)]
+
+    def run(jobs: int) -> None:
+        joblib.Parallel(n_jobs=jobs, backend="threading")(joblib.delayed(bench.evaluate)(u) for u in units)
+
+    best = quickest({"1": lambda: run(1), "2": lambda: run(2)}, rounds)
+    return best["1"] / best["2"]
+
+
+def filterpy_ukf(samples: int = 120) -> float:
+    """Return microseconds per step of filterpy's UKF on the same compiled model."""
+    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+    bench = Bench(mass_study(["ukf"]))
+    unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, 0)]
+    batch, held = bench._simulate(unit, cases, samples), bench._lanes(unit, cases, "belief")
+    compiled, kernels = bench.belief, bench.belief.kernels
+    constants, inputs = compiled.constants(held.values.T), bench.roads[3].belief_inputs
+    x, xn, work = (np.zeros((rows, LANES)) for rows in (compiled.nx, compiled.nx, compiled.nw))
+
+    def advance(state: np.ndarray, dt: float, k: int) -> np.ndarray:
+        x[:] = state[:, None]
+        kernels.next_state(x, inputs[k], constants, xn, work)
+        return xn[:, 0].copy()
+
+    where = compiled.model.states.index("yaw_rate_trailer")
+    points = MerweScaledSigmaPoints(compiled.nx, 1.0, 2.0, 0.0)
+    ukf = UnscentedKalmanFilter(compiled.nx, 1, 0.01, lambda s: s[where : where + 1], advance, points)
+    ukf.Q, ukf.R = np.diag(held.process_noise[0]), np.diag(held.measurement_noise[0])
+    ukf.P = ukf.Q.copy()
+
+    def run() -> None:
+        ukf.x = np.zeros(compiled.nx)
+        for k in range(1, samples):
+            ukf.predict(k=k - 1)
+            ukf.update(batch.measurements[k, :, 0])
+
+    return 1e6 * quickest({"filterpy": run}, 3)["filterpy"] / (samples - 1)
