@@ -10,14 +10,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from harness.compile import CompiledModel, compile_model
-from harness.configure import ModelSpec, Study
+from harness.configure import HistorySpec, ModelSpec, Study
 from harness.design import Lanes, Unit, lanes, points
 from harness.drives import build_drive
 from harness.estimate import Estimator, Scores
 from harness.lanes import LANES
-from harness.simulate import Batch, Simulator, in_lanes, input_table
+from harness.simulate import Batch, Simulator, first_state, in_lanes, input_table
 from models import registry
-from models.contracts import DriveContext, Profile
+from models.assemble import Model
+from models.contracts import DRIVE_INPUTS, DriveContext, Profile
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ class Road:
     Attributes:
         profile: Inputs over time.
         plant_inputs: As the plant reads them, ``(samples, nu, LANES)``.
-        belief_inputs: What the estimators know, ``(samples, nu, LANES)``.
+        belief_inputs: What the estimators know, ``(samples, nu, LANES)``; NaN for what the plant supplies.
     """
 
     profile: Profile
@@ -64,14 +65,18 @@ class Bench:
     def __init__(self, study: Study) -> None:
         self.study = study
         belief_model, plant_model = study.belief.model(), study.plant.model()
-        scored = study.targets
-        self.signals = tuple(dict.fromkeys([*scored, *study.belief.unknown_inputs]))
+        drawn = [name for history in study.history for name in history.signals]
+        self.signals = tuple(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *drawn]))  # scored first
         known = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
-        watched = tuple(dict.fromkeys([*(s for s in belief_model.states if s in known), *self.signals]))
+        self.supplied = supplied_inputs(plant_model, belief_model)
+        states = (s for s in belief_model.states if s in known)
+        exact = (name for name in self.supplied if name not in plant_model.outputs)
+        watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in known)]))
         self.roads = [self._road(i) for i in range(len(study.drives))]
         self.plant = _compile(study.plant, watched)
         self.belief = _compile(study.belief, self.signals)
         self.simulator = Simulator(self.plant)
+        self._measured = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
         self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base) for e in study.estimators]
         self._points = [points(study, d).values for d in study.designs]
 
@@ -85,8 +90,10 @@ class Bench:
             base=str(drive.base),
         )
         profile = build_drive(drive.kind, drive.options, context, drive.where)
+        plant, belief = study.plant.model(), study.belief.model()
         tables = (
-            input_table(profile, model.inputs, model.rates) for model in (study.plant.model(), study.belief.model())
+            input_table(profile, plant.inputs, plant.rates),
+            input_table(profile, belief.inputs, belief.rates, self.supplied),
         )
         return Road(profile, *(in_lanes(table) for table in tables))
 
@@ -126,11 +133,11 @@ class Bench:
                 self._enter(result, unit, group, e, batch, scores)
         return result
 
-    def history(self) -> xr.Dataset | None:
-        """Return the run the study wants drawn over time, or ``None``."""
-        wanted = self.study.history
-        if wanted is None:
-            return None
+    def histories(self) -> list[xr.Dataset]:
+        """Return the runs the study wants drawn over time; where the plant lacks a signal its truth is NaN."""
+        return [self._history(wanted) for wanted in self.study.history]
+
+    def _history(self, wanted: HistorySpec) -> xr.Dataset:
         study = self.study
         names = [d.name for d in study.drives]
         design = next(i for i, d in enumerate(study.designs) if d.name == wanted.design)
@@ -139,18 +146,23 @@ class Bench:
         batch, belief = self._simulate(unit, case), self._lanes(unit, case, "belief")
         road = self.roads[unit.drive]
         runs = [self._estimate(e, road, batch, belief, keep=True) for e in range(len(self.estimators))]
-        rows = [self.plant.signal_names.index(name) for name in self.signals]
-        kept = np.stack([r.kept[:, :, :, 0] for r in runs if r.kept is not None], axis=1)
+        shown = list(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *wanted.signals]))
+        truth = np.full((len(batch.truth), len(shown)), np.nan)
+        for i, name in enumerate(shown):
+            if name in self.plant.signal_names:
+                truth[:, i] = batch.truth[:, self.plant.signal_names.index(name), 0]
+        places = [self.signals.index(name) for name in shown]
+        kept = np.stack([r.kept[:, :, places, 0] for r in runs if r.kept is not None], axis=1)
         dataset = xr.Dataset(
             {
-                "truth": (("time", "target"), batch.truth[:, rows, 0]),
+                "truth": (("time", "target"), truth),
                 "estimate": (("time", "estimator", "target"), kept[:, :, 0]),
                 "std": (("time", "estimator", "target"), kept[:, :, 1]),
             },
             coords={
                 "time": road.profile.time,
                 "estimator": [e.name for e in study.estimators],
-                "target": list(self.signals),
+                "target": shown,
             },
         )
         stated = [e.has_covariance for e in self.estimators]
@@ -162,6 +174,7 @@ class Bench:
             for e, r in zip(study.estimators, runs, strict=True)
         }
         dataset.attrs = {
+            "name": wanted.name,
             "design": wanted.design,
             "band_label": study.designs[design].band_labels[wanted.band],
             "drive": wanted.drive,
@@ -194,7 +207,7 @@ class Bench:
             np.ascontiguousarray(plant.process_noise.T),
             np.ascontiguousarray(plant.measurement_noise.T),
             noise,
-            np.zeros((self.plant.nx, LANES)),
+            first_state(self.plant.model, plant.values.T, self.roads[unit.drive].profile),
         )
 
     def _estimate(self, index: int, road: Road, batch: Batch, held: Lanes, keep: bool = False) -> Scores:
@@ -203,11 +216,14 @@ class Bench:
         belief = estimator.belief(
             self.belief.constants(held.values.T), process, np.ascontiguousarray(held.measurement_noise.T)
         )
-        # The first covariance is the process noise and the first mean zero (Ziaukas 2023, 5.1 and 6.1).
-        first = estimator.init(np.zeros(self.belief.nx), process)
+        # The first covariance is the process noise (Ziaukas 2023, 5.1 and 6.1).
+        first = estimator.init(first_state(self.belief.model, held.values.T, road.profile), process)
+        measurements = batch.measurements
+        if self._measured != list(range(self.plant.ny)):
+            measurements = np.ascontiguousarray(measurements[:, self._measured])
         return estimator.run(
-            road.belief_inputs[: len(batch.truth)],
-            batch.measurements,
+            self._known(road, batch),
+            measurements,
             batch.truth,
             self.plant.signal_names,
             batch.left_at,
@@ -215,6 +231,21 @@ class Bench:
             first,
             keep,
         )
+
+    def _known(self, road: Road, batch: Batch) -> Floats:
+        """Return the belief's inputs ``(samples, nu, LANES)``, those that the plant supplies filled in."""
+        inputs = road.belief_inputs[: len(batch.truth)]
+        if not self.supplied:
+            return inputs
+        inputs = inputs.copy()
+        outputs = list(self.plant.model.outputs)
+        for name in self.supplied:
+            column = self.belief.model.inputs.index(name)
+            if name in outputs:
+                inputs[:, column] = batch.measurements[:, outputs.index(name)]
+            else:
+                inputs[:, column] = batch.truth[:, self.plant.signal_names.index(name)]
+        return inputs
 
     def _enter(
         self,
@@ -238,6 +269,15 @@ class Bench:
         first = np.where(diverged, scores.diverged_at[:count], batch.left_at[:count])
         result["status"][at] = np.where(diverged, ESTIMATOR_DIVERGED, np.where(left, PLANT_DIVERGED, OK))
         result["time_of_divergence"][at] = np.where(diverged | left, first * self.study.plant.step, np.nan)
+
+
+def supplied_inputs(plant: Model, belief: Model) -> tuple[str, ...]:
+    """Return the inputs of the belief that are no input of a drive but come from the vehicle itself.
+
+    They are what its sensors measure, noise included, or where no sensor does, the plant's exact state or port.
+    """
+    driven = {*plant.inputs, *belief.rates, *DRIVE_INPUTS, "time"}
+    return tuple(name for name in belief.inputs if name not in driven)
 
 
 def _compile(spec: ModelSpec, signals: tuple[str, ...]) -> CompiledModel:

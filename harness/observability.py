@@ -33,6 +33,7 @@ from scipy.sparse.csgraph import structural_rank
 
 from harness.equations import derive
 from harness.errors import UserError
+from harness.simulate import first_state
 from models import registry
 from models.assemble import Model, assemble, symbol
 from models.contracts import ModelError, Profile
@@ -349,7 +350,7 @@ def _inputs(model: Model, profile: Profile) -> Array:
 
 
 def _simulate(model: Model, p: Array, u: Array, profile: Profile) -> Array:
-    """Return the states (samples, nx): Euler from zero, with states that the profile prescribes set to it."""
+    """Return the states (samples, nx) by Euler from the first state; those the profile prescribes are set to it."""
     prescribed = {
         i: getattr(profile, name)
         for i, (name, rate) in enumerate(zip(model.states, model.derivatives, strict=True))
@@ -358,6 +359,7 @@ def _simulate(model: Model, p: Array, u: Array, profile: Profile) -> Array:
     drift = _drift(model)
     step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
     x = np.zeros((len(profile.time), len(model.states)))
+    x[0] = first_state(model, p[:, None], profile)[:, 0]
     for i, samples in prescribed.items():
         x[:, i] = samples
     simulated = [i for i in range(x.shape[1]) if i not in prescribed]

@@ -15,6 +15,7 @@ from harness import loops
 from harness.compile import CompiledModel, compile_model, load_source
 from harness.errors import UserError
 from harness.lanes import LANES
+from models.assemble import Model
 from models.contracts import Profile
 from models.registry import closest
 from models.signals import SIGNALS
@@ -104,8 +105,10 @@ class Simulator:
         return Batch(truth, y, left[0])
 
 
-def input_table(profile: Profile, names: Sequence[str], rates: Mapping[str, str]) -> Floats:
-    """Return the inputs of a model over a drive, ``(samples, len(names))``.
+def input_table(
+    profile: Profile, names: Sequence[str], rates: Mapping[str, str], elsewhere: Sequence[str] = ()
+) -> Floats:
+    """Return the inputs of a model over a drive, ``(samples, len(names))``; NaN for those that come from elsewhere.
 
     The rate of an input is its forward difference, which is what Euler's step needs to keep the kingpin tie;
     an estimator at sample k + 1 knows it, because it knows the input at k and k + 1.
@@ -123,10 +126,31 @@ def input_table(profile: Profile, names: Sequence[str], rates: Mapping[str, str]
         if source in known:
             difference = np.diff(known[source]) / step
             known[rate] = np.append(difference, difference[-1:])
+    known |= {name: np.full(len(profile.time), np.nan) for name in elsewhere}
     missing = [n for n in names if n not in known]
     if missing:
         raise UserError(f"a drive has no input '{missing[0]}'{closest(missing[0], sorted(known))}")
     return np.column_stack([known[n] for n in names]) if names else np.empty((len(profile.time), 0))
+
+
+def first_state(model: Model, parameters: Floats, profile: Profile) -> Floats:
+    """Return where a model starts, ``(nx, LANES)``: zero but for its ``start``.
+
+    Args:
+        model: The model; ``start`` of its vehicle says which states do not start at zero.
+        parameters: In the model's order, ``(np, LANES)``.
+        profile: The drive, of which the first sample counts.
+    """
+    x = np.zeros((len(model.states), parameters.shape[1]))
+    for state, source in model.start.items():
+        row = model.states.index(state)
+        if not isinstance(source, str):
+            x[row] = source
+        elif source in model.parameter_names:
+            x[row] = parameters[model.parameter_names.index(source)]
+        else:
+            x[row] = getattr(profile, source)[0]
+    return x
 
 
 def in_lanes(table: Floats) -> Floats:
@@ -162,19 +186,20 @@ def simulate_drive(
     if seed is not None:
         rng = np.random.default_rng(np.random.SeedSequence(seed))
         noise[:] = rng.standard_normal((samples, compiled.nx + compiled.ny))[..., None]
-    constants = compiled.constants(in_lanes(compiled.parameter_vector(spec.values)))
+    parameters = in_lanes(compiled.parameter_vector(spec.values))
+    constants = compiled.constants(parameters)
     batch = simulator.run(
         in_lanes(table),
         constants,
         in_lanes(variances(spec.process_noise, model.states)),
         in_lanes(variances(spec.measurement_noise, list(model.outputs))),
         noise,
-        np.zeros((compiled.nx, LANES)),
+        first_state(model, parameters, profile),
     )
     if batch.left_at[0] < samples:
         raise UserError(
             f"the vehicle leaves the range in which its equations hold at t = {batch.left_at[0] * spec.step:.2f} s "
-            f"(articulation or yaw rate beyond their limits); choose a calmer drive"
+            f"({', '.join(model.valid)}); choose a calmer drive"
         )
     columns = {name: batch.truth[:, i, 0] for i, name in enumerate(wanted)}
     columns |= {name: table[:, i] for i, name in enumerate(model.inputs) if name not in columns}

@@ -15,7 +15,7 @@ from types import ModuleType
 import sympy as sp
 
 from models import registry
-from models.contracts import ModelError, Parameter
+from models.contracts import DRIVE_INPUTS, ModelError, Parameter
 from models.signals import SIGNALS
 
 
@@ -41,6 +41,8 @@ class Model:
         rates: Inputs that are time derivatives of other inputs, ``{"speed_rate": "speed"}``.
         axles: Axle names, front to rear.
         effects: Names of the effects in force, in the order they act.
+        start: First value of a state that does not start at zero: a number, or the name of a parameter or of an
+            input of the drive.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Model:
     rates: dict[str, str] = field(default_factory=dict)
     axles: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
+    start: dict[str, float | str] = field(default_factory=dict)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -302,7 +305,25 @@ class Builder:
             rates=dict(self.rates),
             axles=tuple(self.vehicle.AXLES),
             effects=tuple(self.effects),
+            start=self._start(),
         )
+
+    def _start(self) -> dict[str, float | str]:
+        """Return where states start, refusing a state or a source that does not exist."""
+        start: dict[str, float | str] = dict(getattr(self.vehicle, "START", {}))
+        sources = [*self.parameters, *DRIVE_INPUTS]
+        for state, source in start.items():
+            if state not in self.states:
+                raise ModelError(
+                    f"START of '{self.vehicle_name}' names '{state}', which is no state"
+                    f"{registry.closest(state, self.states)}"
+                )
+            if isinstance(source, str) and source not in sources:
+                raise ModelError(
+                    f"START of '{self.vehicle_name}': '{state}' starts at '{source}', which is neither a parameter "
+                    f"nor an input of a drive{registry.closest(source, sources)}"
+                )
+        return start
 
     def _check_symbols(self, readable: set[str]) -> None:
         """Refuse an equation over a symbol that no part provides (one written without ``p``, ``state``, ...)."""

@@ -12,6 +12,10 @@ folder          exports
 ``parameters``  ``VEHICLE``, ``VALUES``, ``PROCESS_NOISE``, ``MEASUREMENT_NOISE``, ``NOISE_STEP``
 ``drives``      ``OPTIONS``, ``generate(options, context)``
 ==============  =========================================================================================
+
+Beside these a vehicle may export ``wheelbase(values)`` for the limits of the drives, ``check(values)`` for
+values that are impossible together, and ``START``: the first value of a state that does not start at zero, as a
+number, the name of a parameter, or the name of a drive's input (its first sample).
 """
 
 from __future__ import annotations
@@ -31,6 +35,10 @@ EXPORTS: dict[str, tuple[str, ...]] = {
     "parameters": ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP"),
     "drives": ("OPTIONS", "generate"),
 }
+
+
+DRIVE_INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
+"""What a drive states over time; a vehicle's first state may be taken from it."""
 
 
 class ModelError(ValueError):

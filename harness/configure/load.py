@@ -16,7 +16,6 @@ from harness.configure.file import (
     DrivesFile,
     DriveTable,
     EstimatorTable,
-    HistoryTable,
     StudyFile,
 )
 from harness.configure.problems import Problems, add_validation_errors
@@ -31,7 +30,7 @@ from harness.configure.specs import (
 from harness.configure.vehicle import resolve_model, stated
 from harness.errors import UserError
 from models import registry
-from models.contracts import ModelError
+from models.contracts import DRIVE_INPUTS, ModelError
 
 _Table = TypeVar("_Table", bound=BaseModel)
 
@@ -61,14 +60,18 @@ def load_study(path: str | Path) -> Study:
     estimators = _estimators(raw.estimator, folder, problems)
     designs: list[DesignSpec] = []
     _refuse_twice([d.name for d in raw.design], "design", "name", problems)
+    for i, entry in enumerate(raw.design):
+        if entry.name == "history":
+            problems.add(f"design[{i}].name", "'history' is where the store keeps the runs over time; choose another")
     if plant is not None and belief is not None:
         _check_pair(plant, belief, raw, problems)
         for i, table in enumerate(raw.design):
             design = resolve_design(table, f"design[{i}]", Models(plant, belief), problems)
             designs += [] if design is None else [design]
-    history = None
-    if raw.history is not None and len(designs) == len(raw.design):
-        history = _history(raw, raw.history, designs, drives, problems)
+    histories: list[HistorySpec | None] = []
+    if belief is not None and len(designs) == len(raw.design):
+        _refuse_twice_history(raw, problems)
+        histories = [_history(raw, key, designs, drives, belief, problems) for key in raw.histories]
     problems.stop()
     assert plant is not None
     assert belief is not None
@@ -82,7 +85,7 @@ def load_study(path: str | Path) -> Study:
         drives=tuple(drives),
         estimators=tuple(estimators),
         designs=tuple(designs),
-        history=history,
+        history=tuple(h for h in histories if h is not None),
         text=text,
         hash="",
         path=path,
@@ -233,7 +236,8 @@ def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: P
                 f"{registry.closest(output, list(truth.outputs))}",
             )
     for name in held.inputs:
-        if name not in truth.inputs and name not in held.rates and name != "time":
+        given = {*truth.inputs, *truth.outputs, *truth.states, *truth.ports, *DRIVE_INPUTS, *held.rates, "time"}
+        if name not in given:
             problems.add(
                 "belief.vehicle",
                 f"the belief needs input '{name}', which the plant does not have; add it to belief.unknown_inputs",
@@ -249,44 +253,59 @@ def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: P
                 break
 
 
+def _refuse_twice_history(raw: StudyFile, problems: Problems) -> None:
+    named: dict[str, str] = {}
+    for key, table in raw.histories.items():
+        if table.name and table.name in named:
+            problems.add(f"{key}.name", f"'{table.name}' is the name of {named[table.name]} already; choose another")
+        named.setdefault(table.name, key)
+
+
 def _history(
     raw: StudyFile,
-    table: HistoryTable,
+    key: str,
     designs: list[DesignSpec],
     drives: list[DriveSpec],
+    belief: ModelSpec,
     problems: Problems,
 ) -> HistorySpec | None:
-    """Find the band, and check that design, drive, sample and repeat exist."""
-    before = len(problems)
+    """Find the band, and check that design, drive, sample, repeat and signals exist."""
+    before, table = len(problems), raw.histories[key]
+    for i, signal in enumerate(table.signals):
+        with problems.catch(f"{key}.signals[{i}]"):
+            belief.model().resolve(signal)
     names = [d.name for d in designs]
     if table.drive not in [d.name for d in drives] and drives:
         near = registry.closest(table.drive, [d.name for d in drives])
-        problems.add("history.drive", f"there is no drive '{table.drive}'{near}")
+        problems.add(f"{key}.drive", f"there is no drive '{table.drive}'{near}")
     if table.design not in names:
         near = registry.closest(table.design, names)
-        problems.add("history.design", f"there is no design '{table.design}'{near}")
+        problems.add(f"{key}.design", f"there is no design '{table.design}'{near}")
         return None
     at = names.index(table.design)
     design = designs[at]
-    for key, count in (("sample", design.samples), ("repeat", design.repeats)):
-        if getattr(table, key) >= count:
-            problems.add(f"history.{key}", f"design '{design.name}' has {count}, counted from 0; give less")
+    for index, count in (("sample", design.samples), ("repeat", design.repeats)):
+        if getattr(table, index) >= count:
+            problems.add(f"{key}.{index}", f"design '{design.name}' has {count}, counted from 0; give less")
     band: int | None = None
     levels: dict[str, float] = {}
-    with problems.catch("history"):
-        band, levels = _history_band(raw, table, design, at, problems)
+    with problems.catch(key):
+        band, levels = _history_band(raw, key, design, at, problems)
     if band is None or len(problems) > before:
         return None
-    return HistorySpec(design.name, band, table.drive, levels, table.sample, table.repeat)
+    return HistorySpec(
+        table.name, design.name, band, table.drive, levels, table.sample, table.repeat, tuple(table.signals)
+    )
 
 
 def _history_band(
-    raw: StudyFile, table: HistoryTable, design: DesignSpec, at: int, problems: Problems
+    raw: StudyFile, where: str, design: DesignSpec, at: int, problems: Problems
 ) -> tuple[int, dict[str, float]]:
+    table = raw.histories[where]
     fits = list(range(design.bands))
     labels = ", ".join(design.band_labels)
     for name, written in table.levels.items():
-        key = problems.at(f"history.levels.{name}")
+        key = problems.at(f"{where}.levels.{name}")
         found = [i for i, f in enumerate(design.factors) if f.parameter == name]
         if not found:
             near = registry.closest(name, [f.parameter for f in design.factors])
@@ -299,11 +318,11 @@ def _history_band(
     if table.band is not None:
         if table.band not in design.band_labels:
             near = registry.closest(table.band, design.band_labels)
-            raise UserError(f"{problems.at('history.band')}: no band is labelled '{table.band}'{near}")
+            raise UserError(f"{problems.at(f'{where}.band')}: no band is labelled '{table.band}'{near}")
         fits = [b for b in fits if design.band_labels[b] == table.band]
     if len(fits) != 1:
         raise UserError(
-            f"{problems.at('history')}: {len(fits)} bands of design '{design.name}' fit; name one by "
+            f"{problems.at(where)}: {len(fits)} bands of design '{design.name}' fit; name one by "
             f"'levels' or 'band' ({labels})"
         )
     return fits[0], {f.parameter: f.levels[fits[0]] for f in design.factors}
@@ -335,7 +354,7 @@ def _hash(study: Study) -> str:
             }
             for d in study.designs
         ],
-        "history": None if study.history is None else asdict(study.history),
+        "history": [asdict(h) for h in study.history],
     }
     canonical = json.dumps(content, sort_keys=True, ensure_ascii=True, default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()
