@@ -58,7 +58,7 @@ class Scores:
 
     Attributes:
         rmse, bias, max_error: ``(targets, LANES)`` in SI units of the target, up to a divergence; NaN where the
-            estimator does not give the target.
+            estimator does not give the target or there is no truth of it.
         nees, nis: Averages per step ``(LANES,)``; NaN if the estimator states no covariance.
         nees_inside, nis_inside: Share of samples inside the two-sided 95 % chi-square region.
         log_likelihood: Sum over the run; NaN if the estimator states no covariance.
@@ -185,21 +185,15 @@ class Estimator:
             inputs: What the estimator knows ``(samples, nu, LANES)``.
             measurements: ``(samples, ny, LANES)``; NaN where missing.
             truth: The plant's signals ``(samples, len(truth_names), LANES)``.
-            truth_names: Their names; they must hold every target. The NEES needs every state as well.
+            truth_names: Their names. A target that is not among them has no score; the NEES needs every state.
             until: Scores stop before this sample ``(LANES,)``.
             belief: From ``belief``.
             first: From ``init``.
             keep: Whether to keep the estimates of the targets over time.
-
-        Raises:
-            UserError: If the plant does not have a target.
         """
         states, wanted = self.compiled.model.states, self.compiled.signal_names
-        missing = [t for t in wanted if t not in truth_names]
-        if missing:
-            raise UserError(f"the plant has no '{missing[0]}' to score{registry.closest(missing[0], truth_names)}")
         rows = np.array([truth_names.index(n) if n in truth_names else -1 for n in (*states, *wanted)])
-        comparable = self.has_covariance and bool(np.all(rows >= 0))
+        comparable = self.has_covariance and bool(np.all(rows[: len(states)] >= 0))
         samples, targets = inputs.shape[0], len(self.compiled.signal_names)
         sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
         kept = np.empty((samples if keep else 0, 2, targets, LANES))
@@ -209,7 +203,7 @@ class Estimator:
             inputs,
             measurements,
             truth,
-            rows,
+            np.maximum(rows, 0),  # what a lacking row would give is not used
             until.reshape(1, LANES),
             belief,
             first.mean,
@@ -222,7 +216,7 @@ class Estimator:
             per_run,
             kept,
         )
-        sums[:, ~self.gives] = np.nan
+        sums[:, ~self.gives | (rows[len(states) :] < 0)] = np.nan
         kept[:, :, ~self.gives] = np.nan
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 

@@ -93,8 +93,8 @@ def run_study(study: Study, out: Path, jobs: int | None = None, console: Console
             "peak_memory_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         }
         (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n")
-    if todo or not (store.path / "history").exists():
-        store.write_history(bench.history())
+    if todo or not store.has_histories:
+        store.write_histories(bench.histories())
     with console.status("writing the reports"):
         write_report(out)
     return out

@@ -13,7 +13,7 @@ import json
 import platform
 import shutil
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from harness.evaluate import PENDING, PER_RUN, PER_TARGET, Bench
 from models.signals import SIGNALS
 
 STORE = "scores.zarr"
+HISTORY = "history"
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
 
 _MEANINGS = {
@@ -95,13 +96,21 @@ class Store:
                     self._groups[index][name][band] = values[band]
         self._dirty.clear()
 
-    def write_history(self, history: xr.Dataset | None) -> None:
-        """Write the run to be drawn over time."""
-        if history is None:
-            return
-        history = history.assign_coords({n: _text(history[n].values) for n in ("estimator", "target")})
-        history.attrs["rmse"] = json.dumps(history.attrs["rmse"])
-        history.to_zarr(self.path, group="history", mode="w", consolidated=False, zarr_format=3)
+    @property
+    def has_histories(self) -> bool:
+        """Whether every run to be drawn over time is there."""
+        root = zarr.open_group(str(self.path), mode="r")
+        return HISTORY in root and root[HISTORY].attrs.get("runs") == len(self.study.history)
+
+    def write_histories(self, histories: Sequence[xr.Dataset]) -> None:
+        """Write the runs to be drawn over time, each to a group ``history/<index>``; their number comes last."""
+        group = zarr.open_group(str(self.path), mode="r+").create_group(HISTORY, overwrite=True)
+        for index, history in enumerate(histories):
+            history = history.assign_coords({n: _text(history[n].values) for n in ("estimator", "target")})
+            history.attrs["rmse"] = json.dumps(history.attrs["rmse"])
+            name = f"{HISTORY}/{index}"
+            history.to_zarr(self.path, group=name, mode="w", consolidated=False, zarr_format=3)
+        group.attrs["runs"] = len(histories)
 
     def _check_same_study(self) -> None:
         try:

@@ -11,12 +11,16 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
     StrictBool,
     StrictInt,
     StrictStr,
+    Tag,
     WithJsonSchema,
 )
+
+from harness.configure.problems import TABLE, TABLES
 
 
 def _quantity(value: object) -> object:
@@ -157,14 +161,28 @@ class DesignTable(Table):
 
 
 class HistoryTable(Table):
-    """``[history]``: the run that is drawn over time."""
+    """``[history]``, or ``[[history]]`` for several: a run that is drawn over time."""
 
+    name: StrictStr = Field(default="", description="what the report calls it; default: band and drive")
     design: Name = Field(description="name of a design")
     drive: Name = Field(description="name of a drive")
     levels: dict[str, Quantity] = Field(default_factory=dict, description="levels by parameter, as in the design")
     band: Name | None = Field(default=None, description="label of the band, where the design has no levels")
     sample: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the Sobol point, from 0")
     repeat: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the repeat, from 0")
+    signals: list[Name] = Field(
+        default_factory=list,
+        description="further states or ports of the belief to draw, beside targets and unknown inputs",
+    )
+
+
+def _one_or_several(value: Any) -> str:
+    return TABLES if isinstance(value, list) else TABLE
+
+
+Histories = Annotated[
+    Annotated[HistoryTable, Tag(TABLE)] | Annotated[list[HistoryTable], Tag(TABLES)], Discriminator(_one_or_several)
+]
 
 
 class StudyFile(Table):
@@ -186,7 +204,14 @@ class StudyFile(Table):
     )
     estimator: Annotated[list[EstimatorTable], Field(min_length=1)] = Field(description="who competes")
     design: Annotated[list[DesignTable], Field(min_length=1)] = Field(description="what is varied")
-    history: HistoryTable | None = Field(default=None, description="the run drawn over time")
+    history: Histories = Field(default_factory=list, description="the run drawn over time, or several")
+
+    @property
+    def histories(self) -> dict[str, HistoryTable]:
+        """The runs to draw by their key in the file: ``history`` alone, or ``history[0]`` and so on."""
+        if isinstance(self.history, HistoryTable):
+            return {"history": self.history}
+        return {f"history[{i}]": table for i, table in enumerate(self.history)}
 
 
 class ParameterFile(Table):

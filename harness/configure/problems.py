@@ -13,6 +13,9 @@ from harness.errors import UserError
 from models.contracts import ModelError
 from models.registry import closest
 
+TABLE, TABLES = "(table)", "(array of tables)"
+"""Tags of the two forms of a key that takes one table or several; pydantic puts them in the place of an error."""
+
 
 class Problems:
     """The problems of one study; raised together as one ``UserError``."""
@@ -82,7 +85,7 @@ def add_validation_errors(problems: Problems, error: ValidationError, table: typ
         prefix: Key path of the validated table.
     """
     for item in error.errors():
-        location = list(item["loc"])
+        location = [part for part in item["loc"] if part not in (TABLE, TABLES)]
         place = key_path([*([prefix] if prefix else []), *location])
         if item["type"] == "extra_forbidden":
             known = keys_at(table, location[:-1])

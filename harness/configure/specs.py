@@ -178,23 +178,27 @@ class DesignSpec:
 
 @dataclass(frozen=True)
 class HistorySpec:
-    """The one run that the report draws over time (as Ziaukas 2023, Bild 5.10).
+    """A run that the report draws over time (as Ziaukas 2023, Bild 5.10).
 
     Attributes:
+        name: What the report calls it; empty for its band and drive.
         design: Name of the design.
         band: Index of the band in it.
         drive: Name of the drive.
         levels: The band's levels by parameter, SI.
         sample: Index of the Sobol point.
         repeat: Index of the repeat.
+        signals: Quantities of the belief to draw beside the targets and the unknown inputs.
     """
 
+    name: str
     design: str
     band: int
     drive: str
     levels: dict[str, float] = field(default_factory=dict)
     sample: int = 0
     repeat: int = 0
+    signals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -211,7 +215,7 @@ class Study:
         drives: At least one.
         estimators: At least one.
         designs: At least one.
-        history: The run to draw over time, if any.
+        history: The runs to draw over time; possibly none.
         text: The study file as read.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
@@ -227,7 +231,7 @@ class Study:
     drives: tuple[DriveSpec, ...]
     estimators: tuple[EstimatorSpec, ...]
     designs: tuple[DesignSpec, ...]
-    history: HistorySpec | None
+    history: tuple[HistorySpec, ...]
     text: str
     hash: str
     path: Path

@@ -262,9 +262,20 @@ def test_bands_lie_around_the_belief(load):
 
 def test_history_names_a_run_of_the_design(load):
     study = load(append='[history]\ndesign = "level"\nlevels = { trailer_mass = 24000 }\ndrive = "sine"\nrepeat = 1\n')
-    assert study.history is not None
-    assert (study.history.band, study.history.repeat) == (1, 1)
-    assert study.history.levels == {"trailer_mass": 24000.0}
+    (history,) = study.history
+    assert (history.band, history.repeat) == (1, 1)
+    assert history.levels == {"trailer_mass": 24000.0}
+    assert (history.name, history.signals) == ("", ())
+
+
+def test_several_histories_with_signals_of_their_own(load):
+    study = load(
+        append='[[history]]\nname = "light"\ndesign = "level"\nlevels = { trailer_mass = 8000 }\ndrive = "sine"\n'
+        '[[history]]\ndesign = "level"\nlevels = { trailer_mass = 32000 }\ndrive = "sine"\nsignals = ["yaw_rate_tractor"]\n'
+    )
+    assert [(h.name, h.band, h.signals) for h in study.history] == [("light", 0, ()), ("", 2, ("yaw_rate_tractor",))]
+    assert load().history == ()
+    assert load().hash != study.hash
 
 
 REFUSALS = {
@@ -499,6 +510,31 @@ APPENDED = {
         '[history]\ndesign = "level"\ndrive = "sinus"\nlevels = { trailer_mass = "8 t" }\n',
         "history.drive: there is no drive 'sinus'; closest: sine",
     ),
+    "history among several": (
+        '[[history]]\ndesign = "level"\ndrive = "sine"\nband = "8 t"\n'
+        '[[history]]\ndesign = "level"\ndrive = "sine"\nband = "9 t"\n',
+        "history[1].band: no band is labelled '9 t'",
+    ),
+    "history key": (
+        '[history]\ndesing = "level"\ndrive = "sine"\n',
+        "history.desing: unknown key 'desing'; closest: design",
+    ),
+    "history key among several": (
+        '[[history]]\ndesing = "level"\ndrive = "sine"\n',
+        "history[0].desing: unknown key 'desing'; closest: design",
+    ),
+    "history twice": (
+        2 * '[[history]]\nname = "a"\ndesign = "level"\ndrive = "sine"\nband = "8 t"\n',
+        "history[1].name: 'a' is the name of history[0] already",
+    ),
+    "history signal": (
+        '[history]\ndesign = "level"\ndrive = "sine"\nband = "8 t"\nsignals = ["yaw_rate_tracto"]\n',
+        "history.signals[0]: model 'semitrailer+magic_formula' has no quantity 'yaw_rate_tracto'; closest: yaw_rate_tractor",
+    ),
+    "design of the name of the histories": (
+        '[[design]]\nname = "history"\n',
+        "design[1].name: 'history' is where the store keeps the runs over time",
+    ),
     "history design": (
         '[history]\ndesign = "levels"\ndrive = "sine"\n',
         "history.design: there is no design 'levels'; closest: level",
@@ -621,7 +657,7 @@ def test_studies_of_the_project_load(path):
     study = load_study(path)
     assert study.name == path.stem
     assert study.title.endswith("?")
-    assert study.history is not None
+    assert study.history
 
 
 def test_mass_study_is_that_of_the_thesis():
@@ -663,7 +699,7 @@ def _documented(heading: str) -> set[str]:
         ("`[plant]` and `[belief]`", "ModelTable"),
         ("`[[design]]`", "DesignTable"),
         ("`[[design.factor]]`", "FactorTable"),
-        ("`[history]`", "HistoryTable"),
+        ("`[history]` or `[[history]]`", "HistoryTable"),
     ],
 )
 def test_documentation_has_every_key_and_no_other(heading, table):

@@ -53,10 +53,16 @@ samples = 4
 parameter = "trailer_mass"
 levels = ["24 t"]
 band = "5 %"
-[history]
+[[history]]
 design = "level"
 levels = { trailer_mass = "8 t" }
 drive = "weave"
+[[history]]
+name = "as believed"
+design = "level"
+levels = { trailer_mass = "24 t" }
+drive = "weave"
+signals = ["yaw_rate_tractor"]
 """
 
 
@@ -186,7 +192,7 @@ def test_levels_share_their_noise_and_runs_do_not(bench, study):
 
 def test_scores_are_what_the_kept_estimates_say(bench, study, finished):
     """RMSE, bias and maximum error of the store, recomputed from the history of the same run."""
-    history = bench.history()
+    history = bench.histories()[0]
     level = xr.open_zarr(finished / STORE, group="level", consolidated=False)
     for target in study.targets:
         error = (history.estimate.sel(target=target, estimator="EKF") - history.truth.sel(target=target)).values[1:]
@@ -194,6 +200,45 @@ def test_scores_are_what_the_kept_estimates_say(bench, study, finished):
         np.testing.assert_allclose(stored.rmse, np.sqrt(np.mean(error**2)), rtol=1e-12)
         np.testing.assert_allclose(stored.bias, np.mean(error), rtol=1e-9, atol=1e-12 * np.abs(error).max())
         np.testing.assert_allclose(stored.max_error, np.abs(error).max(), rtol=1e-12)
+
+
+def test_each_history_is_stored_with_its_own_signals(study, bench, finished):
+    light, matched = (xr.open_zarr(finished / STORE, group=f"history/{i}", consolidated=False) for i in (0, 1))
+    assert light.target.values.tolist() == [*study.targets, "steering_wheel_angle"]
+    assert matched.target.values.tolist() == [*light.target.values, "yaw_rate_tractor"]
+    assert (light.attrs["name"], matched.attrs["name"]) == ("", "as believed")
+    drawn = matched.sel(target="yaw_rate_tractor", estimator="EKF")
+    assert np.corrcoef(drawn.estimate[500:], drawn.truth[500:])[0, 1] > 0.9
+    missing = Store(study, bench, finished)
+    assert missing.has_histories
+    zarr.open_group(finished / STORE, path="history").attrs["runs"] = 1  # as if the writing had been interrupted
+    assert not missing.has_histories
+    missing.write_histories(bench.histories())
+    assert missing.has_histories
+
+
+def test_a_signal_without_truth_is_estimated_but_not_scored():
+    from small_vehicles import linear
+
+    from harness.compile import compile_model
+    from harness.estimate import Estimator
+    from harness.lanes import LANES
+    from harness.simulate import in_lanes
+
+    names = ("alpha_test", "beta_test", "gamma_test")
+    compiled = compile_model(linear(), 0.05, signals=names)
+    estimator, rng = Estimator("ekf", compiled), np.random.default_rng(1)
+    belief = estimator.belief(compiled.constants(in_lanes(np.array([1.5]))), in_lanes(np.ones(3)), in_lanes(np.ones(2)))
+    u, y = rng.normal(size=(50, 1, LANES)), rng.normal(size=(50, 2, LANES))
+    first, until = estimator.init(np.zeros(3), np.ones(3)), np.full(LANES, 50.0)
+    whole = estimator.run(u, y, np.zeros((50, 3, LANES)), names, until, belief, first, keep=True)
+    part = estimator.run(u, y, np.zeros((50, 2, LANES)), names[::2], until, belief, first, keep=True)
+    np.testing.assert_array_equal(part.kept, whole.kept)
+    assert np.isnan(part.rmse[1]).all()
+    assert np.isnan(part.max_error[1]).all()
+    np.testing.assert_array_equal(part.rmse[::2], whole.rmse[::2])
+    assert np.isfinite(whole.nees).all()
+    assert np.isnan(part.nees).all()
 
 
 def test_a_plant_that_leaves_its_range_is_a_result_with_a_time(tmp_path):
