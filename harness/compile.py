@@ -39,7 +39,7 @@ from types import ModuleType
 import numba
 import numpy as np
 
-from harness import lane_algebra, lane_math, lanes
+from harness import lane_algebra, lane_math, lane_random, lanes
 from harness.emit import constants_kernel, kernel, matrix, vector
 from harness.equations import Equations, derive
 from harness.errors import UserError
@@ -97,7 +97,7 @@ def load_source(stem: str, source: str) -> ModuleType:
 
 @functools.cache
 def _toolchain() -> str:
-    texts = [inspect.getsource(m) for m in (lanes, lane_math, lane_algebra)]
+    texts = [inspect.getsource(m) for m in (lanes, lane_math, lane_algebra, lane_random)]
     return "\n".join([numba.__version__, np.__version__, *texts])
 
 

@@ -17,6 +17,13 @@ and of an estimator that is made for particular signals, such as a trained netwo
                                 its settings name are relative to the folder. ``UserError`` if the model does not fit
 ``estimates(settings, folder)`` the signals it estimates; it has no score for any other target
 
+and of one whose memory depends on its settings, or begins with other than zeros, such as random numbers,
+
+``first_memory(settings, nx, ny, seeds)``
+                                in place of ``memory_size``: the memory before the first step, ``(rows, LANES)``;
+                                ``seeds`` holds a ``numpy.random.SeedSequence`` per lane
+``MONTE_CARLO``                 true if its results scatter with the seed
+
 Every other function of the file is a kernel the two may call. Kernels are compiled from their source behind the
 kernels of the model the estimator believes in (``harness.kernel`` lists the names they may use).
 """
@@ -24,7 +31,9 @@ kernels of the model the estimator believes in (``harness.kernel`` lists the nam
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -43,8 +52,9 @@ from models import registry
 
 Floats = NDArray[np.float64]
 
-EXPORTS = ("Settings", "HAS_COVARIANCE", "memory_size", "workspace", "step")
-_NOT_KERNELS = {"tuning", "memory_size", "fit", "estimates"}
+EXPORTS = ("Settings", "HAS_COVARIANCE", "tuning", "memory_size", "workspace", "step")
+_NOT_KERNELS = {"tuning", "memory_size", "fit", "estimates", "first_memory"}
+_IN_PLACE_OF = {"fit": "tuning", "first_memory": "memory_size"}
 
 NEES_EVERY = 10
 """Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
@@ -89,7 +99,8 @@ def load_estimator(kind: str) -> ModuleType:
         ModelError: If there is none of that name or it lacks an export.
     """
     found = registry.load("harness.estimators", kind)
-    return registry.load("harness.estimators", kind, EXPORTS if hasattr(found, "fit") else (*EXPORTS, "tuning"))
+    replaced = {old for new, old in _IN_PLACE_OF.items() if hasattr(found, new)}
+    return registry.load("harness.estimators", kind, tuple(e for e in EXPORTS if e not in replaced))
 
 
 class Estimator:
@@ -121,7 +132,12 @@ class Estimator:
             raise UserError(f"settings of estimator '{kind}': {error}") from error
         given = file.estimates(chosen, folder) if hasattr(file, "estimates") else compiled.signal_names
         self.gives = np.array([name in given for name in compiled.signal_names], dtype=bool)
-        self.memory_rows = int(file.memory_size(compiled.nx, compiled.ny))
+        self._first_memory: Callable[[Sequence[np.random.SeedSequence]], Floats]
+        if hasattr(file, "first_memory"):
+            self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
+        else:
+            size = int(file.memory_size(compiled.nx, compiled.ny))
+            self._first_memory = lambda seeds: np.zeros((size, LANES))
         own = [
             f
             for name, f in vars(file).items()
@@ -132,12 +148,15 @@ class Estimator:
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
 
-    def init(self, mean: Floats, variance: Floats) -> State:
+    def init(
+        self, mean: Floats, variance: Floats, seeds: Sequence[np.random.SeedSequence] | None = None
+    ) -> State:
         """Return the first state.
 
         Args:
             mean: ``(nx,)`` or ``(nx, LANES)``.
             variance: Of each state; same shapes, or a covariance ``(nx, nx)``.
+            seeds: One per lane, for estimators that draw random numbers; by default the same for all.
         """
         nx = self.compiled.nx
         x = np.ascontiguousarray(np.broadcast_to(np.reshape(mean, (nx, -1)), (nx, LANES)), dtype=float)
@@ -146,7 +165,8 @@ class Estimator:
             P[:] = np.asarray(variance)[:, :, None]
         else:
             P[np.arange(nx), np.arange(nx)] = np.broadcast_to(np.reshape(variance, (nx, -1)), (nx, LANES))
-        return State(x, P, np.zeros((self.memory_rows, LANES)))
+        chosen = [np.random.SeedSequence(0)] * LANES if seeds is None else seeds
+        return State(x, P, self._first_memory(chosen))
 
     def step(self, state: State, u_before: Floats, u: Floats, y: Floats, belief: Belief) -> tuple[State, Info]:
         """Take one sample: state in, new state and info out; nothing is changed in place.
@@ -159,7 +179,7 @@ class Estimator:
             belief: Constants and noise.
         """
         nx, ny = self.compiled.nx, self.compiled.ny
-        after = State(np.empty((nx, LANES)), np.zeros((nx, nx, LANES)), np.empty((self.memory_rows, LANES)))
+        after = State(np.empty((nx, LANES)), np.zeros((nx, nx, LANES)), np.empty_like(state.memory))
         info = Info(np.zeros((ny, LANES)), np.zeros((ny, ny, LANES)), *(np.zeros((1, LANES)) for _ in range(4)))
         self._kernels.step(state, u_before, u, y, belief, self._kernels.workspace(), after, info)
         return after, info

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -107,7 +108,7 @@ class Bench:
             self._simulate(short, [Case(0, 0)], samples=3),
             self._lanes(short, [Case(0, 0)], "belief"),
         )
-        self._estimate(index - 1, self.roads[0], batch, belief)
+        self._estimate(index - 1, short, [Case(0, 0)], batch, belief)
         return self.study.estimators[index - 1].name
 
     @property
@@ -129,7 +130,7 @@ class Bench:
             group = cases[start : start + LANES]
             batch, belief = self._simulate(unit, group), self._lanes(unit, group, "belief")
             for e in range(len(self.estimators)):
-                scores = self._estimate(e, self.roads[unit.drive], batch, belief)
+                scores = self._estimate(e, unit, group, batch, belief)
                 self._enter(result, unit, group, e, batch, scores)
         return result
 
@@ -145,7 +146,7 @@ class Bench:
         case = [Case(wanted.sample, wanted.repeat)]
         batch, belief = self._simulate(unit, case), self._lanes(unit, case, "belief")
         road = self.roads[unit.drive]
-        runs = [self._estimate(e, road, batch, belief, keep=True) for e in range(len(self.estimators))]
+        runs = [self._estimate(e, unit, case, batch, belief, keep=True) for e in range(len(self.estimators))]
         shown = list(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *wanted.signals]))
         truth = np.full((len(batch.truth), len(shown)), np.nan)
         for i, name in enumerate(shown):
@@ -210,14 +211,24 @@ class Bench:
             first_state(self.plant.model, plant.values.T, self.roads[unit.drive].profile),
         )
 
-    def _estimate(self, index: int, road: Road, batch: Batch, held: Lanes, keep: bool = False) -> Scores:
-        estimator = self.estimators[index]
+    def _seeds(self, unit: Unit, group: list[Case], estimator: str) -> list[np.random.SeedSequence]:
+        """Return the seed of an estimator in each lane; it depends on its name, not on its place in the study."""
+        tag = zlib.crc32(estimator.encode())
+        keys = [(unit.drive, c.sample, c.repeat, tag) for c in group]
+        keys += keys[-1:] * (LANES - len(group))
+        return [np.random.SeedSequence(self.study.seed, spawn_key=key) for key in keys]
+
+    def _estimate(
+        self, index: int, unit: Unit, group: list[Case], batch: Batch, held: Lanes, keep: bool = False
+    ) -> Scores:
+        estimator, road = self.estimators[index], self.roads[unit.drive]
         process = np.ascontiguousarray(held.process_noise.T)
         belief = estimator.belief(
             self.belief.constants(held.values.T), process, np.ascontiguousarray(held.measurement_noise.T)
         )
         # The first covariance is the process noise (Ziaukas 2023, 5.1 and 6.1).
-        first = estimator.init(first_state(self.belief.model, held.values.T, road.profile), process)
+        seeds = self._seeds(unit, group, self.study.estimators[index].name)
+        first = estimator.init(first_state(self.belief.model, held.values.T, road.profile), process, seeds)
         measurements = batch.measurements
         if self._measured != list(range(self.plant.ny)):
             measurements = np.ascontiguousarray(measurements[:, self._measured])

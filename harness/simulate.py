@@ -49,6 +49,7 @@ def paste(compiled: CompiledModel, stem: str, functions: Sequence[object], const
         f"from {compiled.kernels.__name__} import *\n"
         "from harness.kernel import Belief, Info, State\n"
         "from harness.lane_algebra import cholesky, mahalanobis, scalar_updates, sigma_update\n"
+        "from harness.lane_random import next_words, normal_pair, uniform\n"
         f"{constants}\n\n\n{bodies}\n"
     )
 
