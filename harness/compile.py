@@ -9,7 +9,7 @@ and a work array ``w (nw, LANES)``:
 
 ==========================================  ================================================================
 ``constants(p, c)``                         what depends on parameters only
-``drift(x, u, c, dx)``                      dx/dt
+``drift(x, u, c, dx)``                      dx/dt; of a discrete model the state one sample later
 ``drift_jacobian(x, u, c, J)``              d(dx/dt)/dx, dense ``(nx, nx, LANES)``
 ``next_state(x, u, c, xn, w)``              one sample ahead (Ziaukas 2.9 for Euler)
 ``next_jacobian(x, u, c, xn, A, w)``        the same and A = d(next x)/dx, dense
@@ -146,7 +146,7 @@ def compile_model(
     Args:
         model: The model; augmented already if inputs are to be estimated.
         step: Sample time in s.
-        integrator: ``euler`` (as the thesis), ``heun`` or ``rk4``.
+        integrator: ``euler`` (as the thesis), ``heun`` or ``rk4``; a discrete model has none and takes any.
         substeps: Steps of the integrator per sample.
         signals: Quantities that ``kernels.signals`` computes.
         parameters: Parameters whose derivatives are wanted.
@@ -156,6 +156,8 @@ def compile_model(
     """
     if integrator not in INTEGRATORS:
         raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(INTEGRATORS)}")
+    if model.discrete:
+        integrator, substeps = "euler", 1
     eqs = derive(model, signals, parameters)
     source = model_source(eqs, step, integrator, substeps)
     return CompiledModel(model, eqs, load_source(f"model_{model.name.replace('+', '_')}", source), step)

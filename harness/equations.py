@@ -26,7 +26,7 @@ class Equations:
         model: The model the equations belong to.
         constants: Assignments that read parameters only, in order; computed once per run.
         assignments: Assignments that read states, inputs, constants and earlier assignments.
-        derivatives: Time derivative of each state.
+        derivatives: Time derivative of each state; of a discrete model its value one sample later.
         outputs: Measured outputs.
         signals: Further quantities by name.
         signal_jacobian: d signals / d states.

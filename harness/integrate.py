@@ -1,7 +1,7 @@
 """Source text of the sampled model: one step ahead, its Jacobian and the propagated covariance.
 
-Explicit Euler (Ziaukas 2.9) is unrolled over the non-zero entries of the Jacobian. Heun and RK4, and several
-substeps per sample, chain the same derivatives with dense products.
+A discrete model is its own step. Explicit Euler (Ziaukas 2.9) is unrolled over the non-zero entries of the
+Jacobian. Heun and RK4, and several substeps per sample, chain the same derivatives with dense products.
 """
 
 from __future__ import annotations
@@ -21,25 +21,31 @@ _TABLEAUX = {
 
 
 def work_size(nx: int, integrator: str, substeps: int) -> int:
-    """Return the length of the work array a step needs."""
+    """Return the length of the work array a step needs; that of a discrete model is ``("euler", 1)``."""
     return nx * nx if (integrator, substeps) == ("euler", 1) else 4 * nx + 5 * nx * nx
 
 
 def step_source(eqs: Equations, step: float, integrator: str, substeps: int) -> list[str]:
     """Return the sources of ``next_state``, ``next_jacobian`` and ``next_covariance``."""
+    if eqs.model.discrete:
+        return _unrolled(eqs, eqs.derivatives, eqs.state_jacobian)
     if (integrator, substeps) == ("euler", 1):
         return _euler(eqs, step)
     return _staged(step / substeps, integrator, substeps)
 
 
 def _euler(eqs: Equations, step: float) -> list[str]:
-    nx = len(eqs.derivatives)
     x = [symbol(name) for name in eqs.model.states]
     h = sp.Float(step)
     ahead = [x[i] + h * f if f != 0 else x[i] for i, f in enumerate(eqs.derivatives)]
     A: Entries = {key: h * value for key, value in eqs.state_jacobian.items()}
-    for i in range(nx):
+    for i in range(len(x)):
         A[i, i] = 1 + A.get((i, i), sp.Integer(0))
+    return _unrolled(eqs, ahead, A)
+
+
+def _unrolled(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> list[str]:
+    nx = len(ahead)
     return [
         kernel(eqs, "next_state", "x, u, c, xn, w", vector("xn", ahead)),
         kernel(eqs, "next_jacobian", "x, u, c, xn, A, w", vector("xn", ahead) + matrix("A", A, nx, nx)),
@@ -61,7 +67,7 @@ def _sparse_covariance(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> str:
 
     def row(i: int, operand: str) -> str:
         terms = ((j, operand.format(j=j)) for j in range(nx) if (i, j) in A)
-        return " + ".join(term if A[i, j] == 1 else f"a_{i}_{j}*{term}" for j, term in terms)
+        return " + ".join(term if A[i, j] == 1 else f"a_{i}_{j}*{term}" for j, term in terms) or "splat(0.0)"
 
     for i in range(nx):
         lines += ["for k in range(NX):", f"    put({row(i, 'get(P, {j}, k)')}, M, {i}, k)"]

@@ -354,7 +354,7 @@ def _simulate(model: Model, p: Array, u: Array, profile: Profile) -> Array:
     prescribed = {
         i: getattr(profile, name)
         for i, (name, rate) in enumerate(zip(model.states, model.derivatives, strict=True))
-        if rate == 0 and name in DRIVEN
+        if rate == (symbol(name) if model.discrete else 0) and name in DRIVEN
     }
     drift = _drift(model)
     step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
@@ -368,7 +368,7 @@ def _simulate(model: Model, p: Array, u: Array, profile: Profile) -> Array:
             rate = np.array(drift(x[k].tolist(), u[k].tolist(), p.tolist()), dtype=float)
         except (OverflowError, ValueError, ZeroDivisionError):
             rate = np.full(x.shape[1], np.nan)
-        x[k + 1, simulated] = x[k, simulated] + step * rate[simulated]
+        x[k + 1, simulated] = rate[simulated] if model.discrete else x[k, simulated] + step * rate[simulated]
         if not np.isfinite(x[k + 1]).all():
             raise UserError(
                 f"model '{model.name}' diverges at {profile.time[k + 1]:g} s of the drive; "

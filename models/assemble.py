@@ -26,7 +26,7 @@ def symbol(name: str) -> sp.Symbol:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A complete set of equations: ``dx/dt = f(x, u, p)``, ``y = h(x, u, p)``.
+    """A complete set of equations: ``dx/dt = f(x, u, p)``, or ``x(n+1) = f(x, u, p)``; ``y = h(x, u, p)``.
 
     Attributes:
         name: Name of the vehicle file, with the tyre.
@@ -35,7 +35,7 @@ class Model:
         parameters: All parameters of vehicle, tyre and effects, shape ``(np,)``.
         ports: Named intermediates in order of use; each expression reads states, inputs, parameters and
             earlier ports only.
-        derivatives: Time derivative of each state.
+        derivatives: Time derivative of each state; of a discrete model its value one sample later.
         outputs: Names and expressions of what is measured.
         valid: Largest magnitude of a state for which the equations hold; beyond it a run counts as diverged.
         rates: Inputs that are time derivatives of other inputs, ``{"speed_rate": "speed"}``.
@@ -43,6 +43,7 @@ class Model:
         effects: Names of the effects in force, in the order they act.
         start: First value of a state that does not start at zero: a number, or the name of a parameter or of an
             input of the drive.
+        discrete: Whether the equations lead from sample to sample, so that there is nothing to integrate.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Model:
     axles: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
     start: dict[str, float | str] = field(default_factory=dict)
+    discrete: bool = False
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -98,7 +100,7 @@ class Model:
             self,
             states=self.states + tuple(unknown_inputs),
             inputs=tuple(i for i in self.inputs if i not in unknown_inputs),
-            derivatives=self.derivatives + tuple(sp.Integer(0) for _ in unknown_inputs),
+            derivatives=self.derivatives + tuple(symbol(n) if self.discrete else sp.Integer(0) for n in unknown_inputs),
         )
 
 
@@ -170,6 +172,7 @@ class Builder:
         self.ports: dict[str, sp.Expr] = {}
         self.rates: dict[str, str] = {}
         self._derivatives: dict[str, sp.Expr] = {}
+        self._next_values: dict[str, sp.Expr] = {}
         self._reads: list[tuple[str, str]] = []
         for name, effect in self.effects.items():
             self.states += [s for s in effect.STATES if s not in self.states]
@@ -252,11 +255,23 @@ class Builder:
 
     def derivative(self, state: str, expr: sp.Expr) -> None:
         """State the time derivative of a state."""
+        self._state_equation(self._derivatives, "derivative", state, expr)
+
+    def next_value(self, state: str, expr: sp.Expr) -> None:
+        """State the value of a state one sample later, in a vehicle given by difference equations ``x(n+1) = ...``."""
+        self._state_equation(self._next_values, "next value", state, expr)
+
+    def _state_equation(self, equations: dict[str, sp.Expr], kind: str, state: str, expr: sp.Expr) -> None:
         if state not in self.states:
             raise ModelError(f"'{state}' is not a state of '{self.vehicle_name}'")
-        if state in self._derivatives:
-            raise ModelError(f"the derivative of '{state}' has two writers in '{self.vehicle_name}'")
-        self._derivatives[state] = sp.sympify(expr)
+        if state in equations:
+            raise ModelError(f"the {kind} of '{state}' has two writers in '{self.vehicle_name}'")
+        equations[state] = sp.sympify(expr)
+        if self._derivatives and self._next_values:
+            raise ModelError(
+                f"'{self.vehicle_name}' has a derivative for '{next(iter(self._derivatives))}' and a next value for "
+                f"'{next(iter(self._next_values))}'; state all of a model by one of the two"
+            )
 
     def finish(self, outputs: Mapping[str, str]) -> Model:
         """Add the sensors, check the wiring and return the model.
@@ -264,9 +279,12 @@ class Builder:
         Args:
             outputs: Output name to the signal it measures.
         """
-        missing = [s for s in self.states if s not in self._derivatives]
+        discrete = bool(self._next_values)
+        equations = self._next_values if discrete else self._derivatives
+        missing = [s for s in self.states if s not in equations]
         if missing:
-            raise ModelError(f"'{self.vehicle_name}': no derivative for {', '.join(missing)}")
+            kind = "next value" if discrete else "derivative"
+            raise ModelError(f"'{self.vehicle_name}': no {kind} for {', '.join(missing)}")
         unused = {n: e for n, e in self.effects.items() if not set(_ports_of(e)) & set(self.ports)}
         known = [*self.states, *self.inputs, *self.ports]
         output_expressions: dict[str, sp.Expr] = {}
@@ -291,7 +309,7 @@ class Builder:
                     f"{owner} reads '{name}', which nothing provides{registry.closest(name, sorted(readable))}"
                 )
         self._check_symbols(readable)
-        reads_time = any(symbol("time") in e.free_symbols for e in [*self.ports.values(), *self._derivatives.values()])
+        reads_time = any(symbol("time") in e.free_symbols for e in [*self.ports.values(), *equations.values()])
         tyre_name = "" if self.tyre_file is None else "+" + self.tyre_file.__name__.rsplit(".", 1)[-1]
         return Model(
             name=self.vehicle_name + tyre_name,
@@ -299,13 +317,14 @@ class Builder:
             inputs=tuple([*self.inputs, "time"] if reads_time else self.inputs),
             parameters=tuple(self.parameters.values()),
             ports=_in_order_of_use(self.ports, self.vehicle_name),
-            derivatives=tuple(self._derivatives[s] for s in self.states),
+            derivatives=tuple(equations[s] for s in self.states),
             outputs=output_expressions,
             valid=dict(self.vehicle.VALID),
             rates=dict(self.rates),
             axles=tuple(self.vehicle.AXLES),
             effects=tuple(self.effects),
             start=self._start(),
+            discrete=discrete,
         )
 
     def _start(self) -> dict[str, float | str]:
@@ -328,6 +347,7 @@ class Builder:
     def _check_symbols(self, readable: set[str]) -> None:
         """Refuse an equation over a symbol that no part provides (one written without ``p``, ``state``, ...)."""
         equations = {**self.ports, **{f"d/dt {s}": e for s, e in self._derivatives.items()}}
+        equations |= {f"next {s}": e for s, e in self._next_values.items()}
         for equation, expr in equations.items():
             for name in sorted(s.name for s in expr.free_symbols if s != symbol(s.name) or s.name not in readable):
                 raise ModelError(

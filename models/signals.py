@@ -82,6 +82,12 @@ _ROWS: list[Signal] = [
     Signal("coupling_moment", "M_K", "N*m", "kN*m", "vehicle", "yaw moment of the coupling on the trailer"),
     Signal("constraint_violation", r"\gamma", "m/s", "m/s", "tractor", "lateral slip of the kingpin (0 if tied)"),
 ]
+_ROWS += [  # the exercises of KIT 2015
+    Signal("heading", r"\psi", "rad", "deg", "earth", "yaw angle of the vehicle"),
+    Signal("heading_increment", r"\Delta\psi", "rad", "deg", "earth", "change of heading from sample to sample"),
+    Signal("example_state", "x", "dimensionless", "dimensionless", "", "state of the lecture's scalar example"),
+    Signal("example_input", "u", "dimensionless", "dimensionless", "", "input of the lecture's scalar example"),
+]
 _ROWS += [  # a car
     Signal("longitudinal_velocity", "v_x", "m/s", "m/s", "vehicle", "longitudinal velocity of the CoG"),
     Signal("lateral_velocity", "v_y", "m/s", "m/s", "vehicle", "lateral velocity of the CoG"),

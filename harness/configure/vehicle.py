@@ -274,14 +274,14 @@ def _noise(
     """Return the variances by state (per step) or output (per sample).
 
     Variances of a set belong to its step and grow in proportion to the study's; those a study states hold for
-    the study's own step.
+    the study's own step. A discrete model has one step, so its variances stay.
     """
     from harness.units import to_si
 
     process = kind == "process"
     names = model.states if process else tuple(model.outputs)
     base = found.process if process else found.measurement
-    stretch = step / found.noise_step if process else 1.0
+    stretch = step / found.noise_step if process and not model.discrete else 1.0
     given = table.group(f"noise.{kind}")
     _refuse_unknown(table, f"noise.{kind}", given, names, "state" if process else "output", problems)
     factor = _number(table, f"noise.{kind}_scale", "", problems, 1.0)

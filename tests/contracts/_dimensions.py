@@ -103,8 +103,8 @@ def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContai
 def check_dimensions(model: Model) -> int:
     """Check every equation of a model and return how many there were.
 
-    A port has the unit of its signal, a derivative that of its state per second, an output that of what it
-    measures.
+    A port has the unit of its signal, a derivative that of its state per second (the next value in a discrete model
+    that of the state), an output that of what it measures.
     """
 
     def signal(name: str) -> UnitsContainer:
@@ -113,8 +113,9 @@ def check_dimensions(model: Model) -> int:
     known = {p.name: dimension_of(p.unit) for p in model.parameters}
     known |= {name: signal(name) for name in (*model.states, *model.inputs, *model.ports, "time")}
     wanted = [(name, expr, signal(name)) for name, expr in model.ports.items()]
+    per_time = dimension_of("") if model.discrete else dimension_of("s")
     wanted += [
-        (f"d/dt {name}", expr, signal(name) / dimension_of("s"))
+        (f"next {name}" if model.discrete else f"d/dt {name}", expr, signal(name) / per_time)
         for name, expr in zip(model.states, model.derivatives, strict=True)
     ]
     wanted += [(f"output {name}", expr, signal(name)) for name, expr in model.outputs.items()]
