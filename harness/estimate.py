@@ -24,13 +24,19 @@ and of one whose memory depends on its settings, or begins with other than zeros
                                 ``seeds`` holds a ``numpy.random.SeedSequence`` per lane
 ``MONTE_CARLO``                 true if its results scatter with the seed
 
-Every other function of the file is a kernel the two may call. Kernels are compiled from their source behind the
-kernels of the model the estimator believes in (``harness.kernel`` lists the names they may use).
+Two optional flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the textbook filter on a linear
+model) and ``LINEAR`` (holds the model for linear, so it need not follow any other).
+
+Every other function of the file is a kernel the two may call, and so is every function of a file it imports one
+from, if that file's name begins with an underscore (what several estimators share). Kernels are compiled from
+their source behind the kernels of the model the estimator believes in (``harness.kernel`` lists the names they may
+use).
 """
 
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -138,12 +144,7 @@ class Estimator:
         else:
             size = int(file.memory_size(compiled.nx, compiled.ny))
             self._first_memory = lambda seeds: np.zeros((size, LANES))
-        own = [
-            f
-            for name, f in vars(file).items()
-            if inspect.isfunction(f) and f.__module__ == file.__name__ and name not in _NOT_KERNELS
-        ]
-        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [*own, *loops.ESTIMATION]))
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [*_kernels_of(file), *loops.ESTIMATION]))
         valid = compiled.model.valid
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
@@ -239,6 +240,16 @@ class Estimator:
         sums[:, ~self.gives | (rows[len(states) :] < 0)] = np.nan
         kept[:, :, ~self.gives] = np.nan
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
+
+
+def _kernels_of(file: ModuleType) -> list[Any]:
+    """Return the functions of an estimator's file that are compiled, after those of the files it shares."""
+    functions = [f for f in vars(file).values() if inspect.isfunction(f)]
+    shared = dict.fromkeys(f.__module__ for f in functions if f.__module__.startswith("harness.estimators._"))
+    owned = [f for name in shared for f in vars(sys.modules[name]).values() if inspect.isfunction(f)]
+    return [
+        f for f in (*owned, *functions) if f.__module__ in (*shared, file.__name__) and f.__name__ not in _NOT_KERNELS
+    ]
 
 
 def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) -> Scores:

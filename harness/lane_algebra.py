@@ -149,61 +149,130 @@ def _innovations(P, predicted, H, y, r, info):
 
 
 @_jit
-def sigma_update(x_prior, P_prior, points, images, w0m, w0c, wi, y, r, x, P, predicted, V, factor, info):
-    """Correct a prior through sigma points of a non-linear output (Ziaukas 2.25 to 2.31).
+def sigma_mean(images, w0m, wi, mean, n):
+    """Write the weighted mean of sigma points ``(points, >= n, LANES)`` to ``mean (n, LANES)`` (Ziaukas 2.23)."""
+    for i in range(n):
+        total = splat(0.0)
+        for s in range(1, images.shape[0]):
+            total = total + get(images, s, i)
+        put(w0m * get(images, 0, i) + wi * total, mean, i)
+
+
+@_jit
+def deviations(images, mean, n):
+    """Overwrite sigma points by their differences from the mean."""
+    for s in range(images.shape[0]):
+        for i in range(n):
+            put(get(images, s, i) - get(mean, i), images, s, i)
+
+
+@_jit
+def central_differences(images, first, second, n):
+    """Overwrite each pair of sigma points by its weighted divided differences (Norgaard et al. 2000).
+
+    Row ``k`` becomes ``first (X_k+ - X_k-)`` and row ``k + nx`` becomes ``second (X_k+ + X_k- - 2 X_0)``, so that
+    the covariance is the plain sum of outer products of all rows but the first, ``outer_sum(images, 0, 1, ...)``.
+
+    Args:
+        images: Sigma points after a function: centre, then those ahead, then those behind ``(2 nx + 1, >= n, LANES)``.
+        first: Root of the weight of squared first differences, ``1 / (2 h)``.
+        second: Root of the weight of squared second differences, ``sqrt(h^2 - 1) / (2 h^2)``.
+        n: Number of components.
+    """
+    pairs = images.shape[0] // 2
+    for k in range(1, pairs + 1):
+        for i in range(n):
+            ahead, behind = get(images, k, i), get(images, k + pairs, i)
+            put(first * (ahead - behind), images, k, i)
+            put(second * (ahead + behind - 2.0 * get(images, 0, i)), images, k + pairs, i)
+
+
+@_jit
+def outer_sum(rows, w0, w, noise, covariance, n):
+    """Write ``w0 r_0 r_0' + w sum r_s r_s' + diag(noise)`` for rows ``(points, >= n, LANES)`` (Ziaukas 2.24).
+
+    Two rows and two columns of the result are summed at once: four independent sums keep the multipliers busy
+    and use every number loaded twice. A last odd row or column is computed as its own partner.
+    """
+    for i in range(0, n, 2):
+        i2 = i + 1 if i + 1 < n else i
+        for j in range(0, i + 1, 2):
+            j2 = j + 1 if j + 1 < n else j
+            a, b, c, d = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+            for s in range(1, rows.shape[0]):
+                p, q, f, g = get(rows, s, i), get(rows, s, i2), get(rows, s, j), get(rows, s, j2)
+                a, b, c, d = a + p * f, b + p * g, c + q * f, d + q * g
+            p, q, f, g = get(rows, 0, i), get(rows, 0, i2), get(rows, 0, j), get(rows, 0, j2)
+            a, b, c, d = w * a + w0 * p * f, w * b + w0 * p * g, w * c + w0 * q * f, w * d + w0 * q * g
+            if i == j:  # the upper triangle of this block is the mirror of its lower one
+                a, b, d = a + get(noise, i), c, d + get(noise, i2)
+            put(d, covariance, i2, j2)
+            put(d, covariance, j2, i2)
+            put(c, covariance, i2, j)
+            put(c, covariance, j, i2)
+            put(b, covariance, i, j2)
+            put(b, covariance, j2, i)
+            put(a, covariance, i, j)
+            put(a, covariance, j, i)
+
+
+@_jit
+def cross_covariance(factor, images, weight, V, n, m):
+    """Write the covariance of outputs and state, ``weight sum_k (Y_k+ - Y_k-) L_k'`` (Ziaukas 2.28), shape ``(m, n)``.
+
+    Args:
+        factor: Lower Cholesky factor of the state's covariance, at least ``(n, n, LANES)``.
+        images: Outputs at the sigma points ``(2 n + 1, >= m, LANES)``.
+        weight: Weight of a point times its distance in standard deviations.
+        V: Written ``(m, n, LANES)``.
+        n: Number of states.
+        m: Number of outputs.
+    """
+    for a in range(m):
+        for i in range(n):
+            total = splat(0.0)
+            for k in range(i + 1):
+                total = total + get(factor, i, k) * (get(images, 1 + k, a) - get(images, 1 + n + k, a))
+            put(weight * total, V, a, i)
+
+
+@_jit
+def sigma_update(x_prior, P_prior, images, w0, w, predicted, V, y, r, x, P, factor, info):
+    """Correct a prior through sigma points of a non-linear output (Ziaukas 2.27 to 2.31).
 
     A NaN measurement is taken out by giving it no covariance with the state and a unit variance of its own.
 
     Args:
         x_prior: Predicted state ``(nx, LANES)``.
         P_prior: Predicted covariance ``(nx, nx, LANES)``.
-        points: Sigma points of the prior ``(2 nx + 1, nx, LANES)``.
-        images: Their outputs ``(2 nx + 1, >= ny, LANES)``; overwritten by differences from the prediction.
-        w0m: Weight of the first point in means.
-        w0c: Weight of the first point in covariances.
-        wi: Weight of all other points.
+        images: Deviations or central differences of the outputs ``(2 nx + 1, >= ny, LANES)``.
+        w0: Weight of the first row of ``images`` in the covariance.
+        w: Weight of all other rows.
+        predicted: Predicted measurements ``(ny, LANES)``.
+        V: Covariance of outputs and state, from ``cross_covariance``; overwritten ``(ny, nx, LANES)``.
         y: Measurements ``(ny, LANES)``.
         r: Measurement variances ``(ny, LANES)``.
         x: Corrected state, written.
         P: Corrected covariance, written, symmetric.
-        predicted: Predicted measurements, written ``(ny, LANES)``.
-        V: Scratch ``(ny, nx, LANES)``.
         factor: Scratch, at least ``(ny, ny, LANES)``.
         info: ``harness.kernel.Info``, written but for ``repairs``.
 
     Returns:
         Lanes whose innovation covariance had to be repaired (1 or 0).
     """
-    n, m, count = x.shape[0], y.shape[0], points.shape[0]
+    n, m = x.shape[0], y.shape[0]
     S = info.innovation_covariance
+    outer_sum(images, w0, w, r, S, m)
     for a in range(m):
-        total = splat(0.0)
-        for s in range(1, count):
-            total = total + get(images, s, a)
-        mean = w0m * get(images, 0, a) + wi * total
-        put(mean, predicted, a)
-        put(get(y, a) - mean, info.innovation, a)
-        for s in range(count):
-            put(get(images, s, a) - mean, images, s, a)
-    for a in range(m):
+        put(get(y, a) - get(predicted, a), info.innovation, a)
         seen_a = get(y, a) == get(y, a)
         for b in range(a + 1):
-            total = splat(0.0)
-            for s in range(1, count):
-                total = total + get(images, s, a) * get(images, s, b)
-            value = wi * total + w0c * get(images, 0, a) * get(images, 0, b)
-            if a == b:
-                value = select(seen_a, value + get(r, a), 1.0)
-            else:
-                value = select(seen_a & (get(y, b) == get(y, b)), value, 0.0)
+            seen = seen_a & (get(y, b) == get(y, b))
+            value = select(seen, get(S, a, b), 1.0 if a == b else 0.0)
             put(value, S, a, b)
             put(value, S, b, a)
         for i in range(n):
-            total = splat(0.0)
-            for s in range(1, count):
-                total = total + (get(points, s, i) - get(x_prior, i)) * get(images, s, a)
-            value = wi * total + w0c * (get(points, 0, i) - get(x_prior, i)) * get(images, 0, a)
-            put(select(seen_a, value, 0.0), V, a, i)
+            put(select(seen_a, get(V, a, i), 0.0), V, a, i)
     repaired = cholesky(S, factor, m)
     return _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from harness.estimators._sigma_points import observe, propagate
 from harness.kernel import (
     LANES,
     NW,
@@ -17,14 +18,15 @@ from harness.kernel import (
     NY,
     OUTPUTS_ARE_LINEAR,
     cholesky,
-    get,
-    next_state,
-    output,
+    cross_covariance,
+    deviations,
+    maximum,
+    outer_sum,
     output_jacobian,
     put,
     scalar_updates,
+    sigma_mean,
     sigma_update,
-    splat,
 )
 
 
@@ -62,79 +64,36 @@ def workspace():
         np.empty((NW, LANES)),
         np.empty((NX, LANES)),
         np.empty((NX, NX, LANES)),
-        np.zeros((NX, NX, LANES)),
-        np.empty((2 * NX + 1, NX, LANES)),
+        np.zeros((max(NX, NY), max(NX, NY), LANES)),
+        np.empty((NX, LANES)),
         np.empty((2 * NX + 1, max(NX, NY), LANES)),
         np.empty((NY, LANES)),
         np.empty((NY, NX, LANES)),
-        np.empty((2 * NX + 2 * NY, LANES)),
+        np.empty((2 * NX, LANES)),
     )
-
-
-def draw(mean, factor, distance, points):
-    """Write the 2n + 1 sigma points (2.19); ``factor`` is the lower Cholesky factor of the covariance."""
-    for i in range(NX):
-        m = get(mean, i)
-        put(m, points, 0, i)
-        for k in range(NX):
-            # column k of a lower factor is zero above its diagonal
-            d = distance * get(factor, i, k) if k <= i else splat(0.0)
-            put(m + d, points, 1 + k, i)
-            put(m - d, points, 1 + NX + k, i)
-
-
-def moments(points, w0m, w0c, wi, noise, mean, covariance):
-    """Write weighted mean (2.23) and covariance (2.24); ``points`` become differences from the mean."""
-    for i in range(NX):
-        total = splat(0.0)
-        for s in range(1, 2 * NX + 1):
-            total = total + get(points, s, i)
-        m = w0m * get(points, 0, i) + wi * total
-        put(m, mean, i)
-        for s in range(2 * NX + 1):
-            put(get(points, s, i) - m, points, s, i)
-    for i in range(NX):
-        for j in range(i + 1):
-            total = splat(0.0)
-            for s in range(1, 2 * NX + 1):
-                total = total + get(points, s, i) * get(points, s, j)
-            value = wi * total + w0c * get(points, 0, i) * get(points, 0, j)
-            if i == j:
-                value = value + get(noise, i)
-            put(value, covariance, i, j)
-            put(value, covariance, j, i)
 
 
 def step(before, u_before, u, y, belief, work, after, info):
     """Predict with sigma points (2.22 to 2.24) and correct with the measurement (2.25 to 2.31)."""
-    w, x_prior, P_prior, factor, points, images, predicted, H, scratch = work
+    w, x_prior, P_prior, factor, point, images, predicted, H, scratch = work
+    constants, r = belief.constants, belief.measurement_noise
     distance, w0m, w0c, wi = belief.tuning[0], belief.tuning[1], belief.tuning[2], belief.tuning[3]
     repaired = cholesky(before.covariance, factor, NX)
-    draw(before.mean, factor, distance, images)
-    for s in range(2 * NX + 1):
-        next_state(images[s], u_before, belief.constants, points[s], w)
-    moments(points, w0m, w0c, wi, belief.process_noise, x_prior, P_prior)
+    propagate(before.mean, factor, distance, u_before, constants, point, images, w)
+    sigma_mean(images, w0m, wi, x_prior, NX)
+    deviations(images, x_prior, NX)
+    outer_sum(images, w0c, wi, belief.process_noise, P_prior, NX)
     if OUTPUTS_ARE_LINEAR:
-        output_jacobian(x_prior, u, belief.constants, predicted, H)
-        scalar_updates(
-            x_prior,
-            P_prior,
-            predicted,
-            H,
-            y,
-            belief.measurement_noise,
-            after.mean,
-            after.covariance,
-            scratch,
-            info,
-        )
+        output_jacobian(x_prior, u, constants, predicted, H)
+        scalar_updates(x_prior, P_prior, predicted, H, y, r, after.mean, after.covariance, scratch, info)
     else:
-        repaired = repaired + cholesky(P_prior, factor, NX)
-        draw(x_prior, factor, distance, points)
-        for s in range(2 * NX + 1):
-            output(points[s], u, belief.constants, images[s])
-        repaired = repaired + sigma_update(
-            x_prior, P_prior, points, images, w0m, w0c, wi, y, belief.measurement_noise,
-            after.mean, after.covariance, predicted, H, factor, info,
-        )  # fmt: skip
+        repaired = maximum(repaired, cholesky(P_prior, factor, NX))
+        observe(x_prior, factor, distance, u, constants, point, images)
+        cross_covariance(factor, images, wi * distance, H, NX, NY)
+        sigma_mean(images, w0m, wi, predicted, NY)
+        deviations(images, predicted, NY)
+        failed = sigma_update(
+            x_prior, P_prior, images, w0c, wi, predicted, H, y, r, after.mean, after.covariance, factor, info
+        )
+        repaired = maximum(repaired, failed)
     put(repaired, info.repairs, 0)
