@@ -61,4 +61,4 @@ def test_noise_belongs_to_states_and_outputs(name):
             continue
     assert fitting <= set(module.MEASUREMENT_NOISE), "every sensor that fits needs a measurement noise"
     publishes = model(module.VEHICLE, tyres_of(module.VEHICLE)[0])
-    assert set(module.MEASUREMENT_NOISE) <= {*publishes.states, *publishes.ports}
+    assert set(module.MEASUREMENT_NOISE) <= {*publishes.states, *publishes.inputs, *publishes.ports}

@@ -65,6 +65,7 @@ def test_every_parameter_is_read(vehicle):
         if name == vehicle:
             built = model(vehicle, tyre)
             declared |= set(built.parameter_names)
+            read |= set(built.start.values())
             expressions = (*built.derivatives, *built.ports.values())
             read |= {s.name for e in expressions for s in e.free_symbols}
     assert sorted(declared - read) == []
