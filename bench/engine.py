@@ -38,10 +38,10 @@ def step_times(kinds: list[str], samples: int = 3000, rounds: int = 15) -> dict[
     """
     bench = Bench(mass_study(kinds))
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
-    batch, held = bench._simulate(unit, cases, samples), bench._lanes(unit, cases, "belief")
-    work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: bench._simulate(unit, cases, samples)}
+    batch, held = bench.simulate(unit, cases, samples), bench.held(unit, cases, "belief")
+    work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: bench.simulate(unit, cases, samples)}
     for i, kind in enumerate(kinds):
-        work[kind] = lambda i=i: bench._estimate(i, bench.roads[3], batch, held)
+        work[kind] = lambda i=i: bench.estimate(i, unit, cases, batch, held)
     return {name: 1e6 * t / samples / LANES for name, t in quickest(work, rounds).items()}
 
 
@@ -65,7 +65,7 @@ def filterpy_ukf(samples: int = 120) -> float:
 
     bench = Bench(mass_study(["ukf"]))
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, 0)]
-    batch, held = bench._simulate(unit, cases, samples), bench._lanes(unit, cases, "belief")
+    batch, held = bench.simulate(unit, cases, samples), bench.held(unit, cases, "belief")
     compiled, kernels = bench.belief, bench.belief.kernels
     constants, inputs = compiled.constants(held.values.T), bench.roads[3].belief_inputs
     x, xn, work = (np.zeros((rows, LANES)) for rows in (compiled.nx, compiled.nx, compiled.nw))

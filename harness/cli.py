@@ -123,6 +123,9 @@ def run(
 
     console = Console()
     folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console)
+    from harness.report import headline
+
+    console.print(Text(headline(folder), style="bold"))
     for path in sorted(folder.glob("report.*")):
         console.print(Text(str(path)), soft_wrap=True)
 
@@ -163,6 +166,42 @@ def _closest(word: str, choices: list[str]) -> str:
     from models.registry import closest
 
     return closest(word, choices)
+
+
+@app.command()
+@_answers_errors
+def tune(
+    study: Annotated[str, typer.Argument(help="Study file, or the name of one in studies/.")],
+    drives: Annotated[str, typer.Option("--drives", help="Training drives: a name in studies/drives or a TOML file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Tuning file to write; a study names it by tuning = ...")],
+    budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator.")] = 240,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each drive with other noise.")] = 1,
+) -> None:
+    """Tune the noise that every estimator of a study believes, by one rule and within one budget.
+
+    Factors on process noise, random walk of the unknown inputs and measurement noise maximise the likelihood of the
+    innovations on the training drives, simulated at the nominal plant.
+    """
+    import dataclasses
+
+    from rich.table import Table
+
+    from harness.configure import load_drives, load_study
+    from harness.tune import tune as search
+    from harness.tune import write_tuning
+
+    loaded = load_study(_study_path(study))
+    training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
+    console = Console(stderr=True)
+    with console.status("tuning") as status:
+        found = search(training, budget, repeats, lambda name: status.update(f"tuning {name}"))
+    write_tuning(out, training, budget, repeats, found)
+    table = Table("estimator", "process", "unknown inputs", "measurement", "log-likelihood before", "after", box=None)
+    for name, tuning in found.items():
+        factors = [f"{tuning.factors[group]:.3g}" for group in ("process", "unknown_inputs", "measurement")]
+        table.add_row(name, *factors, f"{tuning.before:.1f}", f"{tuning.after:.1f}")
+    Console().print(table)
+    typer.echo(out)
 
 
 @app.command("list")

@@ -12,7 +12,7 @@ estimator sees the same runs.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -146,6 +146,24 @@ def lanes(spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"],
         else:
             parameters[:, names.index(factor.parameter)] = values[:, column]
     return Lanes(parameters, process, measurement)
+
+
+def scale_noise(held: Lanes, belief: ModelSpec, factors: Mapping[str, float]) -> Lanes:
+    """Return what one estimator believes after tuning: variances multiplied by the factor of their group.
+
+    Args:
+        held: What the belief holds.
+        belief: The belief; its unknown inputs are a group of their own.
+        factors: By ``NOISE_GROUPS``; a group that is absent stays as it is.
+    """
+    if not factors:
+        return held
+    groups = ["unknown_inputs" if s in belief.unknown_inputs else "process" for s in belief.model().states]
+    return Lanes(
+        held.values,
+        held.process_noise * np.array([factors.get(group, 1.0) for group in groups]),
+        held.measurement_noise * factors.get("measurement", 1.0),
+    )
 
 
 def units(study: Study, design: DesignSpec, target: int = 64) -> list[Unit]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.compile import CompiledModel, compile_model
 from harness.configure import HistorySpec, ModelSpec, Study
-from harness.design import Lanes, Unit, lanes, points
+from harness.design import Lanes, Unit, lanes, points, scale_noise
 from harness.drives import build_drive
 from harness.estimate import Estimator, Scores
 from harness.lanes import LANES
@@ -102,13 +102,13 @@ class Bench:
         """Compile one kernel (0 is the simulation, then the estimators) and return its name; ``range(kernels)``."""
         short = Unit(0, 0, 0, 0, 1)
         if index == 0:
-            self._simulate(short, [Case(0, 0)], samples=3)
+            self.simulate(short, [Case(0, 0)], samples=3)
             return "simulation"
         batch, belief = (
-            self._simulate(short, [Case(0, 0)], samples=3),
-            self._lanes(short, [Case(0, 0)], "belief"),
+            self.simulate(short, [Case(0, 0)], samples=3),
+            self.held(short, [Case(0, 0)], "belief"),
         )
-        self._estimate(index - 1, short, [Case(0, 0)], batch, belief)
+        self.estimate(index - 1, short, [Case(0, 0)], batch, belief)
         return self.study.estimators[index - 1].name
 
     @property
@@ -128,9 +128,9 @@ class Bench:
         cases = [Case(s, r) for s in range(unit.first, unit.stop) for r in range(design.repeats)]
         for start in range(0, len(cases), LANES):
             group = cases[start : start + LANES]
-            batch, belief = self._simulate(unit, group), self._lanes(unit, group, "belief")
+            batch, belief = self.simulate(unit, group), self.held(unit, group, "belief")
             for e in range(len(self.estimators)):
-                scores = self._estimate(e, unit, group, batch, belief)
+                scores = self.estimate(e, unit, group, batch, belief)
                 self._enter(result, unit, group, e, batch, scores)
         return result
 
@@ -144,9 +144,9 @@ class Bench:
         design = next(i for i, d in enumerate(study.designs) if d.name == wanted.design)
         unit = Unit(design, wanted.band, names.index(wanted.drive), wanted.sample, wanted.sample + 1)
         case = [Case(wanted.sample, wanted.repeat)]
-        batch, belief = self._simulate(unit, case), self._lanes(unit, case, "belief")
+        batch, belief = self.simulate(unit, case), self.held(unit, case, "belief")
         road = self.roads[unit.drive]
-        runs = [self._estimate(e, unit, case, batch, belief, keep=True) for e in range(len(self.estimators))]
+        runs = [self.estimate(e, unit, case, batch, belief, keep=True) for e in range(len(self.estimators))]
         shown = list(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *wanted.signals]))
         truth = np.full((len(batch.truth), len(shown)), np.nan)
         for i, name in enumerate(shown):
@@ -184,7 +184,7 @@ class Bench:
         }
         return dataset
 
-    def _lanes(self, unit: Unit, group: list[Case], side: str) -> Lanes:
+    def held(self, unit: Unit, group: list[Case], side: str) -> Lanes:
         """Return what plant or belief holds in each lane; lanes without a run repeat the last one."""
         design = self.study.designs[unit.design]
         rows = [c.sample for c in group] + [group[-1].sample] * (LANES - len(group))
@@ -193,8 +193,9 @@ class Bench:
             return lanes(self.study.plant, design, "plant", values)
         return lanes(self.study.belief, design, "belief", values)
 
-    def _simulate(self, unit: Unit, group: list[Case], samples: int | None = None) -> Batch:
-        plant, inputs = self._lanes(unit, group, "plant"), self.roads[unit.drive].plant_inputs[:samples]
+    def simulate(self, unit: Unit, group: list[Case], samples: int | None = None) -> Batch:
+        """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them; all samples by default."""
+        plant, inputs = self.held(unit, group, "plant"), self.roads[unit.drive].plant_inputs[:samples]
         width = self.plant.nx + self.plant.ny
         noise = np.empty((len(inputs), width, LANES))
         for lane, case in enumerate(group):
@@ -218,10 +219,12 @@ class Bench:
         keys += keys[-1:] * (LANES - len(group))
         return [np.random.SeedSequence(self.study.seed, spawn_key=key) for key in keys]
 
-    def _estimate(
+    def estimate(
         self, index: int, unit: Unit, group: list[Case], batch: Batch, held: Lanes, keep: bool = False
     ) -> Scores:
+        """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
         estimator, road = self.estimators[index], self.roads[unit.drive]
+        held = scale_noise(held, self.study.belief, self.study.estimators[index].noise)
         process = np.ascontiguousarray(held.process_noise.T)
         belief = estimator.belief(
             self.belief.constants(held.values.T), process, np.ascontiguousarray(held.measurement_noise.T)

@@ -222,8 +222,11 @@ def _root_attributes(study: Study) -> dict[str, Any]:
         for side, spec in sides.items()
     }
     plant, belief = study.plant.values, study.belief.values
+    units = {p.name: p.unit for spec in sides.values() for p in spec.model().parameters}
+    description["tuning"] = study.tuning or "every estimator believes the noise of the belief"
+    description["noise_factors"] = {e.name: e.noise for e in study.estimators if e.noise}
     description["differing"] = {
-        name: {"plant": plant.get(name), "belief": belief.get(name)}
+        name: {"plant": plant.get(name), "belief": belief.get(name), "unit": units.get(name, "")}
         for name in sorted(plant.keys() | belief.keys())
         if plant.get(name) != belief.get(name)
     }

@@ -5,8 +5,9 @@ together; ``specs`` is what all later stages read.
 """
 
 from harness.configure.file import study_schema, write_schema
-from harness.configure.load import load_study
+from harness.configure.load import load_drives, load_study
 from harness.configure.specs import (
+    NOISE_GROUPS,
     NOISE_SCALES,
     DesignSpec,
     DriveSpec,
@@ -19,6 +20,7 @@ from harness.configure.specs import (
 from harness.configure.vehicle import resolve_single
 
 __all__ = [
+    "NOISE_GROUPS",
     "NOISE_SCALES",
     "DesignSpec",
     "DriveSpec",
@@ -27,6 +29,7 @@ __all__ = [
     "HistorySpec",
     "ModelSpec",
     "Study",
+    "load_drives",
     "load_study",
     "resolve_single",
     "study_schema",

@@ -194,6 +194,9 @@ class StudyFile(Table):
     targets: Annotated[list[Name], Field(min_length=1)] = Field(
         description="quantities to score: states or ports of both models"
     )
+    tuning: Name | None = Field(
+        default=None, description="file written by harness tune: factors on the noise each estimator believes"
+    )
     drives: Name | list[Name] = Field(
         default_factory=list, description="files of drives: drives/<name>.toml beside the study"
     )

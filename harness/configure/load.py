@@ -27,6 +27,7 @@ from harness.configure.specs import (
     ModelSpec,
     Study,
 )
+from harness.configure.tuning import tuned
 from harness.configure.vehicle import resolve_model, stated
 from harness.errors import UserError
 from models import registry
@@ -57,7 +58,7 @@ def load_study(path: str | Path) -> Study:
     plant = resolve_model(plant_table, folder, problems)
     belief = resolve_model(stated("belief", raw.belief, plant_table), folder, problems)
     drives = _drives(raw, folder, problems)
-    estimators = _estimators(raw.estimator, folder, problems)
+    estimators, rule = tuned(raw.tuning, _estimators(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
     _refuse_twice([d.name for d in raw.design], "design", "name", problems)
     for i, entry in enumerate(raw.design):
@@ -89,6 +90,7 @@ def load_study(path: str | Path) -> Study:
         text=text,
         hash="",
         path=path,
+        tuning=rule,
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now
     return study
@@ -121,6 +123,18 @@ def _refuse_twice(names: list[str], table: str, key: str, problems: Problems) ->
         if name in names[:i]:
             first = names.index(name)
             problems.add(f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another")
+
+
+def load_drives(name: str, folder: Path) -> tuple[DriveSpec, ...]:
+    """Return the drives of a file of drives: its name in ``<folder>/drives`` or the path of a TOML file.
+
+    Raises:
+        UserError: If there is no such file or a drive in it is wrong.
+    """
+    problems = Problems(str(folder))
+    drives = _drives(StudyFile.model_construct(drives=name, drive=[]), folder, problems)
+    problems.stop()
+    return tuple(drives)
 
 
 def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]:
@@ -342,7 +356,13 @@ def _hash(study: Study) -> str:
         "belief": model(study.belief),
         "drives": [[d.name, d.kind, d.options, _file_digests(d.options, d.base)] for d in study.drives],
         "estimators": [
-            {"name": e.name, "kind": e.kind, "settings": e.settings, "files": _file_digests(e.settings, e.base)}
+            {
+                "name": e.name,
+                "kind": e.kind,
+                "settings": e.settings,
+                "noise": e.noise,
+                "files": _file_digests(e.settings, e.base),
+            }
             for e in study.estimators
         ],
         "designs": [

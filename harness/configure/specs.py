@@ -18,6 +18,9 @@ Integrator = Literal["euler", "heun", "rk4"]
 NOISE_SCALES: tuple[str, ...] = ("process_noise_scale", "measurement_noise_scale")
 """Pseudo-parameters a factor may vary: they multiply all variances of one kind; nominal value 1."""
 
+NOISE_GROUPS: tuple[str, ...] = ("process", "unknown_inputs", "measurement")
+"""Groups of variances that tuning multiplies by a factor each."""
+
 
 @dataclass(frozen=True)
 class ModelSpec:
@@ -93,12 +96,14 @@ class EstimatorSpec:
         kind: File in ``harness/estimators``.
         settings: Settings, checked and completed by the ``Settings`` of that file where it has one.
         base: Folder against which relative file names of the settings are resolved.
+        noise: Factors on the variances it believes, by ``NOISE_GROUPS``; empty if it is not tuned.
     """
 
     name: str
     kind: str
     settings: dict[str, Any]
     base: Path = Path()
+    noise: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -217,6 +222,7 @@ class Study:
         designs: At least one.
         history: The runs to draw over time; possibly none.
         text: The study file as read.
+        tuning: The rule by which the estimators' noise was tuned; empty if it is the belief's.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
         path: The study file.
@@ -235,6 +241,7 @@ class Study:
     text: str
     hash: str
     path: Path
+    tuning: str = ""
 
     def design(self, name: str) -> DesignSpec:
         """Return a design by name."""

@@ -182,8 +182,8 @@ def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
 
 def test_levels_share_their_noise_and_runs_do_not(bench, study):
     cases = [Case(0, r) for r in range(study.designs[0].repeats)]
-    light = bench._simulate(Unit(0, 0, 0, 0, 1), cases)
-    heavy = bench._simulate(Unit(0, 1, 0, 0, 1), cases)
+    light = bench.simulate(Unit(0, 0, 0, 0, 1), cases)
+    heavy = bench.simulate(Unit(0, 1, 0, 0, 1), cases)
     light_noise = light.measurements[:, 0] - light.truth[:, bench.plant.signal_names.index("yaw_rate_trailer")]
     heavy_noise = heavy.measurements[:, 0] - heavy.truth[:, bench.plant.signal_names.index("yaw_rate_trailer")]
     np.testing.assert_allclose(light_noise, heavy_noise, atol=1e-12)
