@@ -10,10 +10,23 @@ from pathlib import Path
 
 from harness.report.analysis import Analysis
 from harness.report.document import Document, render
+from harness.report.opening import answer_in_short
 from harness.report.sections import answer, boxes, consistency, drives, history, made, paired, scatter
 from harness.report.store import read
 
 _SECTIONS = (answer, boxes, paired, history, consistency, drives, scatter, made)
+
+
+def headline(directory: Path) -> str:
+    """Return the answer of a finished study in one or two sentences, as its report opens.
+
+    Args:
+        directory: Folder with ``scores.zarr``.
+
+    Raises:
+        UserError: If the folder holds no finished study.
+    """
+    return answer_in_short(Analysis(read(Path(directory))).main)
 
 
 def write_report(directory: Path) -> list[Path]:

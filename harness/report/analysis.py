@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness import statistics
 from harness.report.store import OK, Design, Store
 from harness.report.style import Look, looks
+
+NEGLIGIBLE = 0.01
+"""Share of the error below which a difference between estimators is of no use to anybody."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,7 @@ class Paired:
         second: Number of the estimator compared.
         band: Number of the band; None for all bands together.
         result: Second minus first, in report units.
+        relative: Median difference over the median error of the first estimator on the same runs.
         p_corrected: p-value after Holm's correction over all comparisons of the design.
     """
 
@@ -30,12 +35,18 @@ class Paired:
     second: int
     band: int | None
     result: statistics.Comparison
+    relative: float
     p_corrected: float
 
     @property
     def shown(self) -> bool:
         """Whether a difference is shown at the 5 % level."""
         return bool(self.p_corrected < 0.05)
+
+    @property
+    def negligible(self) -> bool:
+        """Whether the difference is below 1 % of the error, be it shown or not."""
+        return bool(abs(self.relative) < NEGLIGIBLE)
 
 
 @dataclass(frozen=True)
@@ -97,18 +108,20 @@ class Findings:
     def comparisons(self) -> list[Paired]:
         """All paired comparisons: by target and pair, every band and then all bands together."""
         d = self.design
-        rows: list[tuple[int, int, int, int | None, statistics.Comparison]] = []
+        rows: list[tuple[int, int, int, int | None, statistics.Comparison, float]] = []
         band = np.arange(len(d.bands)).reshape(-1, 1, 1, 1)
         everywhere = d.strata + band * len(d.drives)
         for t in range(len(d.targets)):
             for first, second in self.pairs:
                 values = d.rmse[t]
                 for b in range(len(d.bands)):
-                    result = statistics.compare(values[b, first], values[b, second], d.strata, seed=self.seed)
-                    rows.append((t, first, second, b, result))
+                    one, other = values[b, first], values[b, second]
+                    result = statistics.compare(one, other, d.strata, seed=self.seed)
+                    rows.append((t, first, second, b, result, _relative(result, one, other)))
                 if len(d.bands) > 1:
-                    result = statistics.compare(values[:, first], values[:, second], everywhere, seed=self.seed)
-                    rows.append((t, first, second, None, result))
+                    one, other = values[:, first], values[:, second]
+                    result = statistics.compare(one, other, everywhere, seed=self.seed)
+                    rows.append((t, first, second, None, result, _relative(result, one, other)))
         corrected = statistics.holm([row[4].p_value for row in rows])
         return [Paired(*row, float(p)) for row, p in zip(rows, corrected, strict=True)]
 
@@ -161,6 +174,13 @@ class Findings:
         """Return the smallest and largest number of scored runs over the estimators of a band."""
         counts = [self.design.count(OK, band, e) for e in range(len(self.design.estimators))]
         return min(counts), max(counts)
+
+
+def _relative(result: statistics.Comparison, first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return the median difference over the median error of the first estimator on the runs of both."""
+    both = np.isfinite(first) & np.isfinite(second)
+    error = float(np.median(first[both])) if both.any() else 0.0
+    return result.difference.value / error if error > 0 else np.nan
 
 
 class Analysis:

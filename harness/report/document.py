@@ -108,7 +108,8 @@ def _block(block: Block, files: dict[str, bytes]) -> str:
         case Picture(svg, caption, alt):
             name = f"figure-{len(files) + 1:02d}.svg"
             files[name] = svg
-            return f"#picture({_string(name)}, {_string(caption)}, {_string(alt)})"
+            floats = "false" if len(files) == 1 else "true"  # the first belongs to the answer above it
+            return f"#picture({_string(name)}, {_string(caption)}, {_string(alt)}, floats: {floats})"
         case Sheet(header, rows, caption, left):
             body = "".join(f"\n  {_array(row)}," for row in rows)
             words = f"left: {left}, caption: {_string(caption)}, header: {_array(header)}"

@@ -98,7 +98,8 @@ def quantity(name: str, si_unit: str = "") -> Quantity:
     """
     signal = SIGNALS.get(name)
     if signal is None:
-        return Quantity(name, words(name), rf"\mathrm{{{words(name)}}}", print_unit(si_unit), 1.0)
+        symbol = words(name).replace(" ", r"\ ")
+        return Quantity(name, words(name), rf"\mathrm{{{symbol}}}", print_unit(si_unit), 1.0)
     source = registry().Quantity(1.0, si_unit or signal.unit)
     scale = float(source.to(signal.report_unit).magnitude)
     return Quantity(name, words(name), signal.symbol, print_unit(signal.report_unit), scale, signal.meaning)
@@ -231,14 +232,14 @@ class Store:
         directory: The folder.
         attributes: Root attributes of the store.
         designs: The designs, in the order of the study.
-        history: The run kept over time, if the study asked for one.
+        histories: The runs kept over time, as many as the study asked for.
         run: What ``run.json`` says about the run, possibly nothing.
     """
 
     directory: Path
     attributes: dict[str, Any]
     designs: list[Design]
-    history: xr.Dataset | None
+    histories: list[xr.Dataset]
     run: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -286,14 +287,15 @@ def read(directory: Path) -> Store:
     try:
         root = zarr.open_group(path, mode="r")
         attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
-        groups = set(root.group_keys())
+        has_runs = "history" in set(root.group_keys())
         names = attributes.get("designs", [])
         if not names:
             raise KeyError("designs")
         designs = [_design(path, str(name)) for name in names]
-        history = None
-        if "history" in groups:
-            history = xr.open_zarr(path, group="history", chunks=None, consolidated=False).load()
+        kept = sorted(zarr.open_group(path, mode="r", path="history").group_keys(), key=int) if has_runs else []
+        histories = [
+            xr.open_zarr(path, group=f"history/{index}", chunks=None, consolidated=False).load() for index in kept
+        ]
     except (KeyError, ValueError, OSError) as error:
         raise UserError(
             f"{path}: not a store that a study wrote ({type(error).__name__}: {error}); "
@@ -307,4 +309,4 @@ def read(directory: Path) -> Store:
             run = json.loads(run_file.read_text(encoding="utf-8"))
         except json.JSONDecodeError as error:
             raise UserError(f"{run_file}: line {error.lineno}: not JSON; delete it or run again") from error
-    return Store(directory, attributes, designs, history, run)
+    return Store(directory, attributes, designs, histories, run)

@@ -9,16 +9,18 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 
 WIDTH = 6.89  # inches: A4 less two margins of 17.5 mm, so that a point in a figure is a point in print
 TALLEST = 9.3  # inches: the most a figure may take of a page
+_PAD = 0.04  # inches around a panel with its labels
+_used: WeakKeyDictionary[Figure, float] = WeakKeyDictionary()  # inches that ``head`` took of a figure
 TRUTH = "#000000"
 SHADE = "#e9e9e9"
 
@@ -138,6 +140,11 @@ def span(lower: float, upper: float, unit: str = "") -> str:
     return f"{number(lower)} to {with_unit(upper, unit)}"
 
 
+def percent(share: float) -> str:
+    """Write a share in percent with two significant digits, e.g. ``0.051 %``."""
+    return f"{number(100 * share, 2)} %"
+
+
 def probability(p: float) -> str:
     """Write a p-value; below one in a thousand only that."""
     if not math.isfinite(p):
@@ -158,20 +165,44 @@ def drawing() -> AbstractContextManager[None]:
 
 def figure(height: float, **layout: Any) -> Figure:
     """Return a figure of the width of the page; call inside ``drawing()``."""
-    fig = Figure(figsize=(WIDTH, height), layout="constrained", **layout)
+    fig = Figure(figsize=(WIDTH, height), dpi=72, **layout)  # of SVG: text is measured as it is drawn
     FigureCanvasSVG(fig)
+    # Near to what most figures end with, so that the ticks chosen while measuring are those that are drawn.
+    fig.subplots_adjust(left=0.11, right=0.99, bottom=0.6 / height, top=1.0 - 0.7 / height, hspace=0.2)
     return fig
 
 
 def svg(fig: Figure) -> bytes:
     """Return the figure as SVG that depends on its content only (no date, fixed ids)."""
-    engine = fig.get_layout_engine()
-    if engine is not None:  # laid out once, here; savefig would draw everything a second time for it
-        engine.execute(fig)
-        fig.set_layout_engine(None)
+    _lay_out(fig)
     stream = io.BytesIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=200)
     return stream.getvalue()
+
+
+def _lay_out(fig: Figure) -> None:
+    """Give the panels, which stand below each other, all the room that their labels leave, in equal shares.
+
+    Matplotlib's constrained layout does the same for any arrangement, but measures every artist twice, which takes
+    as long as drawing. Here only axes, labels and titles are measured, once.
+    """
+    width, height = fig.get_size_inches() * fig.dpi
+    renderer = RendererSVG(width, height, io.StringIO(), image_dpi=int(fig.dpi))
+    left, right, over = 0.0, 0.0, []
+    for axes in fig.axes:
+        box, outer = axes.get_window_extent(renderer), axes.get_tightbbox(renderer, bbox_extra_artists=[])
+        assert outer is not None
+        left, right = max(left, box.x0 - outer.x0), max(right, outer.x1 - box.x1)
+        over.append((max(outer.y1 - box.y1, 0.0), max(box.y0 - outer.y0, 0.0)))
+    pad = _PAD * fig.dpi
+    top = _used.get(fig, 0.0) * fig.dpi
+    room = height - top - sum(above + below + 2 * pad for above, below in over)
+    share = max(room / len(over), 0.2 * fig.dpi)
+    y = height - top
+    for axes, (above, below) in zip(fig.axes, over, strict=True):
+        y -= pad + above + share
+        axes.set_position(((left + pad) / width, y / height, 1.0 - (left + right + 2 * pad) / width, share / height))
+        y -= below + pad
 
 
 def patches(estimators: Sequence[str], chosen: dict[str, Look]) -> list[Patch]:
@@ -182,7 +213,8 @@ def patches(estimators: Sequence[str], chosen: dict[str, Look]) -> list[Patch]:
 
 
 def mark_matched(axes: Axes, position: int | None) -> None:
-    """Shade the level at which plant and belief agree."""
+    """Shade the level at which plant and belief agree; levels are places, not numbers, hence without ticks."""
+    axes.tick_params(axis="x", length=0)
     if position is not None:
         axes.axvspan(position - 0.5, position + 0.5, color=SHADE, lw=0, zorder=0)
 
@@ -212,6 +244,4 @@ def head(fig: Figure, text: str, handles: Sequence[Any] = ()) -> None:
             borderaxespad=0.1,
         )
         used += 0.2 * -(-len(handles) // columns) + 0.06
-    engine = fig.get_layout_engine()
-    assert isinstance(engine, ConstrainedLayoutEngine)
-    engine.set(rect=(0.0, 0.0, 1.0, 1.0 - used / height))
+    _used[fig] = used

@@ -114,14 +114,26 @@ def design(
     return data
 
 
-def history(estimators: Sequence[str] = ("EKF", "UKF"), without_covariance: Sequence[str] = ()) -> xr.Dataset:
-    """A run over time: slow sines, each estimator with a bias of its own and a constant 2-sigma band."""
+def history(
+    estimators: Sequence[str] = ("EKF", "UKF"), without_covariance: Sequence[str] = (), name: str = "", extra: str = ""
+) -> xr.Dataset:
+    """A run over time: slow sines, each estimator with a bias of its own and a constant 2-sigma band.
+
+    Args:
+        estimators: Names.
+        without_covariance: Estimators without a band.
+        name: What the study calls the run.
+        extra: A further signal, of which there is no truth.
+    """
     time = np.arange(0.0, 90.0, 0.01)
     names = {"lateral_force_axle_21": 9000.0, "articulation_angle": 0.15, "steering_wheel_angle": 1.2}
+    names |= {extra: 3.0} if extra else {}
     shape = np.sin(2 * np.pi * 0.05 * time) + 0.4 * np.sin(2 * np.pi * 0.17 * time)
     truth = np.stack([amplitude * shape for amplitude in names.values()], axis=1)
     bias = 1.0 + 0.12 * (1 + np.arange(len(estimators)))[None, :, None]
     estimate = truth[:, None, :] * bias
+    if extra:
+        truth[:, -1] = np.nan
     std = np.broadcast_to(0.05 * np.array(list(names.values())), estimate.shape).copy()
     std[:, [e in without_covariance for e in estimators], :] = np.nan
     return xr.Dataset(
@@ -132,7 +144,7 @@ def history(estimators: Sequence[str] = ("EKF", "UKF"), without_covariance: Sequ
             "input_speed": ("time", 15.0 + 3.0 * np.sin(0.1 * time)),
         },
         coords={"time": time, "estimator": _text(estimators), "target": _text(list(names))},
-        attrs={"design": "level", "band_label": "8 t", "drive": "winding-road", "repeat": 0},
+        attrs={"name": name, "design": "level", "band_label": "8 t", "drive": "winding-road", "repeat": 0},
     )
 
 
@@ -140,7 +152,7 @@ def write(
     directory: Path,
     designs: dict[str, xr.Dataset] | None = None,
     *,
-    run: xr.Dataset | None = None,
+    runs: Sequence[xr.Dataset] = (),
     title: str = "How wrong do the estimators get when the trailer is heavier or lighter than they believe?",
 ) -> Path:
     """Write a result folder and return it.
@@ -148,7 +160,7 @@ def write(
     Args:
         directory: Folder, made if absent.
         designs: Groups by name; by default levels and bands of the mass study.
-        run: The history group; none by default.
+        runs: The runs over time; none by default.
         title: Question of the study.
     """
     if designs is None:
@@ -174,6 +186,7 @@ def write(
                         "model": "semitrailer+magic_formula",
                         "parameters": "ziaukas_2023",
                         "unknown_inputs": [],
+                        "process_noise": {"lateral_force_axle_21": 1000.0},
                         "measurement_noise": {"yaw_rate_trailer": 0.0025},
                     },
                     "belief": {
@@ -182,12 +195,12 @@ def write(
                         "unknown_inputs": ["steering_wheel_angle"],
                         "measurement_noise": {"yaw_rate_trailer": 0.0025},
                     },
-                    "differing": {"trailer_mass": {"plant": None, "belief": 24000.0}},
+                    "differing": {"trailer_mass": {"plant": 8000.0, "belief": 24000.0, "unit": "kg"}},
                 }
             ),
         }
     )
-    groups = dict(designs) if run is None else {**designs, "history": run}
+    groups = {**designs, **{f"history/{index}": run for index, run in enumerate(runs)}}
     for name, data in groups.items():
         data.to_zarr(path, group=name, mode="a", consolidated=False, zarr_format=3)
     facts = {

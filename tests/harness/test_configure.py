@@ -271,7 +271,8 @@ def test_history_names_a_run_of_the_design(load):
 def test_several_histories_with_signals_of_their_own(load):
     study = load(
         append='[[history]]\nname = "light"\ndesign = "level"\nlevels = { trailer_mass = 8000 }\ndrive = "sine"\n'
-        '[[history]]\ndesign = "level"\nlevels = { trailer_mass = 32000 }\ndrive = "sine"\nsignals = ["yaw_rate_tractor"]\n'
+        '[[history]]\ndesign = "level"\nlevels = { trailer_mass = 32000 }\ndrive = "sine"\n'
+        'signals = ["yaw_rate_tractor"]\n'
     )
     assert [(h.name, h.band, h.signals) for h in study.history] == [("light", 0, ()), ("", 2, ("yaw_rate_tractor",))]
     assert load().history == ()
@@ -529,7 +530,8 @@ APPENDED = {
     ),
     "history signal": (
         '[history]\ndesign = "level"\ndrive = "sine"\nband = "8 t"\nsignals = ["yaw_rate_tracto"]\n',
-        "history.signals[0]: model 'semitrailer+magic_formula' has no quantity 'yaw_rate_tracto'; closest: yaw_rate_tractor",
+        "history.signals[0]: model 'semitrailer+magic_formula' has no quantity 'yaw_rate_tracto'; "
+        "closest: yaw_rate_tractor",
     ),
     "design of the name of the histories": (
         '[[design]]\nname = "history"\n',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -12,11 +13,14 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 import synthetic
+from matplotlib.backends.backend_svg import RendererSVG
+from matplotlib.lines import Line2D
 
 from harness.errors import UserError
-from harness.report import style, write_report
+from harness.report import _SECTIONS, headline, style, write_report
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, render, source
+from harness.report.opening import answer_in_short
 from harness.report.sections import answer, boxes, consistency, drives, history, made, paired, scatter
 from harness.report.store import Quantity, print_unit, quantity, read
 
@@ -63,9 +67,21 @@ def mass(tmp_path_factory):
         "level": synthetic.design(status=_lose),
         "band": synthetic.design(levels=(8.0, 24.0, 32.0), band=0.05, samples=8, repeats=1, seed=2),
     }
-    folder = synthetic.write(tmp_path_factory.mktemp("mass"), designs, run=synthetic.history())
+    folder = synthetic.write(
+        tmp_path_factory.mktemp("mass"),
+        designs,
+        runs=[synthetic.history(), synthetic.history(name="again", extra="stiffness_factor")],
+    )
     files = write_report(folder)
     return folder, files, designs
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A small study with a history and its report."""
+    level = synthetic.design(levels=(16.0, 24.0), drives=synthetic.DRIVES[:2], repeats=2)
+    folder = synthetic.write(tmp_path_factory.mktemp("small"), {"level": level}, runs=[synthetic.history()])
+    return folder, write_report(folder)
 
 
 @pytest.fixture
@@ -99,7 +115,7 @@ def test_html_needs_nothing_from_outside(mass):
     assert "url(" not in html
     assert "@import" not in html
     assert "script" not in page.tags
-    assert page.tags.count("img") == 9
+    assert page.tags.count("img") == 10
     assert "math" in page.tags
     assert page.tags.count("h1") == 1
 
@@ -115,7 +131,9 @@ def test_the_answer_comes_first_and_its_numbers_are_those_of_the_store(mass):
     assert opening.index("How wrong do the estimators get") < opening.index("Answer")
     assert f"(24 t) the median RMSE is {matched:.3g} kN for EKF" in opening
     assert f"At 8 t it is {light:.3g} kN for EKF ({light / matched:.2g} times as much)" in opening
-    assert "EKF is better than UKF by" in opening
+    assert "Over all levels EKF is better than UKF on the same run by" in opening
+    assert headline(mass[0]) in opening
+    assert "In the run drawn at 8 t the true lateral force axle 21 lies within ± 2σ" in opening
     assert "Of 1968 runs of all designs, estimator diverged in 4 (UKF 4)" in opening
     assert "plant left its range in 6 (EKF 3, UKF 3); failed in 1 (EKF 1)" in opening
 
@@ -126,15 +144,18 @@ def test_the_report_says_how_it_was_made(mass):
         assert part in text
     assert '"quoted", #hash, $dollar$, *star*, \\back <tag> & [bracket] `tick` @at' in text
     assert "840 simulated drives" in text
+    assert re.search(r"trailer mass\s*8000 kg\s*24000 kg", text)
+    assert re.search(r"process\s*lateral force axle 21\s*kN\s*0\.0316\s*–\s*1000\s*–", text)
+    assert "The plant has no stiffness factor: the estimate stands alone." in text
 
 
-def test_the_same_store_gives_the_same_bytes(mass):
+def test_the_same_store_gives_the_same_bytes(small):
     """In another process, since the order of a set depends on the process."""
-    _, files, _ = mass
+    folder, files = small
     before = [path.read_bytes() for path in files]
     command = "import sys; from harness.report import write_report; write_report(sys.argv[1])"
     environment = {**os.environ, "PYTHONHASHSEED": "42"}
-    subprocess.run([sys.executable, "-c", command, mass[0]], check=True, env=environment)
+    subprocess.run([sys.executable, "-c", command, folder], check=True, env=environment)
     assert before == [path.read_bytes() for path in files]
 
 
@@ -215,16 +236,24 @@ def _everything(fates: np.ndarray) -> None:
 )
 def test_any_study_gets_a_report(one_design, options):
     analysis = one_design(**options)
-    html, pdf = write_report(analysis.store.directory)
-    text = Page(html.read_text(encoding="utf-8")).text
+    document = Document("What?", [block for section in _SECTIONS for block in section.blocks(analysis)])
+    text, files = source(document)
     assert "nan" not in re.findall(r"[a-z]+", text)
-    assert _pages(pdf.read_bytes()) >= 3
+    assert headline(analysis.store.directory) in text
+    assert all(svg.startswith(b"<?xml") for svg in files.values())
     assert ("Which estimator is better" in text) == (len(analysis.main.design.estimators) > 1)
+    if len(analysis.main.design.estimators) > 3:  # tables that go on over pages
+        assert _pages(render(document)[1]) >= 5
+
+
+def _words(analysis: Analysis) -> str:
+    """Everything that the answer says in its bullets."""
+    return " ".join(item for block in answer.blocks(analysis) if isinstance(block, Bullets) for item in block.items)
 
 
 def test_words_when_nothing_is_left(one_design):
     lost = one_design(status=_everything)
-    text = " ".join(answer.blocks(lost)[2].items)
+    text = _words(lost)
     assert "At 8 t no run has a score." in text
     assert "plant left its range in 84 (EKF 42, UKF 42)" in text
 
@@ -233,9 +262,105 @@ def test_no_difference_is_called_none(one_design):
     analysis = one_design()
     design = analysis.main.design
     design.rmse[:, :, 1] = design.rmse[:, :, 0]
-    text = " ".join(answer.blocks(Analysis(analysis.store))[2].items)
+    text = _words(Analysis(analysis.store))
     assert "no difference between UKF and EKF is shown" in text
     assert "is better than" not in text
+
+
+def test_a_difference_that_is_shown_may_still_be_negligible(one_design):
+    """Half a per mille on every run is significant and of no use to anybody."""
+    design = one_design(repeats=20).main.design
+    design.rmse[:, :, 1] = design.rmse[:, :, 0] * 0.9995
+    findings = Findings(design, 0)
+    pair = findings.compared(0, 0, 1, None)
+    assert pair.shown
+    assert pair.negligible
+    assert pair.relative == pytest.approx(-0.0005, rel=0.05)
+    text = " ".join(answer._better(findings, 0))
+    assert "UKF and EKF differ negligibly" in text
+    assert "0.050 % of the median RMSE" in text
+    assert "is better than" not in text
+    design.rmse[:, :, 1] = design.rmse[:, :, 0] * 0.9
+    text = " ".join(answer._better(Findings(design, 0), 0))
+    assert "UKF is better than EKF on the same run by" in text
+    assert "10 % of the median RMSE" in text
+
+
+def _medians(design) -> np.ndarray:
+    return np.nanmedian(design.rmse.reshape(*design.rmse.shape[:3], -1), axis=-1)
+
+
+def test_headline_tells_the_largest_growth_of_each_target(one_design):
+    design = one_design().main.design
+    design.rmse[:, :, 1] = design.rmse[:, :, 0]
+    design.rmse[1, 6] = design.rmse[1, 0] * 2  # the articulation angle is worst at 32 t
+    medians = _medians(design)
+    text = answer_in_short(Findings(design, 0))
+    force = f"{style.number(medians[0, 4, 0])} to {style.number(medians[0, 0, 0])} kN"
+    angle = f"{style.number(medians[1, 4, 0])} to {style.number(medians[1, 6, 0])}°"
+    times = [
+        f"({style.number(a / b, 2)} times)" for a, b in zip(medians[[0, 1], [0, 6], 0], medians[:, 4, 0], strict=True)
+    ]
+    assert text == (
+        "With the trailer mass at 8 t instead of the believed 24 t, the median error of the lateral force axle 21 "
+        f"grows from {force} {times[0]}; with the trailer mass at 32 t that of the articulation angle grows from "
+        f"{angle} {times[1]}; EKF and UKF differ by less than 0.1 %."
+    )
+
+
+def test_headline_names_the_best_estimator_where_they_differ_and_what_was_lost(one_design):
+    design = one_design(estimators=("EKF", "UKF", "PF"), status=_lose_two).main.design
+    design.rmse[:, :, 2] = design.rmse[:, :, 0] * 0.5
+    text = answer_in_short(Findings(design, 0))
+    medians = _medians(design)
+    best = f"{style.number(medians[0, 4, 2])} to {style.number(medians[0, 0, 2])} kN"
+    assert (
+        f"grows from {best} ({medians[0, 0, 2] / medians[0, 4, 2]:.1f} times) with PF, the best of 3, and to " in text
+    )
+    assert f"{style.number(medians[0, 0, 1])} kN with UKF, the worst" in text
+    assert "differ by less" not in text
+    assert text.endswith("Of 126 runs, in 2 the estimator diverged (UKF 2).")
+
+
+def _lose_two(fates: np.ndarray) -> None:
+    fates[3, 0, 0, :2, 1] = 1
+
+
+def test_headline_of_other_studies(one_design):
+    one = answer_in_short(one_design(estimators=("EKF",), levels=(24.0,)).main)
+    assert re.fullmatch(
+        r"With the trailer mass at 24 t the median error of the \D+21 is [\d.]+ kN and that .* is [\d.]+°\.", one
+    )
+    steady = one_design(levels=(8.0, 24.0)).main.design
+    steady.rmse[:] = 1.0
+    assert "stays at 1.00 kN" in answer_in_short(Findings(steady, 0))
+    unmatched = answer_in_short(one_design(levels=(8.0, 12.0)).main)
+    assert unmatched.startswith("With the trailer mass at 8 t instead of 12 t, the median error")
+    assert answer_in_short(one_design(status=_everything).main).startswith(
+        "No run has a score. Of 84 runs, in 84 the plant"
+    )
+
+
+def test_nothing_is_cut_off_and_panels_do_not_overlap():
+    with style.drawing():
+        fig = style.figure(5.0)
+        panels = fig.subplots(2, 1, sharex=True)
+        for axes in panels:
+            axes.set_yticks([0, 1], ["a drive with quite a long name", "b"])
+            axes.set_ylabel("label")
+            axes.set_title("title", loc="left")
+        panels[1].set_xticks([0, 1], ["two\nlines", "x"])
+        panels[1].set_xlabel("levels")
+        style.head(fig, "Is all of it there?", [Line2D([], [], label="one")])
+        svg = style.svg(fig)
+        renderer = RendererSVG(*fig.bbox.size, io.StringIO(), image_dpi=72)
+        upper, lower = (axes.get_tightbbox(renderer) for axes in panels)
+    legend = fig.legends[0].get_window_extent(renderer)
+    assert svg.startswith(b"<?xml")
+    assert min(upper.x0, lower.x0, lower.y0) >= 0
+    assert max(upper.x1, lower.x1) <= fig.bbox.x1
+    assert lower.y1 <= upper.y0 < upper.y1 <= legend.y0
+    assert panels[0].get_window_extent().width > 0.5 * fig.bbox.width
 
 
 def test_two_factors(tmp_path):
@@ -250,6 +375,7 @@ def test_two_factors(tmp_path):
     assert design.matched == 1
     assert [f.words for f in design.factors] == ["trailer mass", "friction"]
     assert boxes.factor_label(design).startswith("trailer mass of the plant, friction of plant and belief")
+    assert answer_in_short(Findings(design, 0)).startswith("At the level 16 t instead of 24 t, the median")
     (folder / "run.json").unlink()  # only the store is needed
     assert [path.name for path in write_report(folder)] == ["report.html", "report.pdf"]
 
@@ -268,7 +394,7 @@ def test_history_errors_and_thinning():
 
 
 def test_history_table_states_the_error_of_the_drawn_run(mass):
-    data = read(mass[0]).history
+    data = read(mass[0]).histories[0]
     blocks = history.blocks(Analysis(read(mass[0])))
     rows = next(b for b in blocks if isinstance(b, Sheet)).rows
     error = np.degrees(data["estimate"].isel(estimator=1, target=1) - data["truth"].isel(target=1))

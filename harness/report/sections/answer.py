@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import xarray as xr
 
 from harness.report.analysis import Analysis, Findings, Paired
 from harness.report.document import Block, Bullets, Heading, Prose, plain, strong
+from harness.report.opening import ALIKE, answer_in_short, listed
+from harness.report.sections.history import inside
 from harness.report.store import FATES, OK, PENDING, Design
-from harness.report.style import number, probability, span, with_unit
+from harness.report.style import number, percent, probability, span, with_unit
 
+SURE = 0.5  # share within ± 2σ below which an estimator is sure of a wrong value
 _NAMED = 3  # up to so many estimators are all named in a sentence; of more, the best and the worst
 
 
@@ -23,17 +27,13 @@ def blocks(analysis: Analysis) -> list[Block]:
         items.append(f"{strong(_capital(quantity.words) + '.')} {plain(' '.join(sentences))}")
     items.append(f"{strong('Lost runs.')} {plain(_lost(analysis))}")
     if findings.with_covariance:
-        items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings))}")
-    return [Heading("Answer"), Prose(plain(_scope(analysis))), Bullets(items)]
+        items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")
+    opening = Prose(strong(answer_in_short(findings)))
+    return [Heading("Answer"), opening, Prose(plain(_scope(analysis))), Bullets(items)]
 
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def listed(parts: Sequence[str]) -> str:
-    """Join with commas and ``and``."""
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def _scope(analysis: Analysis) -> str:
@@ -51,13 +51,23 @@ def _scope(analysis: Analysis) -> str:
 
 
 def _named(findings: Findings, target: int, band: int) -> list[int]:
-    """Return the estimators named in a sentence."""
+    """Return the estimators named in a sentence: one for all where their medians are alike."""
     medians = [s.median.value for s in findings.summaries[target][band]]
+    if _alike(findings, target):
+        return [0]
     known = [e for e, m in enumerate(medians) if np.isfinite(m)]
     if len(known) <= _NAMED:
         return known
     order = sorted(known, key=lambda e: medians[e])
     return [order[0], order[-1]]
+
+
+def _alike(findings: Findings, target: int) -> bool:
+    """Whether several estimators have nearly the same median in every band."""
+    medians = np.array([[s.median.value for s in row] for row in findings.summaries[target]])
+    if medians.shape[1] < 2 or not np.isfinite(medians).all() or not (medians > 0).all():
+        return False
+    return bool(np.all(medians.max(axis=1) < (1 + ALIKE) * medians.min(axis=1)))
 
 
 def _home(findings: Findings) -> int | None:
@@ -85,13 +95,14 @@ def _errors(findings: Findings, target: int) -> list[str]:
     table = findings.summaries[target]
     home = _home(findings)
     medians = np.array([[s.median.value for s in row] for row in table])
+    names = [f" for {name}" for name in design.estimators] if not _alike(findings, target) else [""]
     sentences = []
     if home is not None and np.isfinite(medians[home]).any():
         parts = []
         for e in _named(findings, target, home):
             median = table[home][e].median
             interval = span(median.lower, median.upper, unit)
-            parts.append(f"{with_unit(median.value, unit)} for {design.estimators[e]} ({interval})")
+            parts.append(f"{with_unit(median.value, unit)}{names[e]} ({interval})")
         if design.matched is None:
             where = f"At {design.bands[home]}"
         else:
@@ -101,7 +112,7 @@ def _errors(findings: Findings, target: int) -> list[str]:
     for band in _extremes(design, medians, home):
         parts = []
         for e in _named(findings, target, band):
-            text = f"{with_unit(medians[band, e], unit)} for {design.estimators[e]}"
+            text = f"{with_unit(medians[band, e], unit)}{names[e]}"
             if home is not None and medians[home, e] > 0:
                 text += f" ({number(medians[band, e] / medians[home, e], 2)} times as much)"
             parts.append(text)
@@ -118,7 +129,8 @@ def _better(findings: Findings, target: int) -> list[str]:
     design = findings.design
     sentences = []
     home = design.matched
-    for band in (None,) if home is None or len(design.bands) == 1 else (home, None):
+    once = home is None or len(design.bands) == 1 or _alike(findings, target)
+    for band in (None,) if once else (home, None):
         where = "Over all levels" if band is None and len(design.bands) > 1 else ""
         where = where or f"At {design.bands[band or 0]}"
         pairs = [findings.compared(target, a, b, band) for a, b in findings.pairs]
@@ -138,17 +150,20 @@ def _difference(findings: Findings, pair: Paired, where: str) -> str:
     if not pair.shown:
         return (
             f"{where} no difference between {second} and {first} is shown (median of the paired differences "
-            f"{with_unit(value, unit)}, {interval}; p = {_p(pair)})."
+            f"{with_unit(value, unit)}, {percent(pair.relative)} of the median RMSE; {interval}; p {_p(pair, ' ')})."
         )
     better, worse = (second, first) if value < 0 else (first, second)
+    size = f"{with_unit(abs(value), unit)}, {percent(abs(pair.relative))} of the median RMSE"
     low, high = sorted([abs(lower), abs(upper)])
     interval = span(low, high, unit) if lower * upper > 0 else f"difference {interval}"
     wins = pair.result.wins if value < 0 else 1.0 - pair.result.wins
-    return (
-        f"{where} {better} is better than {worse} by {with_unit(abs(value), unit)} ({interval}) on the "
-        "same run, "
-        f"in {100 * wins:.0f} % of {pair.result.n} runs (p {_p(pair, ' ')})."
-    )
+    evidence = f"in {100 * wins:.0f} % of {pair.result.n} runs (p {_p(pair, ' ')})"
+    if pair.negligible:
+        return (
+            f"{where} {better} and {worse} differ negligibly: {better} has the smaller error on the same run by {size} "
+            f"({interval}), {evidence}."
+        )
+    return f"{where} {better} is better than {worse} on the same run by {size} ({interval}), {evidence}."
 
 
 def _p(pair: Paired, equals: str = "") -> str:
@@ -159,11 +174,13 @@ def _p(pair: Paired, equals: str = "") -> str:
 def _standing(findings: Findings, pairs: list[Paired], where: str) -> str:
     """Sort many estimators into better than, worse than and not told apart from the first."""
     names = findings.design.estimators
-    groups: dict[str, list[str]] = {"better": [], "worse": [], "not told apart": []}
-    for pair in pairs:
-        value = pair.result.difference.value
-        key = "not told apart" if not pair.shown else ("better" if value < 0 else "worse")
-        groups[key].append(names[pair.second])
+    groups: dict[str, list[str]] = {"better": [], "worse": [], "within 1 %": [], "not told apart": []}
+    for pair in sorted(pairs, key=lambda p: p.relative):
+        shown = pair.shown and not pair.negligible
+        close = "within 1 %" if pair.negligible else "not told apart"
+        key = ("better" if pair.relative < 0 else "worse") if shown else close
+        by = f" (by {percent(abs(pair.relative))})" if shown else ""
+        groups[key].append(names[pair.second] + by)
     parts = [f"{key}: {listed(members)}" for key, members in groups.items() if members]
     return f"{where}, against {names[pairs[0].first]} on the same run, {'; '.join(parts)}."
 
@@ -187,28 +204,69 @@ def _lost(analysis: Analysis) -> str:
     return f"Of {total} runs of all designs, {'; '.join(parts)}. They are in no box and no median."
 
 
-def _consistent(findings: Findings) -> str:
-    design = findings.design
+def _consistent(findings: Findings, histories: Sequence[xr.Dataset]) -> str:
+    """Say what the stated covariances are worth where plant and belief agree, and where they are worst."""
     home = _home(findings)
-    sentences = []
-    states = [(e, design.estimators[e]) for e in findings.with_covariance]
-    for score, title in (("nees", "NEES"), ("nis", "NIS")):
-        bands = range(len(design.bands)) if home is None else (home,)
-        for band in bands if home is not None else ():
-            parts = []
-            for e, name in states[:_NAMED]:
-                c = findings.consistency(score, band, e)
-                if np.isfinite(c.ratio):
-                    parts.append(f"{number(c.ratio)} times for {name} ({c.verdict})")
-            if parts:
-                sentences.append(f"At {design.bands[band]} {title} is {listed(parts)} its expectation.")
-        ratios = np.array(
-            [[findings.consistency(score, b, e).ratio for e, _ in states] for b in range(len(design.bands))]
-        )
-        if len(design.bands) > 1 and np.isfinite(ratios).any():
-            worst, which = np.unravel_index(int(np.nanargmax(ratios)), ratios.shape)
-            sentences.append(
-                f"The largest {title} is {number(float(ratios[worst, which]))} times its expectation "
-                f"({states[int(which)][1]} at {design.bands[int(worst)]})."
+    told = [_as_stated(findings, home)] if home is not None else []
+    ratios = np.array(
+        [
+            [findings.consistency("nees", b, e).ratio for e in findings.with_covariance]
+            for b in range(len(findings.design.bands))
+        ]
+    )
+    if np.isfinite(ratios).any():
+        band, place = (int(k) for k in np.unravel_index(int(np.nanargmax(ratios)), ratios.shape))
+        if band != home:
+            told += _worst_stated(findings, band, findings.with_covariance[place], histories)
+    return " ".join(text for text in told if text)
+
+
+def _as_stated(findings: Findings, band: int) -> str:
+    """Say whether the errors of a band are as large as the estimators state."""
+    design = findings.design
+    meaning = {
+        "consistent": "as large as stated",
+        "over-confident": "larger than stated",
+        "cautious": "smaller than stated",
+    }
+    groups: dict[str, list[str]] = {}
+    for e in findings.with_covariance:
+        c = findings.consistency("nees", band, e)
+        if np.isfinite(c.ratio):
+            groups.setdefault(meaning[c.verdict], []).append(f"{design.estimators[e]} {number(c.ratio)}")
+    parts = [f"{size} ({', '.join(members)})" for size, members in groups.items()]
+    if not parts:
+        return ""
+    return f"At {design.bands[band]} the errors of the states are {listed(parts)}; 1 would be exactly as stated (NEES)."
+
+
+def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.Dataset]) -> list[str]:
+    """Say what the largest NEES means in standard deviations, for a drawn run, and for who watches innovations."""
+    design = findings.design
+    name, label = design.estimators[e], design.bands[band]
+    c, innovation = findings.consistency("nees", band, e), findings.consistency("nis", band, e)
+    if not c.ratio > c.upper:
+        return [f"Nowhere is it much larger (at most {number(c.ratio)}, {name} at {label})."]
+    told = [
+        f"At {label} it is {number(c.ratio)} for {name}: taken over all states the errors are about "
+        f"{number(float(np.sqrt(c.ratio)), 2)} times the standard deviation that {name} states (the square root)."
+    ]
+    run = next(
+        (h for h in histories if (h.attrs.get("design"), h.attrs.get("band_label")) == (design.name, label)), None
+    )
+    shares = {} if run is None else inside(run, name)
+    if run is not None and shares:
+        quantity, share = min(((q, shares[q.name]) for q in design.targets if q.name in shares), key=lambda i: i[1])
+        if share < SURE:
+            told.append(
+                f"In the run drawn at {label} the true {quantity.words} lies within ± 2σ of the estimate in only "
+                f"{100 * share:.0f} % of the samples (95 % expected): the filter is sure of a wrong value."
             )
-    return " ".join(sentences)
+    if abs(innovation.ratio - 1.0) < 0.1:
+        told.append(
+            f"The innovations do not give it away: NIS there is {innovation.ratio:.2f} times its expectation, so a "
+            "monitor of the innovations raises no alarm."
+        )
+    elif innovation.ratio > innovation.upper:
+        told.append(f"The innovations give it away: NIS there is {number(innovation.ratio)} times its expectation.")
+    return told

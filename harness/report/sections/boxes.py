@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from harness.report import style
 from harness.report.analysis import Analysis, Findings
-from harness.report.document import Block, Heading, Picture, Sheet
+from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
 from harness.report.store import ESTIMATOR_DIVERGED, FAILED, PENDING, PLANT_DIVERGED, Design
 from harness.statistics import Summary
 
@@ -22,10 +22,23 @@ def blocks(analysis: Analysis) -> list[Block]:
     found: list[Block] = []
     for number, findings in enumerate(analysis.findings):
         if number:  # the first figure belongs to the answer above it
-            found.append(Heading(heading(findings.design)))
+            found += [Heading(heading(findings.design)), Prose(plain(_explain(findings.design)))]
         found += pictures(analysis, findings)
         found += [table(findings, target) for target in range(len(findings.design.targets))]
     return found
+
+
+def _explain(design: Design) -> str:
+    """Say what a further design adds to the first."""
+    samples = design.status.shape[3]
+    text = f"The design “{design.name}” has {design.planned} runs per level and estimator. "
+    if design.sampled:
+        names = " and ".join(f.words for f in design.factors)
+        text += (
+            f"Within each band {names} takes {samples} values of a Sobol sequence, so a box also shows what small "
+            "departures from the middle of the band do."
+        )
+    return text
 
 
 def heading(design: Design) -> str:

@@ -150,7 +150,7 @@ def _table(findings: Findings, score: str) -> Sheet:
                     "" if number else label,
                     design.estimators[e],
                     str(c.runs),
-                    f"{c.ratio:.3f}" if known and c.ratio < 100 else style.number(c.ratio),
+                    f"{c.ratio:.3f}" if known and c.ratio < 10 else style.number(c.ratio),
                     f"{c.lower:.3f} to {c.upper:.3f}" if known else "–",
                     c.verdict,
                     f"{100 * c.inside:.1f} %" if known else "–",

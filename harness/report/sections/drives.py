@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.report import style
 from harness.report.analysis import Analysis, Findings
-from harness.report.document import Block, Heading, Picture
+from harness.report.document import Block, Heading, Picture, Prose, plain
 from harness.report.sections.boxes import UPRIGHT, factor_label
 from harness.report.store import words
 
@@ -25,7 +25,15 @@ def blocks(analysis: Analysis) -> list[Block]:
     design = findings.design
     if len(design.drives) < 2:
         return []
-    found: list[Block] = [Heading("On which drives are the estimators wrong?")]
+    found: list[Block] = [
+        Heading("On which drives are the estimators wrong?"),
+        Prose(
+            plain(
+                "Drives differ in speed and steadiness, hence in what they ask of an estimator, and a box mixes them. "
+                "Here each has a number of its own."
+            )
+        ),
+    ]
     height = 0.42 + _LINE * len(design.drives)
     per_page = max(1, int((style.TALLEST - 1.6) // height))
     count = len(design.estimators)

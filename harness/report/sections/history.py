@@ -1,4 +1,4 @@
-"""One run over time, as Bild 5.10 of Ziaukas 2023: truth, estimates and their 2-sigma bands."""
+"""Runs over time, as Bild 5.10 of Ziaukas 2023: truth, estimates and their 2-sigma bands."""
 
 from __future__ import annotations
 
@@ -11,19 +11,29 @@ from numpy.typing import NDArray
 
 from harness.report import style
 from harness.report.analysis import Analysis
-from harness.report.document import Block, Heading, Picture, Sheet
+from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
 from harness.report.store import Quantity, quantity
 from harness.report.style import Look, looks
 
-_ROW = 1.65
+_EXPLAIN = (
+    "A median hides how an error comes about. Drawn are the true value, what each estimator makes of it, and how sure "
+    "it says it is; the study names the run."
+)
+_ROW = 1.65  # inches per quantity
+_LOWEST = 1.3  # inches per quantity where that saves a page
 _POINTS = 900  # drawn per line: more than a printer resolves on the width of a page
 
 
 def blocks(analysis: Analysis) -> list[Block]:
-    """Return the time history and its errors; nothing where the study kept no run."""
-    data = analysis.store.history
-    if data is None:
+    """Return the time history and the errors of every run the study kept; nothing where it kept none."""
+    runs = analysis.store.histories
+    if not runs:
         return []
+    heading = "What does a run look like over time?" if len(runs) == 1 else "What do runs look like over time?"
+    return [Heading(heading), Prose(plain(_EXPLAIN)), *(block for data in runs for block in _run(analysis, data))]
+
+
+def _run(analysis: Analysis, data: xr.Dataset) -> list[Block]:
     estimators = [str(e) for e in data["estimator"].values]
     chosen = {e: analysis.looks[e] for e in estimators if e in analysis.looks} or looks(estimators)
     chosen = {**looks(estimators), **chosen}
@@ -34,9 +44,9 @@ def blocks(analysis: Analysis) -> list[Block]:
         if str(name).startswith("input_") and str(name).removeprefix("input_") not in {t.name for t in targets}
     ]
     inputs = [q for q in inputs if not q.name.endswith("_rate") and q.name != "time"]
-    found: list[Block] = [Heading("What does a run look like over time?")]
+    found: list[Block] = []
     rows: list[Quantity] = [*targets, *inputs]
-    per_page = int((style.TALLEST - 1.3) // _ROW)
+    per_page = int((style.TALLEST - 1.3) // _LOWEST)
     for start in range(0, len(rows), per_page):
         found.append(_picture(data, rows[start : start + per_page], chosen))
     found.append(_errors(data, targets, estimators))
@@ -45,18 +55,20 @@ def blocks(analysis: Analysis) -> list[Block]:
 
 def _which(data: xr.Dataset) -> str:
     """Say which run is drawn."""
-    parts = [str(data.attrs[key]) for key in ("band_label", "drive") if data.attrs.get(key) not in (None, "")]
+    parts = [str(data.attrs[key]) for key in ("name", "band_label", "drive") if data.attrs.get(key)]
     return ", ".join(parts)
 
 
 def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) -> Picture:
     with style.drawing():
-        fig = style.figure(1.1 + _ROW * len(rows))
+        fig = style.figure(1.1 + min(_ROW, (style.TALLEST - 1.3) / len(rows)) * len(rows))
         panels = fig.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
         for axes, row in zip(panels, rows, strict=True):
             _panel(axes, data, row, chosen)
         panels[-1].set_xlabel("time in s")
-        handles: list[Line2D | Patch] = [Line2D([], [], color=style.TRUTH, lw=1.4, label="true")]
+        handles: list[Line2D | Patch] = []
+        if any(_has_truth(data, row) for row in rows):
+            handles.append(Line2D([], [], color=style.TRUTH, lw=1.4, label="true"))
         handles += [Line2D([], [], color=k.line, ls=k.dashes, lw=1.3, label=e) for e, k in chosen.items()]
         if bool(np.isfinite(data["std"]).any()):
             handles.append(Patch(color="#b0b0b0", label="± 2σ"))
@@ -64,12 +76,20 @@ def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) ->
         svg = style.svg(fig)
     names = ", ".join(row.words for row in rows)
     caption = (
-        f"The run {_which(data)}: true and estimated {names}. The band in the colour of an estimator is "
-        "twice the "
-        "standard deviation it states to either side; a true value outside it is an error it does not "
-        "know of."
+        f"The run {_which(data)}: true and estimated {names}. The band in the colour of an estimator is twice the "
+        "standard deviation it states to either side; a true value outside it is an error it does not know of."
     )
+    alone = [row.words for row in rows if not _has_truth(data, row)]
+    if alone:
+        caption += f" The plant has no {' and no '.join(alone)}: the estimate stands alone."
     return Picture(svg, caption, f"Time history of {names}")
+
+
+def _has_truth(data: xr.Dataset, row: Quantity) -> bool:
+    """Whether the plant has the quantity: an input, or a signal whose truth was kept."""
+    if row.name not in data["target"].values:
+        return True
+    return bool(np.isfinite(data["truth"].sel(target=row.name)).any())
 
 
 def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look]) -> None:
@@ -137,15 +157,28 @@ def envelope(time: NDArray, lower: NDArray, upper: NDArray) -> tuple[NDArray, ND
     return time[starts], np.fmin.reduceat(lower, starts), np.fmax.reduceat(upper, starts)
 
 
+def inside(data: xr.Dataset, estimator: str) -> dict[str, float]:
+    """Return the share of samples whose truth lies within ± 2σ of the estimate, by target that has both."""
+    one = data.sel(estimator=estimator) if estimator in data["estimator"].values else None
+    if one is None:
+        return {}
+    error, reach = np.abs((one["estimate"] - one["truth"]).values), 2.0 * one["std"].values
+    known = np.isfinite(error) & np.isfinite(reach)
+    return {
+        str(name): float(np.mean(error[known[:, k], k] <= reach[known[:, k], k]))
+        for k, name in enumerate(data["target"].values)
+        if known[:, k].any()
+    }
+
+
 def _errors(data: xr.Dataset, targets: list[Quantity], estimators: list[str]) -> Sheet:
     rows = []
-    for target in targets:
+    shares = {name: inside(data, name) for name in estimators}
+    for target in (t for t in targets if _has_truth(data, t)):
         one = data.sel(target=target.name)
         for number, name in enumerate(estimators):
             error = target.scale * (one["estimate"].sel(estimator=name) - one["truth"]).values
-            reach = 2.0 * target.scale * one["std"].sel(estimator=name).values
-            known = np.isfinite(error) & np.isfinite(reach)
-            inside = float(np.mean(np.abs(error[known]) <= reach[known])) if known.any() else np.nan
+            share = shares[name].get(target.name)
             finite = error[np.isfinite(error)]
             rms = float(np.sqrt(np.mean(finite**2))) if finite.size else np.nan
             largest = float(np.abs(finite).max()) if finite.size else np.nan
@@ -156,8 +189,8 @@ def _errors(data: xr.Dataset, targets: list[Quantity], estimators: list[str]) ->
                     name,
                     style.number(rms),
                     style.number(largest),
-                    f"{100 * inside:.0f} %" if np.isfinite(inside) else "–",
+                    "–" if share is None else f"{100 * share:.0f} %",
                 ]
             )
-    header = ["target", "estimator", "RMSE of the drawn run", "largest error", "inside ± 2σ"]
-    return Sheet(header, rows, "Errors of the drawn run.", left=2)
+    header = ["target", "estimator", "RMSE", "largest error", "inside ± 2σ"]
+    return Sheet(header, rows, f"Errors of the run {_which(data)}.", left=2)

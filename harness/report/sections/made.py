@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
-from harness.report.store import Store, quantity, words
-from harness.report.style import number
+from harness.report.store import Store, print_unit, quantity, words
+from harness.report.style import number, with_unit
 from harness.statistics import RESAMPLES
 
 _DEFINITIONS = (
@@ -36,8 +37,11 @@ def blocks(analysis: Analysis) -> list[Block]:
     """Return configuration, definitions and the study text."""
     store = analysis.store
     found: list[Block] = [
+        Prose("#settle()"),
         Heading("How was this made?"),
         Sheet(["item", "value"], _facts(store), "Configuration of the study and of the run.", left=2),
+        *_models(store),
+        *_noise(store),
         Heading("Drives and targets", 2),
         _drives(store),
         _targets(store),
@@ -63,9 +67,6 @@ def _facts(store: Store) -> list[list[str]]:
         rows.append(["step", f"{number(1000 * float(a['step']))} ms"])
     for design in store.designs:
         rows.append([f"design “{design.name}”", _size(design.status.shape)])
-    description = a.get("description")
-    if isinstance(description, dict):
-        rows += [[label, value] for label, value in flatten(_without_repeats(description)) if value]
     for key in ("commit", "machine"):
         if key in a:
             rows += [[label, value] for label, value in flatten({key: a[key]})]
@@ -84,26 +85,75 @@ def _size(shape: tuple[int, ...]) -> str:
     )
 
 
+_TIMING = {
+    "compile_s": ("compilation", "s"),
+    "duration_s": ("duration", "s"),
+    "runs_per_s": ("rate", "runs per second"),
+    "peak_memory_mib": ("peak memory", "MiB"),
+}
+
+
 def _timing(run: dict[str, Any]) -> dict[str, Any]:
     """Put units to what the runner noted."""
-    named = dict(run)
-    if isinstance(named.get("duration_s"), int | float):
-        named = {("duration" if k == "duration_s" else k): v for k, v in named.items()}
-        named["duration"] = f"{named['duration']:.1f} s"
-    if isinstance(named.get("runs_per_s"), int | float):
-        named = {("rate" if k == "runs_per_s" else k): v for k, v in named.items()}
-        named["rate"] = f"{named['rate']:.1f} runs per second"
+    named = {}
+    for key, value in run.items():
+        label, unit = _TIMING.get(key, (key, "")) if isinstance(value, int | float) else (key, "")
+        named[label] = f"{value:.1f} {unit}" if unit else value
     return named
 
 
-def _without_repeats(description: dict[str, Any]) -> dict[str, Any]:
-    """Leave out what the belief shares with the plant."""
-    plant, belief = description.get("plant"), description.get("belief")
-    if not isinstance(plant, dict) or not isinstance(belief, dict):
-        return description
-    own = {key: value for key, value in belief.items() if plant.get(key, ...) != value}
-    own = own or {"all": "as the plant"}
-    return {**description, "belief": own}
+_SIDES = ("plant", "belief")
+_NOISES = {"process_noise": "process", "measurement_noise": "measurement"}
+
+
+def _sides(store: Store) -> dict[str, dict[str, Any]]:
+    """Return what the store says of plant and belief; empty where it says nothing."""
+    description = store.attributes.get("description")
+    found = description if isinstance(description, dict) else {}
+    return {side: found[side] for side in _SIDES if isinstance(found.get(side), dict)}
+
+
+def _models(store: Store) -> list[Block]:
+    """Return plant and belief side by side: the models, and the parameters in which they differ."""
+    sides = _sides(store)
+    if len(sides) < 2:
+        return []
+    keys = [k for k in dict.fromkeys(k for side in sides.values() for k in side) if k not in _NOISES]
+    rows = [[words(k), *(_text(sides[side].get(k)) or "–" for side in _SIDES)] for k in keys]
+    rows = [row for row in rows if row[1:] != ["–", "–"]]
+    differing = store.attributes["description"].get("differing") or {}
+    for name, entry in differing.items():
+        unit = print_unit(str(entry.get("unit") or ""))
+        texts = [with_unit(entry[s], unit) if isinstance(entry.get(s), int | float) else "–" for s in _SIDES]
+        rows.append([words(name), *texts])
+    caption = "What drives (plant) and what the estimators hold for true (belief), before a design changes it."
+    return [Sheet(["item", "plant", "belief"], rows, caption, left=3)]
+
+
+def _noise(store: Store) -> list[Block]:
+    """Return the noise of plant and belief as standard deviations in report units."""
+    sides = _sides(store)
+    rows = []
+    for key, kind in _NOISES.items():
+        variances = {side: sides[side].get(key) or {} for side in sides}
+        for place, name in enumerate(dict.fromkeys(n for v in variances.values() for n in v)):
+            q = quantity(name)
+            cells: list[str] = []
+            for side in _SIDES:
+                held = variances.get(side, {}).get(name)
+                cells.append("–" if held is None else number(q.scale * math.sqrt(held)))
+            for side in _SIDES:
+                held = variances.get(side, {}).get(name)
+                cells.append("–" if held is None else f"{held:g}")
+            rows.append(["" if place else kind, q.words, q.unit or "1", *cells])
+    if not rows:
+        return []
+    header = ["noise", "signal", "unit", "σ plant", "σ belief", "variance plant", "variance belief"]
+    caption = (
+        "Noise: standard deviation σ in the unit named, and the variance in SI units as a study states it; process "
+        "noise per step, measurement noise per sample."
+    )
+    return [Sheet(header, rows, caption, left=3)]
 
 
 def flatten(value: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -129,6 +179,8 @@ def _text(entry: Any) -> str:
         return "yes" if entry else "no"
     if isinstance(entry, float):
         return f"{entry:.6g}"
+    if isinstance(entry, list | tuple):
+        return ", ".join(_text(e) for e in entry)
     if isinstance(entry, dict):
         return ", ".join(f"{words(str(k))} {_text(v)}" for k, v in entry.items() if v is not None)
     return str(entry)
@@ -145,7 +197,7 @@ def _drives(store: Store) -> Sheet:
 
 def _targets(store: Store) -> Sheet:
     names = dict.fromkeys(t.name for _, _, t in store.pairs())
-    if store.history is not None:
-        names |= dict.fromkeys(str(t) for t in store.history["target"].values)
+    for run in store.histories:
+        names |= dict.fromkeys(str(t) for t in run["target"].values)
     chosen = [quantity(name) for name in names]
-    return Sheet(["target", "meaning"], [[q.words, q.meaning] for q in chosen], "Targets.", left=2)
+    return Sheet(["quantity", "meaning"], [[q.words, q.meaning] for q in chosen], "Quantities scored or drawn.", left=2)

@@ -120,19 +120,25 @@ def _table(findings: Findings, target: int) -> Sheet:
         level = "all" if c.band is None else design.bands[c.band]
         rows.append(["" if pair == last else label, level, str(c.result.n), *_numbers(c)])
         last = pair
-    header = ["difference", "level", "pairs", "median", "its 95 % interval", "better in", "p (Holm)"]
+    header = ["difference", "level", "pairs", "median", "its 95 % interval", "of the RMSE", "better in", "p (Holm)"]
     quantity = design.targets[target]
     caption = (
-        f"Paired differences of the RMSE of {quantity.words}{style.in_unit(quantity.unit)}, design "
-        f"“{design.name}”. Better in: share of the runs in which the estimator named first has the "
-        "smaller error."
+        f"Paired differences of the RMSE of {quantity.words}{style.in_unit(quantity.unit)}, design “{design.name}”. Of "
+        "the RMSE: the median difference in percent of the median RMSE of the estimator named last. Better in: share "
+        "of the runs in which the estimator named first has the smaller error."
     )
     return Sheet(header, rows, caption, left=2)
 
 
 def _numbers(c: Paired) -> list[str]:
     if not c.result.n:
-        return ["–"] * 4
+        return ["–"] * 5
     value, lower, upper = c.result.difference
     wins = f"{100 * c.result.wins:.0f} %"
-    return [style.number(value), style.span(lower, upper), wins, style.probability(c.p_corrected)]
+    return [
+        style.number(value),
+        style.span(lower, upper),
+        style.percent(c.relative),
+        wins,
+        style.probability(c.p_corrected),
+    ]

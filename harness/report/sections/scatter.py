@@ -9,11 +9,11 @@ from matplotlib.ticker import MaxNLocator
 
 from harness.report import style
 from harness.report.analysis import Analysis, Findings
-from harness.report.document import Block, Heading, Picture
+from harness.report.document import Block, Heading, Picture, Prose, plain
 from harness.report.sections.boxes import scale_errors
 from harness.report.store import Factor
 
-_ROW = 2.5
+_ROW = 2.2
 _AS_PIXELS_FROM = 4000  # points from which vectors make the file large and slow
 
 
@@ -28,7 +28,13 @@ def blocks(analysis: Analysis) -> list[Block]:
         for k in range(len(findings.design.factors)):
             for start in range(0, len(targets), per_page):
                 found.append(_picture(analysis, findings, k, list(targets[start : start + per_page])))
-    return [Heading("How does the error depend on the actual value?"), *found] if found else []
+    if not found:
+        return []
+    text = (
+        "Each run of a band has an exact value of its own. Over that value it shows whether the error grows steadily, "
+        "from which value on, and how much of a box is the factor and how much the drive."
+    )
+    return [Heading("How does the error depend on the actual value?"), Prose(plain(text)), *found]
 
 
 def _picture(analysis: Analysis, findings: Findings, number: int, targets: list[int]) -> Picture:
