@@ -29,12 +29,12 @@ _log = logging.getLogger(__name__)
 
 
 class Normal(NamedTuple):
-    """Normal equations at a parameter vector: ``J'J (P, P)``, ``J'e (P,)``, sum of squares, count of errors."""
+    """Normal equations at a parameter vector: ``J'J (P, P)``, ``J'e (P,)``, sum of squares, number of errors."""
 
     JJ: Floats
     Je: Floats
     squares: float
-    count: int
+    errors: int
 
 
 class Problem(Protocol):
@@ -63,11 +63,14 @@ class Pairs:
 
     def squares(self, p: Floats) -> float:
         """Return the sum of squared errors over all samples and outputs."""
-        layers = unpack(p, self.sizes)
-        total = 0.0
+        return float(self.squares_of_outputs(p).sum())
+
+    def squares_of_outputs(self, p: Floats) -> Floats:
+        """Return the sum of squared errors of each output, ``(outputs,)``."""
+        layers, total = unpack(p, self.sizes), np.zeros(self.t.shape[1])
         for part in self.parts():
             e = self.t[part] - forward(layers, self.x[part])[-1]
-            total += float(np.vdot(e, e))
+            total += np.einsum("ko,ko->o", e, e)
         return total
 
     def normal(self, p: Floats) -> Normal:
@@ -189,7 +192,7 @@ def train(
     """
     p, mu, best, best_error, failures = first.copy(), 0.005, first, np.inf, 0
     at = problem.normal(p)
-    P, N = len(p), at.count
+    P, N = len(p), at.errors
     gamma = float(P)
     alpha, beta = _weights(gamma, N, p, at.squares) if regularise else (0.0, 1.0)
     history, stopped, epoch = [at.squares], "epochs", 0
