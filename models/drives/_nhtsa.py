@@ -22,7 +22,7 @@ CALM = float(np.radians(20.0))
 LIMIT = replace(shapes.LIMIT, upper=200.0)
 """Kinematically these manoeuvres ask for several times what the road can give."""
 
-ROUNDING = Option("rounding", "s", 0.15, 0.01, 2.0, "time in which the corners of the steering are rounded")
+ROUNDING = Option("rounding", "s", 0.2, 0.01, 2.0, "time in which the corners of the steering are rounded")
 
 
 def options(speed: float) -> tuple[Option, ...]:

@@ -68,6 +68,7 @@ PROCESS_NOISE: dict[str, float] = {
     "lateral_force_axle_fr": 25.0,
     "lateral_force_axle_rl": 25.0,
     "lateral_force_axle_rr": 25.0,
+    "friction_coefficient": 0.0,
 }
 """Variances per step: a road that is not quite even."""
 

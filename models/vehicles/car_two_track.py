@@ -14,6 +14,7 @@ Althoff and Wuersching 2020 with its masses and springs condensed). What it hold
   grip and leave ``sqrt(1 - u^2)`` of each steady lateral force. ``F_x`` approaches its limit by a tangent
   hyperbolic, so the wheels never lock or spin (there are no wheel speeds).
 * *Relaxation* of each lateral force over a length rolled (Pacejka 2012, 7.1, for the force itself).
+* *Friction* is a state that stays where it starts, unless an effect gives it a rate.
 * *Camber*: the wheels lean with the body; the thrust enters as a slip angle of the same effect.
 * *Speed.* A proportional controller follows the speed of the drive; with ``speed_gain = 0`` the throttle is
   released and the car rolls out against rolling resistance and air, as the NHTSA procedures prescribe.
@@ -38,6 +39,9 @@ GRAVITY = 9.81
 LOWEST_SPEED = 0.3
 """m/s; slip angles and relaxation use at least this speed, so that a standstill stays finite."""
 
+LOWEST_FRICTION = 0.01
+"""The tyres never have less grip."""
+
 LOWEST_LOAD = 100.0
 """N; an axle carries at least this much."""
 
@@ -58,9 +62,10 @@ STATES: tuple[str, ...] = (
     "roll_angle",
     "roll_rate",
     *(f"lateral_force_axle_{wheel}" for wheel in AXLES),
+    "friction_coefficient",
 )
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
-START: dict[str, float | str] = {"longitudinal_velocity": "speed"}
+START: dict[str, float | str] = {"longitudinal_velocity": "speed", "friction_coefficient": "friction"}
 
 # Beyond these magnitudes the car is spinning or has rolled over.
 VALID: dict[str, float] = {
@@ -69,6 +74,7 @@ VALID: dict[str, float] = {
     "yaw_rate": 5.0,
     "roll_angle": 0.5,
     "roll_rate": 5.0,
+    "friction_coefficient": 2.0,
 }
 
 PARAMETERS: tuple[Parameter, ...] = (
@@ -92,7 +98,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("camber_per_roll_front", r"c_{\gamma1}", "dimensionless", -1.5, 1.5, "camber over roll angle, front"),
     Parameter("camber_per_roll_rear", r"c_{\gamma2}", "dimensionless", -1.5, 1.5, "camber over roll angle, rear"),
     Parameter("camber_thrust", r"\kappa_\gamma", "dimensionless", 0.0, 0.3, "slip angle that one camber angle equals"),
-    Parameter("friction", r"\mu", "dimensionless", 0.05, 1.5, "largest lateral force over load"),
+    Parameter("friction", r"\mu_0", "dimensionless", 0.05, 1.5, "largest force over load at the start"),
     Parameter("relaxation_length", r"\ell", "m", 0.01, 2.0, "way over which a lateral force builds up"),
     Parameter("steering_ratio", r"i_\mathrm{L}", "dimensionless", 5.0, 40.0, "steering wheel over road wheel angle"),
     Parameter("speed_gain", "k_v", "1/s", 0.0, 20.0, "gain of the speed controller; 0 releases the throttle"),
@@ -139,7 +145,8 @@ def equations(v: Builder) -> None:
     T_1, T_2 = v.p("track_front"), v.p("track_rear")
     v_x, v_y, r = v.state("longitudinal_velocity"), v.state("lateral_velocity"), v.state("yaw_rate")
     F = {wheel: v.state(f"lateral_force_axle_{wheel}") for wheel in AXLES}
-    mu = v.port("friction_coefficient", v.p("friction"))
+    mu = sp.Max(v.state("friction_coefficient"), LOWEST_FRICTION)
+    v.derivative("friction_coefficient", v.port("friction_rate", 0))
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     sin, cos = sp.sin(delta), sp.cos(delta)
 
