@@ -41,6 +41,8 @@ _AXLES = {
     "fr": "front right wheel of a car",
     "rl": "rear left wheel of a car",
     "rr": "rear right wheel of a car",
+    "front": "front axle of a car",
+    "rear": "rear axle of a car",
 }
 
 _ROWS: list[Signal] = [
@@ -91,6 +93,7 @@ _ROWS += [  # the exercises of KIT 2015
 _ROWS += [  # a car
     Signal("longitudinal_velocity", "v_x", "m/s", "m/s", "vehicle", "longitudinal velocity of the CoG"),
     Signal("lateral_velocity", "v_y", "m/s", "m/s", "vehicle", "lateral velocity of the CoG"),
+    Signal("lateral_velocity_rear", "v_{y,r}", "m/s", "m/s", "vehicle", "lateral velocity at the rear axle"),
     Signal("yaw_rate", "r", "rad/s", "deg/s", "vehicle", "yaw rate"),
     Signal("sideslip_angle", r"\beta", "rad", "deg", "vehicle", "direction of motion of the CoG, left of the x axis"),
     Signal("roll_angle", r"\varphi", "rad", "deg", "vehicle", "roll angle, positive when leaning to the right"),
@@ -98,6 +101,7 @@ _ROWS += [  # a car
     Signal("longitudinal_acceleration", "a_x", "m/s^2", "m/s^2", "vehicle", "longitudinal acceleration of the CoG"),
     Signal("lateral_acceleration", "a_y", "m/s^2", "m/s^2", "vehicle", "lateral acceleration of the CoG"),
     Signal("friction_coefficient", r"\mu", "1", "1", "road", "largest friction between tyre and road"),
+    Signal("friction_rate", r"\dot\mu", "1/s", "1/s", "road", "time derivative of the friction coefficient"),
     Signal("driving_force", "F_T", "N", "kN", "vehicle", "force of drive and brakes asked of the tyres"),
     Signal("external_longitudinal_force", r"F_{\mathrm{ext},x}", "N", "kN", "vehicle", "external force along x"),
     Signal("external_lateral_force", r"F_{\mathrm{ext},y}", "N", "kN", "vehicle", "external lateral force at the CoG"),
