@@ -37,4 +37,5 @@ PROCESS_NOISE: dict[str, float] = {
 MEASUREMENT_NOISE: dict[str, float] = {
     "lateral_acceleration": 0.005,
     "longitudinal_acceleration": 0.005,
+    "yaw_rate": 1e-5,
 }

@@ -92,7 +92,7 @@ def test_the_slope_is_the_published_cornering_stiffness(tyre):
     for table in found:
         for load_ in LOADS:
             stiffness = force(built, table, 0.0, load_, wanted=[STIFFNESS])[0]
-            slope = force(built, table, 1e-6, load_)[0] / 1e-6
+            slope = force(built, table, 1e-8, load_)[0] / 1e-8  # a brush bends from the first slip on
             assert stiffness > 0
             assert slope == pytest.approx(stiffness, rel=1e-6)
 

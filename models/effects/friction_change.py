@@ -1,0 +1,25 @@
+"""The road's friction changes at a given time, as when a car drives onto ice; both axles at once."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "friction_rate"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("friction_change", r"\Delta\mu", "dimensionless", -1.5, 1.5, "change of the friction", neutral=0.0),
+    Parameter("friction_change_time", r"t_\mu", "s", 0.0, 1e4, "when the change begins"),
+    Parameter("friction_change_duration", r"T_\mu", "s", 0.01, 1e3, "how long it takes"),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Return the rate of the friction with a constant rate while the change lasts."""
+    begin, duration = e.p("friction_change_time"), e.p("friction_change_duration")
+    during = sp.Heaviside(e.time - begin, 1) * (1 - sp.Heaviside(e.time - begin - duration, 1))
+    return value + e.p("friction_change") / duration * during
