@@ -19,6 +19,8 @@ Store = tuple[sp.Expr, str]
 class LanePrinter(PythonCodePrinter):
     """Prints an expression with the functions of ``harness.lane_math``, without branches."""
 
+    printmethod = "_lanecode"
+
     def __init__(self) -> None:
         super().__init__({"fully_qualified_modules": False})
 
@@ -45,18 +47,6 @@ class LanePrinter(PythonCodePrinter):
 
     def _print_Pi(self, expr: Any) -> str:
         return repr(float(expr))
-
-    def _fold(self, function: str, args: Sequence[sp.Expr]) -> str:
-        first, *rest = (self._print(a) for a in args)
-        for other in rest:
-            first = f"{function}({other}, {first})"
-        return first
-
-    def _print_Max(self, expr: sp.Expr) -> str:
-        return self._fold("maximum", sorted(expr.args, key=lambda a: not a.is_number))
-
-    def _print_Min(self, expr: sp.Expr) -> str:
-        return self._fold("minimum", sorted(expr.args, key=lambda a: not a.is_number))
 
     def _print_Heaviside(self, expr: sp.Expr) -> str:
         return f"select({self._print(expr.args[0])} > 0.0, 1.0, 0.0)"

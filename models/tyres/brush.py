@@ -11,6 +11,7 @@ import sympy as sp
 
 from models.assemble import TyreContext
 from models.contracts import Parameter
+from models.expressions import larger, smaller
 from models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
 
 PARAMETERS: tuple[Parameter, ...] = STIFFNESS_PARAMETERS
@@ -20,5 +21,5 @@ def lateral_force(t: TyreContext) -> sp.Expr:
     """Return the steady lateral force ``3 mu F_z (s - s |s| + s^3 / 3)`` in N, constant beyond ``|s| = 1``."""
     capacity = t.port("lateral_force_capacity", t.friction * t.vertical_load)
     slip = stiffness(t) * sp.tan(t.slip_angle) / (3 * capacity)
-    s = sp.Max(-1, sp.Min(1, slip))
+    s = larger(-1, smaller(1, slip))
     return 3 * capacity * (s - s * sp.Abs(s) + s**3 / 3)

@@ -13,9 +13,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import sympy as sp
-
 from models.contracts import Parameter
+from models.expressions import larger
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -71,7 +70,7 @@ def equations(v: Builder) -> None:
     v_x, beta, r = v.state("longitudinal_velocity"), v.state("sideslip_angle"), v.state("yaw_rate")
     k_1, k_2 = v.state("cornering_stiffness_front"), v.state("cornering_stiffness_rear")
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
-    rolling = sp.Max(v_x, LOWEST_SPEED)
+    rolling = larger(v_x, LOWEST_SPEED)
     alpha_1 = v.port("slip_angle_front", delta - beta - a * r / rolling)
     alpha_2 = v.port("slip_angle_rear", b * r / rolling - beta)
     a_y = v.port("lateral_acceleration", (k_1 * alpha_1 + k_2 * alpha_2) / m)  # (4)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from models.contracts import Parameter
+from models.expressions import larger
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -53,8 +54,8 @@ def equations(v: Builder) -> None:
     m, l_f, l_r = v.p("mass"), v.p("cog_to_front_axle"), v.p("cog_to_rear_axle")
     v_y, w = v.state("lateral_velocity"), v.state("yaw_rate")
     v_x = v.input("speed")
-    rolling = sp.Max(v_x, LOWEST_SPEED)
-    mu = sp.Max(v.state("friction_coefficient"), LOWEST_FRICTION)
+    rolling = larger(v_x, LOWEST_SPEED)
+    mu = larger(v.state("friction_coefficient"), LOWEST_FRICTION)
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     weight = m * GRAVITY / (l_f + l_r)
     F_f = v.tyre("front", delta - sp.atan((v_y + l_f * w) / rolling), weight * l_r, mu)

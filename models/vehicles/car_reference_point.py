@@ -16,9 +16,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import sympy as sp
-
 from models.contracts import Parameter
+from models.expressions import larger
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -65,7 +64,7 @@ def equations(v: Builder) -> None:
     l_r = L - l_f
     v_y, w = v.state("lateral_velocity_rear"), v.state("yaw_rate")
     v_x = v.input("speed")
-    rolling = sp.Max(v_x, LOWEST_SPEED)
+    rolling = larger(v_x, LOWEST_SPEED)
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     alpha_f = v.port("slip_angle_front", delta - (v_y + L * w) / rolling)  # (2.8)
     alpha_r = v.port("slip_angle_rear", -v_y / rolling)  # (2.9)

@@ -30,6 +30,7 @@ import sympy as sp
 
 from models.assemble import symbol
 from models.contracts import Parameter
+from models.expressions import larger, smaller
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -145,7 +146,7 @@ def equations(v: Builder) -> None:
     T_1, T_2 = v.p("track_front"), v.p("track_rear")
     v_x, v_y, r = v.state("longitudinal_velocity"), v.state("lateral_velocity"), v.state("yaw_rate")
     F = {wheel: v.state(f"lateral_force_axle_{wheel}") for wheel in AXLES}
-    mu = sp.Max(v.state("friction_coefficient"), LOWEST_FRICTION)
+    mu = larger(v.state("friction_coefficient"), LOWEST_FRICTION)
     v.derivative("friction_coefficient", v.port("friction_rate", 0))
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     sin, cos = sp.sin(delta), sp.cos(delta)
@@ -160,7 +161,7 @@ def equations(v: Builder) -> None:
 
     v_left, v_right = v_x - r * T_1 / 2, v_x + r * T_1 / 2
     rolling = {"fl": v_left, "fr": v_right, "rl": v_x - r * T_2 / 2, "rr": v_x + r * T_2 / 2}
-    rolling = {wheel: sp.Max(speed, LOWEST_SPEED) for wheel, speed in rolling.items()}
+    rolling = {wheel: larger(speed, LOWEST_SPEED) for wheel, speed in rolling.items()}
     lean = v.p("camber_thrust") * v.state("roll_angle")
     for wheel, end in AXLES.items():
         sideways, steer = (v_y + a * r, delta) if end == "front" else (v_y - b * r, 0)
@@ -187,7 +188,7 @@ def equations(v: Builder) -> None:
     v.derivative("longitudinal_velocity", a_x + r * v_y)
     v.derivative("yaw_rate", N / v.p("yaw_inertia"))
     _roll(v, m, Y, shove)
-    forward = sp.Max(v_x, LOWEST_SPEED)
+    forward = larger(v_x, LOWEST_SPEED)
     _publish(v, "front", delta - sp.atan((v_y + a * r) / forward), front)
     _publish(v, "rear", -sp.atan((v_y - b * r) / forward), rear)
     v.port("sideslip_angle", sp.atan(v_y / forward))
@@ -207,14 +208,14 @@ def _loads(v: Builder, m: sp.Expr, a_x: sp.Expr, a_y: sp.Expr) -> dict[str, sp.E
     loads: dict[str, sp.Expr] = {}
     for end, lever, sign in (("front", b, -1), ("rear", a, 1)):
         m_u, share = v.p(f"unsprung_mass_{end}"), m_s * lever / (a + b)
-        axle = sp.Max((share + m_u) * GRAVITY + sign * pitching, LOWEST_LOAD)
+        axle = larger((share + m_u) * GRAVITY + sign * pitching, LOWEST_LOAD)
         moment = (
             v.p(f"roll_stiffness_{end}") * phi
             + v.p(f"roll_damping_{end}") * phi_dot
             + a_y * (share * v.p(f"roll_centre_{end}") + m_u * h_u)
         )
         most = axle / 2 * FULL_TRANSFER
-        moved = sp.Max(sp.Min(moment / v.p(f"track_{end}"), most), -most)
+        moved = larger(smaller(moment / v.p(f"track_{end}"), most), -most)
         loads[f"{end[0]}l"], loads[f"{end[0]}r"] = axle / 2 - moved, axle / 2 + moved
     return loads
 

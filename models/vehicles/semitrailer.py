@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from models.contracts import Parameter
+from models.expressions import larger
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -130,7 +131,7 @@ def equations(v: Builder) -> None:
     v_x1 = v.port("speed_tractor", cos * v_x2 - sin * v_k2)  # (4.18)
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
 
-    roll_1, roll_2 = sp.Max(v_x1, LOWEST_SPEED), sp.Max(v_x2, LOWEST_SPEED)
+    roll_1, roll_2 = larger(v_x1, LOWEST_SPEED), larger(v_x2, LOWEST_SPEED)
     slip = {
         "11": delta - sp.atan((v_y1 + a_1 * w_1) / roll_1),  # (4.12), sign of the yaw rate corrected
         "12": -sp.atan((v_y1 - b_1 * w_1) / roll_1),

@@ -15,6 +15,7 @@ from sympy.logic.boolalg import BooleanFunction
 
 from models.assemble import Model, assemble, symbol
 from models.contracts import Parameter
+from models.expressions import larger, smaller
 from models.signals import SIGNALS
 
 UNITS = pint.UnitRegistry()
@@ -82,7 +83,7 @@ def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContai
         if inner != NONE and not exponent.is_number:
             raise DimensionError(f"{expr} raises {inner} to a power that is not fixed")
         return inner ** float(exponent) if inner != NONE else NONE
-    if expr.is_Add or isinstance(expr, sp.Max | sp.Min | sp.Abs):
+    if expr.is_Add or isinstance(expr, larger | smaller | sp.Abs):
         return same(expr.args, expr)
     if isinstance(expr, sp.Piecewise):
         for _, when in expr.args:
