@@ -125,7 +125,7 @@ def run(
     folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console)
     from harness.report import headline
 
-    console.print(Text(headline(folder), style="bold"))
+    console.print(Text(headline(folder), style="bold"), soft_wrap=True)
     for path in sorted(folder.glob("report.*")):
         console.print(Text(str(path)), soft_wrap=True)
 

@@ -85,11 +85,12 @@ def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, m
     import harness.run as stage
 
     monkeypatch.setattr(stage, "run_study", run_study)
+    monkeypatch.setattr("harness.report.headline", lambda folder: f"The answer of {folder.name}.")
     out = tmp_path / "out"
     status, printed, _ = harness("run", small_study, "--jobs", 2, "--out", out)
     assert status == 0
     assert (seen["study"].name, seen["out"], seen["jobs"]) == ("mass", out, 2)
-    assert printed.split() == [str(out / "report.html"), str(out / "report.pdf")]
+    assert printed.splitlines() == ["The answer of out.", str(out / "report.html"), str(out / "report.pdf")]
 
 
 @pytest.mark.parametrize(

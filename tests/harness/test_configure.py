@@ -659,7 +659,6 @@ def test_studies_of_the_project_load(path):
     study = load_study(path)
     assert study.name == path.stem
     assert study.title.endswith("?")
-    assert study.history
 
 
 def test_mass_study_is_that_of_the_thesis():
