@@ -12,6 +12,7 @@ from _parts import COMBINATIONS, SENSORS, TYRES, VEHICLES, evaluate, load, model
 
 from models.assemble import assemble, symbol
 from models.contracts import EXPORTS, ModelError, Parameter
+from models.expressions import larger
 from models.signals import SIGNALS
 
 
@@ -132,7 +133,7 @@ def test_dimensions_accept_a_right_equation():
         (lambda v: v.p("drag") / v.p("mass") * (v.input("speed") + v.p("mass")), "mixes"),
         (lambda v: v.p("drag") / v.p("mass") * (v.input("speed") + 0.3), "mixes"),
         (lambda v: sp.sin(v.input("speed")), "plain number"),
-        (lambda v: sp.Max(v.input("speed"), v.p("mass")), "mixes"),
+        (lambda v: larger(v.input("speed"), v.p("mass")), "mixes"),
         (lambda v: v.p("mass") ** v.p("drag"), "plain number"),
         (lambda v: v.p("mass") ** (v.state("speed_tractor") / v.input("speed")), "not fixed"),
         (lambda v: sp.Piecewise((v.input("speed"), v.p("mass") > v.p("drag")), (0, True)), "mixes"),
@@ -149,7 +150,7 @@ def test_dimensions_of_functions():
     v, w, n = (symbol(s) for s in "vwn")
     speed, pure = dimension_of("m/s"), dimension_of("")
     assert dimension(sp.sqrt(v**2 + w**2), known) == speed
-    assert dimension(sp.Abs(v) + sp.Max(v, 0), known) == speed
+    assert dimension(sp.Abs(v) + larger(v, 0), known) == speed
     assert dimension(sp.atan2(v, w) + n + sp.atan(v / w) + sp.sign(v), known) == pure
     assert dimension(sp.Piecewise((v, (v > w) & (n > 0)), (0, True)), known) == speed
     assert dimension(sp.Integer(0), known) is None

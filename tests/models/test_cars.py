@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import types
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 import sympy as sp
 
 from harness.compile import compile_model
+from harness.configure import load_study
 from harness.drives import build_drive
+from harness.errors import UserError
 from harness.estimate import Estimator
+from harness.evaluate import Bench
 from harness.lanes import LANES
-from harness.simulate import first_state, in_lanes, input_table
+from harness.simulate import Batch, first_state, in_lanes, input_table
 from models.assemble import Model, assemble, symbol
 from models.contracts import DriveContext, ModelError
+from models.expressions import larger
 from models.registry import load
 
 CAR = dict(load("models.parameters", "althoff_2020").VALUES)
@@ -273,10 +278,10 @@ def test_li_s_equations_with_negative_stiffness_are_ours():
         "longitudinal_velocity": symbol("longitudinal_acceleration") + v_x * beta * r,
     }
     for state, expected in printed.items():
-        ours = model.expand(model.derivatives[model.states.index(state)]).replace(sp.Max, lambda *_: v_x)
+        ours = model.expand(model.derivatives[model.states.index(state)]).replace(larger, lambda *_: v_x)
         assert sp.simplify(ours - expected) == 0
     a_y = (a * K_1 - b * K_2) / (m * v_x) * r + (K_1 + K_2) / m * beta - K_1 / m * delta
-    assert sp.simplify(model.expand(symbol("lateral_acceleration")).replace(sp.Max, lambda *_: v_x) - a_y) == 0
+    assert sp.simplify(model.expand(symbol("lateral_acceleration")).replace(larger, lambda *_: v_x) - a_y) == 0
 
 
 def test_first_values_come_from_parameters_and_the_drive():
@@ -301,6 +306,45 @@ def test_a_wrong_start_is_refused(start, says):
     vehicle.START = start
     with pytest.raises(ModelError, match=says):
         assemble(vehicle)
+
+
+STUDY = Path(__file__).parents[2] / "studies" / "car-strong-tracking.toml"
+
+
+@pytest.mark.parametrize("sensors", ["car_inertial", "car_lateral"])
+def test_an_input_that_no_drive_states_comes_from_the_plant(sensors, tmp_path):
+    """From its sensor, noise included; where it has none, exactly. One lane's input is not another's."""
+    text = STUDY.read_text().replace('sensors = "car_inertial"', f'sensors = "{sensors}"')
+    if sensors == "car_lateral":
+        text = text.replace("longitudinal_acceleration = 1e-4\n", "")
+    (tmp_path / "study.toml").write_text(text)
+    bench = Bench(load_study(tmp_path / "study.toml"))
+    assert bench.supplied == ("longitudinal_acceleration",)
+    road, rng = bench.roads[0], np.random.default_rng(0)
+    samples = len(road.profile.time)
+    truth = rng.normal(size=(samples, len(bench.plant.signal_names), LANES))
+    measured = rng.normal(size=(samples, bench.plant.ny, LANES))
+    known = bench._known(road, Batch(truth, measured, np.full(LANES, float(samples))))
+    names = list(bench.belief.model.inputs)
+    if sensors == "car_inertial":
+        source = measured[:, list(bench.plant.model.outputs).index("longitudinal_acceleration")]
+    else:
+        source = truth[:, bench.plant.signal_names.index("longitudinal_acceleration")]
+    np.testing.assert_array_equal(known[:, names.index("longitudinal_acceleration")], source)
+    steering = in_lanes(road.profile.steering_wheel_angle)
+    np.testing.assert_array_equal(known[:, names.index("steering_wheel_angle")], steering)
+    assert np.isnan(road.belief_inputs[:, names.index("longitudinal_acceleration")]).all()  # not written into
+
+
+def test_an_input_that_the_plant_does_not_have_is_refused(tmp_path):
+    text = STUDY.read_text()
+    begin, end = text.index("[plant]"), text.index("[belief]")
+    truck = (
+        '[plant]\nvehicle = "semitrailer"\nparameters = "ziaukas_2023"\ntyre = "magic_formula"\nsensors = "series"\n'
+    )
+    (tmp_path / "study.toml").write_text(text[:begin] + truck + text[end:])
+    with pytest.raises(UserError, match="the belief needs input 'longitudinal_acceleration', which the plant does not"):
+        load_study(tmp_path / "study.toml")
 
 
 # --- a stiffness that drops
