@@ -21,7 +21,6 @@ from harness.simulate import Batch, first_state, in_lanes, input_table
 from models.assemble import Model, assemble, symbol
 from models.contracts import DriveContext, ModelError
 from models.expressions import larger
-from models.expressions import larger
 from models.registry import load
 
 CAR = dict(load("models.parameters", "althoff_2020").VALUES)
