@@ -1,8 +1,9 @@
 """Random numbers in lanes: every run has a generator of its own, so it draws the same alone or in a batch.
 
-The generator is xoroshiro128++ (Blackman and Vigna 2021, ACM TOMS 47): two 64-bit words per run, kept as the bits
+The generator is xoroshiro128+ (Blackman and Vigna 2021, ACM TOMS 47): two 64-bit words per run, kept as the bits
 of two lanes, so that they fit into any array of lanes. A lane that holds such *words* must only be moved by
-``get``, ``put`` and ``select``; arithmetic on it would be on the number its bits happen to spell.
+``get``, ``put`` and ``select``; arithmetic on it would be on the number its bits happen to spell. The lowest bits
+of this generator are weak; neither the uniform nor the normal numbers depend on them.
 
 Normal numbers come in pairs by Box and Muller (1958): the upper half of a word makes the radius, the lower half
 the angle. The pair is computed in single precision with the polynomials of Cephes (Moshier 1992) and widened: its
@@ -68,14 +69,14 @@ def _rotate(b: Any, x: Any, left: int) -> Any:
 
 @intrinsic
 def next_words(typingctx: Any, first: Any, second: Any) -> Any:
-    """Return a random word and the two words of the generator after it (xoroshiro128++ with 17, 49, 21, 28)."""
+    """Return a random word and the two words of the generator after it (xoroshiro128+ with 24, 16, 37)."""
 
     def generate(context: Any, b: Any, sig: Any, args: Any) -> Any:
         s0, s1 = (b.bitcast(a, _I64) for a in args)
-        drawn = b.add(_rotate(b, b.add(s0, s1), 17), s0)
+        drawn = b.add(s0, s1)
         s1 = b.xor(s1, s0)
-        s0 = b.xor(b.xor(_rotate(b, s0, 49), s1), b.shl(s1, _constants(_I64, 21)))
-        s1 = _rotate(b, s1, 28)
+        s0 = b.xor(b.xor(_rotate(b, s0, 24), s1), b.shl(s1, _constants(_I64, 16)))
+        s1 = _rotate(b, s1, 37)
         return context.make_tuple(b, sig.return_type, [b.bitcast(v, _F64) for v in (drawn, s0, s1)])
 
     return (types.UniTuple(lane, 3)(lane, lane) if first == second == lane else None), generate

@@ -77,9 +77,7 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
     return [float(SCHEMES.index(settings.resampling)), settings.threshold, jitter]
 
 
-def first_memory(
-    settings: Settings, nx: int, ny: int, seeds: Sequence[np.random.SeedSequence]
-) -> NDArray[np.float64]:
+def first_memory(settings: Settings, nx: int, ny: int, seeds: Sequence[np.random.SeedSequence]) -> NDArray[np.float64]:
     """Return the memory before the first step: the generator's words, and no particles yet."""
     memory = np.zeros((HEAD + settings.particles * (nx + 2), LANES))
     memory[:WORDS] = generator_words(seeds)
@@ -90,12 +88,12 @@ def workspace():
     """Return the scratch arrays of a run."""
     return (
         np.empty((NW, LANES)),
-        np.empty((4, NX, LANES)),
+        np.empty((5, NX + 1, LANES)),
         np.zeros((NX, NX, LANES)),
-        np.empty((2, 8, NX, LANES)),
+        np.zeros((4, 8, NX + 1, LANES)),
         np.empty((6, NY, LANES)),
         np.zeros((2, NY, NY, LANES)),
-        np.empty((1, LANES)),
+        np.empty((2, LANES)),
     )
 
 
@@ -196,55 +194,90 @@ def find_jitter(cloud, redrawn, share, jitter):
         put(get(redrawn, 0) * share * (high - low), jitter, i)
 
 
-def normals(z, s0, s1):
-    """Write independent standard normal numbers, one for each state."""
-    for i in range(0, NX - 1, 2):
+def normals(z, spare, s0, s1):
+    """Write independent standard normal numbers, one for each state.
+
+    They come in pairs. With an odd number of states every other call finds one left over, in the last row of ``z``.
+
+    Args:
+        z: Written, ``nx`` rows; ``(nx + 1, LANES)``.
+        spare: Whether there is one left over by the call before.
+        s0: First word of the generator.
+        s1: Second word.
+    """
+    begin = 0
+    if NX % 2 == 1 and spare:
+        put(get(z, NX), z, 0)
+        begin = 1
+    for i in range(begin, NX, 2):
         word, s0, s1 = next_words(s0, s1)
         first, second = normal_pair(word)
         put(first, z, i)
         put(second, z, i + 1)
-    if NX % 2 == 1:
-        word, s0, s1 = next_words(s0, s1)
-        first, second = normal_pair(word)
-        put(first, z, NX - 1)
     return s0, s1
 
 
-def moments(cloud, log_weights, weights, best, mean, covariance, block):
-    """Write weights, mean and covariance of the particles; return the sums of the weights and of their squares."""
+def moments(cloud, log_weights, weights, best, leader, mean, covariance, block):
+    """Write weights, mean and covariance of the particles; return the sums of the weights and of their squares.
+
+    The sums are taken about the particle of the largest weight, so that one pass does without loss of digits.
+
+    Args:
+        cloud: Particles ``(N, nx, LANES)``.
+        log_weights: ``(N, LANES)``.
+        weights: Written ``(N, LANES)``.
+        best: The largest log-weight.
+        leader: The particle that has it ``(1, LANES)``.
+        mean: Written ``(nx, LANES)``.
+        covariance: Written ``(nx, nx, LANES)``.
+        block: Scratch ``(4, 8, nx + 1, LANES)``, of which the last rows are zero.
+    """
     count = cloud.shape[0]
-    total, squares = splat(0.0), splat(0.0)
+    away, weighted, centre, first = block[0], block[1], block[2, 0], block[3, 0]
     for i in range(NX):
-        put(0.0, mean, i)
-    for n in range(count):
-        weight = exp(get(log_weights, n) - best)
-        put(weight, weights, n)
-        total = total + weight
-        squares = squares + weight * weight
-        for i in range(NX):
-            put(get(mean, i) + weight * get(cloud, n, i), mean, i)
+        put(0.0, first, i)
+        for lane in range(LANES):
+            centre[i, lane] = cloud[int(leader[0, lane]), i, lane]
+        for j in range(NX):
+            put(0.0, covariance, i, j)
+    total, squares = splat(0.0), splat(0.0)
+    for begin in range(0, count, 8):
+        size = min(8, count - begin)
+        for s in range(size):
+            weight = exp(get(log_weights, begin + s) - best)
+            put(weight, weights, begin + s)
+            total = total + weight
+            squares = squares + weight * weight
+            for i in range(NX):
+                value = get(cloud, begin + s, i) - get(centre, i)
+                put(value, away, s, i)
+                value = weight * value
+                put(value, weighted, s, i)
+                put(get(first, i) + value, first, i)
+        # two rows by two columns at a time: four products for four numbers fetched
+        for i in range(0, NX, 2):
+            for j in range(0, i + 1, 2):
+                a, b, c, d = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+                for s in range(size):
+                    above, below = get(weighted, s, i), get(weighted, s, i + 1)
+                    left, right = get(away, s, j), get(away, s, j + 1)
+                    a, b = a + above * left, b + above * right
+                    c, d = c + below * left, d + below * right
+                put(get(covariance, i, j) + a, covariance, i, j)
+                if j + 1 < NX:
+                    put(get(covariance, i, j + 1) + b, covariance, i, j + 1)
+                if i + 1 < NX:
+                    put(get(covariance, i + 1, j) + c, covariance, i + 1, j)
+                    put(get(covariance, i + 1, j + 1) + d, covariance, i + 1, j + 1)
     inverse = 1.0 / total
     for i in range(NX):
-        put(get(mean, i) * inverse, mean, i)
+        shift = get(first, i) * inverse
+        put(shift, first, i)
+        put(get(centre, i) + shift, mean, i)
         for j in range(i + 1):
-            put(0.0, covariance, i, j)
-    for start in range(0, count, 8):
-        for s in range(8):
-            inside = start + s < count
-            weight = get(weights, start + s) * inverse if inside else splat(0.0)
-            for i in range(NX):
-                away = get(cloud, start + s, i) - get(mean, i) if inside else splat(0.0)
-                put(away, block, 0, s, i)
-                put(weight * away, block, 1, s, i)
-        for i in range(NX):
-            for j in range(i + 1):
-                value = get(covariance, i, j)
-                for s in range(8):
-                    value = value + get(block, 1, s, i) * get(block, 0, s, j)
-                put(value, covariance, i, j)
-    for i in range(NX):
-        for j in range(i):
-            put(get(covariance, i, j), covariance, j, i)
+            value = get(covariance, i, j) * inverse - shift * get(first, j)
+            put(value, covariance, i, j)
+            put(value, covariance, j, i)
     return total, squares
 
 
@@ -256,9 +289,10 @@ def finite(values):
     return total == 0.0
 
 
-def drop_broken(cloud, log_weights):
-    """Take away the weight of particles that are not finite, and return the largest log-weight left."""
+def drop_broken(cloud, log_weights, leader):
+    """Take away the weight of particles that are not finite; return the largest log-weight left, and its particle."""
     best = splat(-np.inf)
+    put(0.0, leader, 0)
     for n in range(cloud.shape[0]):
         good = finite(cloud[n])
         for i in range(NX):
@@ -266,6 +300,7 @@ def drop_broken(cloud, log_weights):
         value = get(log_weights, n)
         value = select(good & (value == value), value, -np.inf)
         put(value, log_weights, n)
+        put(select(value > best, 1.0 * n, get(leader, 0)), leader, 0)
         best = maximum(best, value)
     return best
 
@@ -314,8 +349,9 @@ def describe(y, r, reference, first, second, total, innovation, scratch, factor,
 
 def step(before, u_before, u, y, belief, work, after, info):
     """Redraw where needed, propagate, weigh by the measurement (2.58 to 2.62) and sum up."""
-    w, rows, factor, block, outputs, products, redrawn = work
-    x, z, deviation, jitter = rows[0], rows[1], rows[2], rows[3]
+    w, rows, factor, block, outputs, products, marks = work
+    x, z, deviation, jitter, drawn = rows[0], rows[1], rows[2], rows[3], rows[4]
+    redrawn, leader = marks[0:1], marks[1:2]
     predicted, reference, first, measured, half = outputs[0], outputs[1], outputs[2], outputs[3], outputs[4]
     second = products[0]
     source, log_before, weights_before = parts(before.memory)
@@ -353,13 +389,14 @@ def step(before, u_before, u, y, belief, work, after, info):
         for b in range(NY):
             put(0.0, second, a, b)
     best = splat(-np.inf)
+    put(0.0, leader, 0)
     for n in range(count):
         if fresh:
-            s0, s1 = normals(z, s0, s1)
+            s0, s1 = normals(drawn, False, s0, s1)
             for i in range(NX):
                 value = get(before.mean, i)
                 for k in range(i + 1):
-                    value = value + get(factor, i, k) * get(z, k)
+                    value = value + get(factor, i, k) * get(drawn, k)
                 put(value, x, i)
         elif moved:
             for lane in range(LANES):
@@ -367,14 +404,15 @@ def step(before, u_before, u, y, belief, work, after, info):
                 for i in range(NX):
                     x[i, lane] = source[ancestor, i, lane]
             if rough:
-                s0, s1 = normals(z, s0, s1)
+                t0, t1 = normals(drawn, False, s0, s1)
+                s0, s1 = select(equal, t0, s0), select(equal, t1, s1)  # lanes that stay draw nothing
                 for i in range(NX):
-                    put(get(x, i) + get(jitter, i) * get(z, i), x, i)
+                    put(get(x, i) + get(jitter, i) * get(drawn, i), x, i)
         else:
             for i in range(NX):
                 put(get(source, n, i), x, i)
         next_state(x, u_before, belief.constants, cloud[n], w)
-        s0, s1 = normals(z, s0, s1)
+        s0, s1 = normals(z, n % 2 == 1, s0, s1)
         for i in range(NX):
             put(get(cloud, n, i) + get(deviation, i) * get(z, i), cloud, n, i)
         output(cloud[n], u, belief.constants, predicted)
@@ -391,14 +429,15 @@ def step(before, u_before, u, y, belief, work, after, info):
                 other = get(predicted, b) - get(reference, b)
                 put(get(second, a, b) + weight * away * other, second, a, b)
         put(value, log_weights, n)
+        put(select(value > best, 1.0 * n, get(leader, 0)), leader, 0)
         best = maximum(best, value)
     repaired = repaired + describe(
         y, belief.measurement_noise, reference, first, second, total, outputs[5], predicted, products[1], info
     )
-    total, squares = moments(cloud, log_weights, weights, best, after.mean, after.covariance, block)
+    total, squares = moments(cloud, log_weights, weights, best, leader, after.mean, after.covariance, block)
     if any_of(alive & ~finite(after.mean)):
-        best = drop_broken(cloud, log_weights)
-        total, squares = moments(cloud, log_weights, weights, best, after.mean, after.covariance, block)
+        best = drop_broken(cloud, log_weights, leader)
+        total, squares = moments(cloud, log_weights, weights, best, leader, after.mean, after.covariance, block)
     offset = best + log(total)
     put(s0, after.memory, 0)
     put(s1, after.memory, 1)
