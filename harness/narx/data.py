@@ -96,7 +96,7 @@ def make(spec: ModelSpec, drives: Path = DRIVES, seed: int = 1, inputs=INPUTS, o
         if part not in PARTS:
             raise UserError(f"{drives}, drive '{name}': the name must begin with {', '.join(p + '-' for p in PARTS)}")
     profiles = {
-        name: build_drive(kind, options, _context(spec, drives), f"{drives}, drive '{name}'")
+        name: build_drive(kind, options, context(spec, drives.parent), f"{drives}, drive '{name}'")
         for name, (kind, options) in tables.items()
     }
     series = simulate(spec, profiles, seed, inputs, outputs)
@@ -107,10 +107,11 @@ def make(spec: ModelSpec, drives: Path = DRIVES, seed: int = 1, inputs=INPUTS, o
     return Data(**chosen, step=spec.step)
 
 
-def _context(spec: ModelSpec, drives: Path) -> DriveContext:
+def context(spec: ModelSpec, base: Path) -> DriveContext:
+    """Return what a drive needs to know of a plant; files are relative to ``base``."""
     vehicle = registry.load("models.vehicles", spec.vehicle)
     wheelbase = vehicle.wheelbase(spec.values) if hasattr(vehicle, "wheelbase") else 1.0
-    return DriveContext(wheelbase, spec.values.get("steering_ratio", 1.0), spec.step, str(drives.parent))
+    return DriveContext(wheelbase, spec.values.get("steering_ratio", 1.0), spec.step, str(base))
 
 
 def simulate(

@@ -207,6 +207,8 @@ def find(name: str, folder: Path = Path()) -> Path:
     for path in candidates:
         if path.is_file():
             return path
+    if name.endswith(".npz"):
+        raise UserError(f"there is no network file {' or '.join(dict.fromkeys(str(p) for p in candidates))}")
     there = sorted(p.stem for p in FOLDER.glob("*.npz"))
     raise UserError(
         f"there is no network '{name}'{closest(name, there)} in harness/networks, or give the path of an .npz file"
