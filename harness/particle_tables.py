@@ -98,8 +98,8 @@ def main() -> None:
     found = rmse_of_runs(arguments.repeats, arguments.seed)
     print(f"RMSE over 500 steps of 10 ms; ours: mean and standard deviation of {arguments.repeats} runs\n")
     print(f"{'':<32}{'N':>6}{'v_y in m/s':>20}{'yaw rate in rad/s':>22}{'heading in rad':>22}")
-    for name, values in PRINTED.items():
-        print(f"{'Sun: ' + name:<32}{50:>6}{values[0]:>20}{values[1]:>22}{values[2]:>22}")
+    for name, theirs in PRINTED.items():
+        print(f"{'Sun: ' + name:<32}{50:>6}{theirs[0]:>20}{theirs[1]:>22}{theirs[2]:>22}")
     for (name, size), values in found.items():
         spread = values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(3)
         cells = [f"{m:.3g} ± {s:.1g}" for m, s in zip(values.mean(axis=0), spread, strict=True)]
