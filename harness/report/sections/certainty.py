@@ -85,7 +85,8 @@ def _run(data: xr.Dataset) -> list[Block]:
     if classed is None:
         return []
     number, acceleration = classed
-    seen = [k for k in range(len(EDGES) - 1) if np.any(number == k)]
+    step = float(data["time"].values[1] - data["time"].values[0])
+    seen = [k for k in range(len(EDGES) - 1) if np.sum(number == k) * step >= _SPARSE]
     if len(seen) < 2:
         return []
     rows: list[list[str]] = []
