@@ -8,9 +8,7 @@ from models.assemble import TyreContext
 from models.contracts import Parameter
 
 STIFFNESS_PARAMETERS: tuple[Parameter, ...] = (
-    Parameter(
-        "stiffness_peak", "c_1", "N/rad", 1e-1, 1e9, "largest cornering stiffness over load (table 4.4)"
-    ),
+    Parameter("stiffness_peak", "c_1", "N/rad", 1e-1, 1e9, "largest cornering stiffness over load (table 4.4)"),
     Parameter("stiffness_load", "c_2", "N", 1e-1, 1e9, "vertical load at the largest stiffness (table 4.4)"),
 )
 
