@@ -8,15 +8,13 @@ from rich.table import Table
 from bench import engine
 from harness.lanes import LANES
 from harness.store import _processor
-from models import registry
 
 
 def main() -> None:
     """Measure and print."""
     console = Console()
     with console.status("measuring"):
-        mass = [k for k in registry.names("harness.estimators") if k in ("ekf", "ukf")]
-        times, ratio, peer = engine.step_times(mass), engine.workers(), engine.filterpy_ukf()
+        times, ratio, peer = engine.step_times(), engine.workers(), engine.filterpy_ukf()
     table = Table(title=f"microseconds per step and run, one core of {_processor()}, {LANES} runs at a time")
     table.add_column("what")
     table.add_column("us", justify="right")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import joblib
 import numpy as np
 
 from bench.timing import quickest
-from harness.configure import EstimatorSpec, Study, load_study
+from harness.configure import Study, load_study
 from harness.design import Unit
 from harness.evaluate import Bench, Case
 from harness.lanes import LANES
@@ -18,36 +19,33 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGETS = {"simulation with noise": 0.25, "ekf": 0.7, "ukf": 1.8}  # us per step, one core
 
 
-def mass_study(kinds: list[str]) -> Study:
-    """Return the mass study with these estimators."""
-    import dataclasses
-
+def mass_study(*kinds: str) -> Study:
+    """Return the mass study, with these estimators alone if any are given."""
     study = load_study(ROOT / "studies" / "mass.toml")
-    specs = {e.kind: e for e in study.estimators}
-    chosen = tuple(specs.get(kind) or EstimatorSpec(kind, kind, {}) for kind in kinds)
-    return dataclasses.replace(study, estimators=chosen)
+    chosen = tuple(e for e in study.estimators if not kinds or e.kind in kinds)
+    return dataclasses.replace(study, estimators=chosen, history=())
 
 
-def step_times(kinds: list[str], samples: int = 3000, rounds: int = 15) -> dict[str, float]:
-    """Return microseconds per step and run, scores included, on one core.
+def step_times(samples: int = 2000, rounds: int = 15) -> dict[str, float]:
+    """Return microseconds per step and run of every estimator of the mass study, scores included, on one core.
 
     Args:
-        kinds: Estimators.
         samples: Steps of each measurement.
         rounds: Measurements of each, of which the quickest counts.
     """
-    bench = Bench(mass_study(kinds))
+    study = mass_study()
+    bench = Bench(study)
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
     batch, held = bench.simulate(unit, cases, samples), bench.held(unit, cases, "belief")
     work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: bench.simulate(unit, cases, samples)}
-    for i, kind in enumerate(kinds):
+    for i, kind in enumerate(e.kind for e in study.estimators):
         work[kind] = lambda i=i: bench.estimate(i, unit, cases, batch, held)
     return {name: 1e6 * t / samples / LANES for name, t in quickest(work, rounds).items()}
 
 
 def workers(rounds: int = 3) -> float:
     """Return how many times faster two worker threads are than one on the mass study's units."""
-    bench = Bench(mass_study(["ekf", "ukf"]))
+    bench = Bench(mass_study("ekf", "ukf"))
     for i in range(bench.kernels):
         bench.warm_up(i)
     units = [Unit(0, band, drive, 0, 1) for band in (0, 6) for drive in range(6)]
@@ -63,7 +61,7 @@ def filterpy_ukf(samples: int = 120) -> float:
     """Return microseconds per step of filterpy's UKF on the same compiled model."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-    bench = Bench(mass_study(["ukf"]))
+    bench = Bench(mass_study("ukf"))
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, 0)]
     batch, held = bench.simulate(unit, cases, samples), bench.held(unit, cases, "belief")
     compiled, kernels = bench.belief, bench.belief.kernels
