@@ -65,7 +65,7 @@ def search(
         restarts: Trainings of each.
         spread: Trainings of ``SPREAD``.
         seed: Of the first weights.
-        jobs: Trainings at once; the result does not depend on it.
+        jobs: Trainings at once; as in ``candidates``.
 
     Returns:
         Per architecture NRMSE on the test drives summed over the outputs, ``(3, trainings)``: one step ahead after

@@ -235,7 +235,7 @@ def _guarded(problem: ClosedLoop):
 def candidates(
     data: Data, plan: Plan, restarts: int, seed: int, jobs: int = 1, inputs=None, outputs=None
 ) -> list[Candidate]:
-    """Train from several first weights; the result does not depend on the number of jobs."""
+    """Train from several first weights; from two jobs on each has one thread, so their number changes nothing."""
     seeds = np.random.SeedSequence(seed).spawn(restarts)
     signals = (inputs or training_data.INPUTS, outputs or training_data.OUTPUTS)
     with joblib.parallel_config(backend="loky", n_jobs=min(jobs, restarts), inner_max_num_threads=1):
