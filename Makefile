@@ -38,7 +38,7 @@ report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done
 
 test: $(VENV)/dev.stamp ## run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 lint: $(VENV)/dev.stamp ## ruff and mypy
 	$(BIN)/ruff check .
