@@ -54,7 +54,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    particles: int = Field(256, ge=2, le=1_000_000, description="number of particles; the cost grows with it")
+    particles: int = Field(128, ge=2, le=1_000_000, description="number of particles; the cost grows with it")
     resampling: Literal["systematic", "stratified", "multinomial", "residual"] = Field(
         "systematic", description="how particles are redrawn; multinomial is the exhaustive search of Simon and Lex"
     )
@@ -88,9 +88,10 @@ def workspace():
     """Return the scratch arrays of a run."""
     return (
         np.empty((NW, LANES)),
-        np.empty((5, NX + 1, LANES)),
+        np.empty((6, NX + 1, LANES)),
         np.zeros((NX, NX, LANES)),
-        np.zeros((4, 8, NX + 1, LANES)),
+        np.empty((17, NX + 2 - NX % 2, LANES)),
+        np.empty((NX + 2 - NX % 2, NX + 2 - NX % 2, LANES)),
         np.empty((6, NY, LANES)),
         np.zeros((2, NY, NY, LANES)),
         np.empty((2, LANES)),
@@ -217,10 +218,11 @@ def normals(z, spare, s0, s1):
     return s0, s1
 
 
-def moments(cloud, log_weights, weights, best, leader, mean, covariance, block):
+def moments(cloud, log_weights, weights, best, leader, mean, covariance, block, sums):
     """Write weights, mean and covariance of the particles; return the sums of the weights and of their squares.
 
-    The sums are taken about the particle of the largest weight, so that one pass does without loss of digits.
+    One pass: the sums of ``w``, ``w d`` and ``w d d'`` are those of the products of ``sqrt(w) (d, 1)`` with itself.
+    The differences ``d`` are from the particle of the largest weight, so that no digits are lost.
 
     Args:
         cloud: Particles ``(N, nx, LANES)``.
@@ -230,52 +232,50 @@ def moments(cloud, log_weights, weights, best, leader, mean, covariance, block):
         leader: The particle that has it ``(1, LANES)``.
         mean: Written ``(nx, LANES)``.
         covariance: Written ``(nx, nx, LANES)``.
-        block: Scratch ``(4, 8, nx + 1, LANES)``, of which the last rows are zero.
+        block: Scratch ``(17, even, LANES)``, where ``even`` is the even number above ``nx``.
+        sums: Scratch ``(even, even, LANES)``.
     """
-    count = cloud.shape[0]
-    away, weighted, centre, first = block[0], block[1], block[2, 0], block[3, 0]
-    for i in range(NX):
-        put(0.0, first, i)
+    count, even = cloud.shape[0], block.shape[1]
+    centre = block[16]
+    for i in range(even):
         for lane in range(LANES):
-            centre[i, lane] = cloud[int(leader[0, lane]), i, lane]
-        for j in range(NX):
-            put(0.0, covariance, i, j)
-    total, squares = splat(0.0), splat(0.0)
-    for begin in range(0, count, 8):
-        size = min(8, count - begin)
+            centre[i, lane] = cloud[int(leader[0, lane]), i, lane] if i < NX else 0.0
+        for s in range(16):
+            put(0.0, block, s, i)
+        for j in range(even):
+            put(0.0, sums, i, j)
+    squares = splat(0.0)
+    for begin in range(0, count, 16):
+        size = min(16, count - begin)
         for s in range(size):
-            weight = exp(get(log_weights, begin + s) - best)
+            root = exp(0.5 * (get(log_weights, begin + s) - best))
+            weight = root * root
             put(weight, weights, begin + s)
-            total = total + weight
             squares = squares + weight * weight
             for i in range(NX):
-                value = get(cloud, begin + s, i) - get(centre, i)
-                put(value, away, s, i)
-                value = weight * value
-                put(value, weighted, s, i)
-                put(get(first, i) + value, first, i)
+                put(root * (get(cloud, begin + s, i) - get(centre, i)), block, s, i)
+            put(root, block, s, NX)
         # two rows by two columns at a time: four products for four numbers fetched
-        for i in range(0, NX, 2):
+        for i in range(0, even, 2):
             for j in range(0, i + 1, 2):
-                a, b, c, d = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+                a, b = get(sums, i, j), get(sums, i, j + 1)
+                c, d = get(sums, i + 1, j), get(sums, i + 1, j + 1)
                 for s in range(size):
-                    above, below = get(weighted, s, i), get(weighted, s, i + 1)
-                    left, right = get(away, s, j), get(away, s, j + 1)
+                    above, below = get(block, s, i), get(block, s, i + 1)
+                    left, right = get(block, s, j), get(block, s, j + 1)
                     a, b = a + above * left, b + above * right
                     c, d = c + below * left, d + below * right
-                put(get(covariance, i, j) + a, covariance, i, j)
-                if j + 1 < NX:
-                    put(get(covariance, i, j + 1) + b, covariance, i, j + 1)
-                if i + 1 < NX:
-                    put(get(covariance, i + 1, j) + c, covariance, i + 1, j)
-                    put(get(covariance, i + 1, j + 1) + d, covariance, i + 1, j + 1)
+                put(a, sums, i, j)
+                put(b, sums, i, j + 1)
+                put(c, sums, i + 1, j)
+                put(d, sums, i + 1, j + 1)
+    total = get(sums, NX, NX)
     inverse = 1.0 / total
     for i in range(NX):
-        shift = get(first, i) * inverse
-        put(shift, first, i)
+        shift = get(sums, NX, i) * inverse
         put(get(centre, i) + shift, mean, i)
         for j in range(i + 1):
-            value = get(covariance, i, j) * inverse - shift * get(first, j)
+            value = (get(sums, i, j) - shift * get(sums, NX, j)) * inverse
             put(value, covariance, i, j)
             put(value, covariance, j, i)
     return total, squares
@@ -349,11 +349,12 @@ def describe(y, r, reference, first, second, total, innovation, scratch, factor,
 
 def step(before, u_before, u, y, belief, work, after, info):
     """Redraw where needed, propagate, weigh by the measurement (2.58 to 2.62) and sum up."""
-    w, rows, factor, block, outputs, products, marks = work
-    x, z, deviation, jitter, drawn = rows[0], rows[1], rows[2], rows[3], rows[4]
+    w, rows, factor, block, sums, outputs, products, marks = work
+    x, z, deviation, jitter, drawn, ahead = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
     redrawn, leader = marks[0:1], marks[1:2]
     predicted, reference, first, measured, half = outputs[0], outputs[1], outputs[2], outputs[3], outputs[4]
     second = products[0]
+    constants, first_mean = belief.constants, before.mean
     source, log_before, weights_before = parts(before.memory)
     cloud, log_weights, weights = parts(after.memory)
     count = cloud.shape[0]
@@ -394,7 +395,7 @@ def step(before, u_before, u, y, belief, work, after, info):
         if fresh:
             s0, s1 = normals(drawn, False, s0, s1)
             for i in range(NX):
-                value = get(before.mean, i)
+                value = get(first_mean, i)
                 for k in range(i + 1):
                     value = value + get(factor, i, k) * get(drawn, k)
                 put(value, x, i)
@@ -411,11 +412,13 @@ def step(before, u_before, u, y, belief, work, after, info):
         else:
             for i in range(NX):
                 put(get(source, n, i), x, i)
-        next_state(x, u_before, belief.constants, cloud[n], w)
+        next_state(x, u_before, constants, ahead, w)
         s0, s1 = normals(z, n % 2 == 1, s0, s1)
         for i in range(NX):
-            put(get(cloud, n, i) + get(deviation, i) * get(z, i), cloud, n, i)
-        output(cloud[n], u, belief.constants, predicted)
+            value = get(ahead, i) + get(deviation, i) * get(z, i)
+            put(value, ahead, i)
+            put(value, cloud, n, i)
+        output(ahead, u, constants, predicted)
         value = select(equal, even, get(log_before, n) - offset)
         weight = select(equal, 1.0, get(weights_before, n))
         for a in range(NY):
@@ -434,10 +437,10 @@ def step(before, u_before, u, y, belief, work, after, info):
     repaired = repaired + describe(
         y, belief.measurement_noise, reference, first, second, total, outputs[5], predicted, products[1], info
     )
-    total, squares = moments(cloud, log_weights, weights, best, leader, after.mean, after.covariance, block)
+    total, squares = moments(cloud, log_weights, weights, best, leader, after.mean, after.covariance, block, sums)
     if any_of(alive & ~finite(after.mean)):
         best = drop_broken(cloud, log_weights, leader)
-        total, squares = moments(cloud, log_weights, weights, best, leader, after.mean, after.covariance, block)
+        total, squares = moments(cloud, log_weights, weights, best, leader, after.mean, after.covariance, block, sums)
     offset = best + log(total)
     put(s0, after.memory, 0)
     put(s1, after.memory, 1)
