@@ -6,12 +6,12 @@ JOBS   ?=
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies report test lint bench lock clean $(STUDIES)
+.PHONY: help setup studies report test lint bench lock clean study-narx-architecture $(STUDIES)
 
 help:            ## show the targets
-	@echo "study-<name>    run studies/<name>.toml, write results/<name>/report.html and .pdf;"
-	@echo "                there are: $(STUDIES)"
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
+	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
+	@echo "                          there are: $(STUDIES)"
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 26
 
 $(VENV)/run.stamp: requirements.lock pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -28,6 +28,9 @@ setup: $(VENV)/run.stamp ## create .venv with pinned packages
 # One target for every file in studies/: `make study-mass` runs studies/mass.toml.
 $(STUDIES): study-%: studies/%.toml $(VENV)/run.stamp
 	$(BIN)/harness run $< $(if $(JOBS),--jobs $(JOBS)) --out results/$*
+
+study-narx-architecture: $(VENV)/run.stamp ## choose delays and size of the NARX network (20 minutes), as Ziaukas 5.2.2
+	$(BIN)/python -m harness.narx.search --out results/narx-architecture
 
 study-%:
 	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2
