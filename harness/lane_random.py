@@ -116,10 +116,14 @@ class _Single:
         return self.b.call(self._sqrt, [x])
 
     def polynomial(self, coefficients: Sequence[float], z: Any) -> Any:
-        total = self.number(coefficients[0])
-        for c in coefficients[1:]:
-            total = self.fma(total, z, self.number(c))
-        return total
+        """Write a polynomial by Estrin's scheme: half as deep as Horner's."""
+        terms = [self.number(c) for c in reversed(coefficients)]
+        while len(terms) > 1:
+            pairs = [self.fma(terms[i + 1], z, terms[i]) for i in range(0, len(terms) - 1, 2)]
+            terms = pairs + terms[len(terms) - len(terms) % 2 :]
+            if len(terms) > 1:
+                z = self.b.fmul(z, z)
+        return terms[0]
 
 
 def _radius(b: Any, bits: Any) -> Any:
