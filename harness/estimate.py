@@ -149,9 +149,7 @@ class Estimator:
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
 
-    def init(
-        self, mean: Floats, variance: Floats, seeds: Sequence[np.random.SeedSequence] | None = None
-    ) -> State:
+    def init(self, mean: Floats, variance: Floats, seeds: Sequence[np.random.SeedSequence] | None = None) -> State:
         """Return the first state.
 
         Args:
