@@ -141,6 +141,7 @@ def test_study_by_name(harness, small_study, monkeypatch):
     monkeypatch.chdir(ROOT)
     names = []
     monkeypatch.setattr(stage, "run_study", lambda study, out, *_: names.append((study.name, out)) or out)
+    monkeypatch.setattr("harness.report.headline", lambda _: "The answer.")
     assert harness("run", "mass")[0] == 0
     assert names == [("mass", Path("results/mass"))]
     status, _, err = harness("run", "mas")
