@@ -347,6 +347,49 @@ def describe(y, r, reference, first, second, total, innovation, scratch, factor,
     return repaired
 
 
+def prepare(y, r, outputs, second):
+    """Write measurements and half precisions, zero where missing, and zero sums; return the likelihood's constant."""
+    constant = splat(0.0)
+    for a in range(NY):
+        seen = get(y, a) == get(y, a)
+        variance = get(r, a)
+        put(0.0, outputs, 2, a)
+        put(select(seen, get(y, a), 0.0), outputs, 3, a)
+        put(select(seen, 0.5 / variance, 0.0), outputs, 4, a)
+        constant = constant - select(seen, 0.5 * (log(variance) + 1.8378770664093453), 0.0)
+        for b in range(NY):
+            put(0.0, second, a, b)
+    return constant
+
+
+def draw_first(mean, factor, drawn, x, s0, s1):
+    """Draw one particle from the normal distribution that the run begins with."""
+    s0, s1 = normals(drawn, False, s0, s1)
+    for i in range(NX):
+        value = get(mean, i)
+        for k in range(i + 1):
+            value = value + get(factor, i, k) * get(drawn, k)
+        put(value, x, i)
+    return s0, s1
+
+
+def take_ancestors(source, ancestors, n, x):
+    """Write the ancestor of particle ``n`` in each lane."""
+    for lane in range(LANES):
+        ancestor = int(ancestors[n, lane])
+        for i in range(NX):
+            x[i, lane] = source[ancestor, i, lane]
+
+
+def roughen(jitter, redrawn, drawn, x, s0, s1):
+    """Add jitter to a particle; lanes that are not redrawn draw nothing."""
+    t0, t1 = normals(drawn, False, s0, s1)
+    for i in range(NX):
+        put(get(x, i) + get(jitter, i) * get(drawn, i), x, i)
+    chosen = get(redrawn, 0) > 0.0
+    return select(chosen, t0, s0), select(chosen, t1, s1)
+
+
 def step(before, u_before, u, y, belief, work, after, info):
     """Redraw where needed, propagate, weigh by the measurement (2.58 to 2.62) and sum up."""
     w, rows, factor, block, sums, outputs, products, marks = work
@@ -377,38 +420,18 @@ def step(before, u_before, u, y, belief, work, after, info):
     equal = get(redrawn, 0) > 0.0
     total = select(equal, 1.0 * count, total)
     even = -np.log(1.0 * count)
-    constant = splat(0.0)
+    constant = prepare(y, belief.measurement_noise, outputs, second)
     for i in range(NX):
         put(sqrt(get(belief.process_noise, i)), deviation, i)
-    for a in range(NY):
-        seen = get(y, a) == get(y, a)
-        r = get(belief.measurement_noise, a)
-        put(select(seen, get(y, a), 0.0), measured, a)
-        put(select(seen, 0.5 / r, 0.0), half, a)
-        constant = constant - select(seen, 0.5 * (log(r) + 1.8378770664093453), 0.0)
-        put(0.0, first, a)
-        for b in range(NY):
-            put(0.0, second, a, b)
     best = splat(-np.inf)
     put(0.0, leader, 0)
     for n in range(count):
         if fresh:
-            s0, s1 = normals(drawn, False, s0, s1)
-            for i in range(NX):
-                value = get(first_mean, i)
-                for k in range(i + 1):
-                    value = value + get(factor, i, k) * get(drawn, k)
-                put(value, x, i)
+            s0, s1 = draw_first(first_mean, factor, drawn, x, s0, s1)
         elif moved:
-            for lane in range(LANES):
-                ancestor = int(weights[n, lane])
-                for i in range(NX):
-                    x[i, lane] = source[ancestor, i, lane]
+            take_ancestors(source, weights, n, x)
             if rough:
-                t0, t1 = normals(drawn, False, s0, s1)
-                s0, s1 = select(equal, t0, s0), select(equal, t1, s1)  # lanes that stay draw nothing
-                for i in range(NX):
-                    put(get(x, i) + get(jitter, i) * get(drawn, i), x, i)
+                s0, s1 = roughen(jitter, redrawn, drawn, x, s0, s1)
         else:
             for i in range(NX):
                 put(get(source, n, i), x, i)
