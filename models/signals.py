@@ -90,6 +90,11 @@ _ROWS += [  # the exercises of KIT 2015
     Signal("example_state", "x", "dimensionless", "dimensionless", "", "state of the lecture's scalar example"),
     Signal("example_input", "u", "dimensionless", "dimensionless", "", "input of the lecture's scalar example"),
 ]
+_ROWS += [  # what positioning systems add to a measured drive
+    Signal("position_x", "x", "m", "m", "earth", "position, east of the origin where the heading is from east"),
+    Signal("position_y", "y", "m", "m", "earth", "position, north of the origin where the heading is from east"),
+    Signal("yaw_acceleration", r"\ddot\psi", "rad/s^2", "deg/s^2", "vehicle", "yaw acceleration"),
+]
 _ROWS += [  # a car
     Signal("longitudinal_velocity", "v_x", "m/s", "m/s", "vehicle", "longitudinal velocity of the CoG"),
     Signal("lateral_velocity", "v_y", "m/s", "m/s", "vehicle", "lateral velocity of the CoG"),

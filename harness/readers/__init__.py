@@ -1,7 +1,7 @@
 """Readers of measured data: one format per file, chosen by the suffix of the recording.
 
-A reader exports ``SUFFIXES`` (lower case, with dot) and ``read(path)``, which returns the numeric columns by
-name as float64 arrays of equal length; missing samples are NaN. The folder is the registry.
+A reader exports ``SUFFIXES`` (lower case, with dot; ``/`` for a folder) and ``read(path)``, which returns the
+numeric columns as a list of ``Table``, one per clock, the one with most columns first. The folder is the registry.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UserError
+from harness.readers._table import Table, by_length
 from models import registry
+
+__all__ = ["Table", "by_length", "read", "read_tables", "suffixes"]
 
 
 def suffixes() -> dict[str, str]:
@@ -27,32 +30,49 @@ def suffixes() -> dict[str, str]:
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
+    """Read the columns that share the main clock of a recording.
+
+    Args:
+        path: File or folder, absolute or relative to the working directory.
+
+    Returns:
+        Columns of the first table by name, each float64 of shape ``(samples,)``.
+
+    Raises:
+        UserError: As ``read_tables``.
+    """
+    return read_tables(path)[0].columns
+
+
+def read_tables(path: str | os.PathLike[str]) -> list[Table]:
     """Read a recording with the reader that its suffix names.
 
     Args:
-        path: File, absolute or relative to the working directory.
+        path: File or folder, absolute or relative to the working directory.
 
     Returns:
-        Columns by name, each float64 of shape ``(samples,)``.
+        One table per clock, the one with most columns first; at least one, none of them without rows.
 
     Raises:
         UserError: If the file is absent, of no known format, or cannot be read.
     """
     path = os.fspath(path)
     known = suffixes()
-    reader = next((name for suffix, name in known.items() if path.lower().endswith(suffix)), None)
+    name = path.lower() if not os.path.isdir(path) else path.rstrip("/") + "/"
+    reader = next((reader for suffix, reader in known.items() if name.endswith(suffix)), None)
     if reader is None:
-        raise UserError(f"{path}: no reader for this suffix; known are {', '.join(sorted(known))}")
-    if not os.path.isfile(path):
-        what = "is a folder" if os.path.isdir(path) else "does not exist"
-        raise UserError(f"{path}: the recording {what}; give the path of a file, relative to the study")
+        files = ", ".join(sorted(suffix for suffix in known if suffix != "/"))
+        raise UserError(f"{path}: no reader for this suffix; known are {files}")
+    if not os.path.exists(path):
+        raise UserError(f"{path}: the recording does not exist; give the path of a file, relative to the study")
     module = registry.load("harness.readers", reader, ("SUFFIXES", "read"))
     try:
-        columns: dict[str, NDArray[np.float64]] = module.read(path)
+        tables: list[Table] = module.read(path)
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not columns:
+    if not any(table.columns for table in tables):
         raise UserError(f"{path}: holds no numeric column")
-    if not len(next(iter(columns.values()))):
+    tables = [table for table in tables if table.columns and len(next(iter(table.columns.values())))]
+    if not tables:
         raise UserError(f"{path}: has columns but no row of data")
-    return columns
+    return tables

@@ -3,7 +3,7 @@
 Separator (comma, semicolon, tab) and decimal comma are recognised. Comment lines (``#``, ``%``, ``//``)
 before the data are passed over; if the last of them names as many columns as there are, it is the header, as
 ``numpy.savetxt`` writes it. Without a header the columns are ``column_1``, ``column_2``, ... A line of units
-below the header is passed over.
+below the header is returned as the units.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.errors import UserError
+from harness.readers._table import Table
 
 SUFFIXES = (".csv", ".csv.gz", ".txt", ".txt.gz")
 
@@ -25,7 +26,7 @@ _COMMENTS = ("#", "%", "//")
 _MISSING = ["", "nan", "NaN", "NAN", "null", "NA", "N/A", "-"]
 
 
-def read(path: str) -> dict[str, NDArray[np.float64]]:
+def read(path: str) -> list[Table]:
     """Return the numeric columns of a CSV file; columns of text are left out, empty cells are NaN.
 
     Raises:
@@ -33,7 +34,7 @@ def read(path: str) -> dict[str, NDArray[np.float64]]:
     """
     try:
         head = _head(path)
-        lines, names, separator, decimal = _layout(path, head)
+        lines, names, separator, decimal, units = _layout(path, head)
         table = pd.read_csv(
             path,
             sep=separator,
@@ -59,7 +60,7 @@ def read(path: str) -> dict[str, NDArray[np.float64]]:
         values = _numbers(table[name], path, name)
         if values is not None:
             columns[name] = values
-    return columns
+    return [Table(columns, {name: unit for name, unit in zip(names, units, strict=False) if unit and name in columns})]
 
 
 def _head(path: str) -> list[str]:
@@ -76,8 +77,8 @@ def _head(path: str) -> list[str]:
     return lines
 
 
-def _layout(path: str, head: list[str]) -> tuple[int, list[str], str, str]:
-    """Return how many lines precede the data, the columns' names, the separator and the decimal sign."""
+def _layout(path: str, head: list[str]) -> tuple[int, list[str], str, str, list[str]]:
+    """Return how many lines precede the data, the columns' names, separator, decimal sign and the units stated."""
     is_comment = [not line.strip() or line.lstrip().startswith(_COMMENTS) for line in head]
     data = [n for n, comment in enumerate(is_comment) if not comment]
     if not data:
@@ -87,6 +88,7 @@ def _layout(path: str, head: list[str]) -> tuple[int, list[str], str, str]:
     separator = next((s for s in (";", "\t") if all(s in line for line in body)), ",")
     decimal = "," if separator != "," and any("," in line for line in body[1:]) else "."
     cells = _cells(first, separator)
+    units: list[str] = []
     if any(_is_number(c, decimal) for c in cells):
         comments = [head[n].strip().lstrip("#%/ ") for n in range(data[0]) if head[n].strip()]
         named = _cells(comments[-1], separator) if comments else []
@@ -95,15 +97,14 @@ def _layout(path: str, head: list[str]) -> tuple[int, list[str], str, str]:
         before = data[0]
     else:
         names, before = cells, data[0] + 1
-        units = len(data) > 1 and not any(
-            _is_number(c, decimal) or c in _MISSING[1:] for c in _cells(body[1], separator)
-        )
-        before = data[1] + 1 if units else before
+        second = _cells(body[1], separator) if len(data) > 1 else []
+        if second and not any(_is_number(c, decimal) or c in _MISSING[1:] for c in second):
+            units, before = [c.strip("[]()") for c in second], data[1] + 1
     names = [name or f"column_{n + 1}" for n, name in enumerate(names)]
     twice = next((name for n, name in enumerate(names) if name in names[:n]), None)
     if twice is not None:
         raise UserError(f"{path}: two columns are named '{twice}'; rename one")
-    return before, names, separator, decimal
+    return before, names, separator, decimal, units
 
 
 def _cells(line: str, separator: str) -> list[str]:

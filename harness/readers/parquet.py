@@ -8,11 +8,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from harness.errors import UserError
+from harness.readers._table import Table
 
 SUFFIXES = (".parquet", ".pq")
 
 
-def read(path: str) -> dict[str, NDArray[np.float64]]:
+def read(path: str) -> list[Table]:
     """Return the numeric and boolean columns of a Parquet file; nulls are NaN, other columns are left out.
 
     Raises:
@@ -28,4 +29,4 @@ def read(path: str) -> dict[str, NDArray[np.float64]]:
         kind = field.type
         if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
             columns[field.name] = column.cast(pa.float64()).to_numpy().copy()
-    return columns
+    return [Table(columns)]

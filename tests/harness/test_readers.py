@@ -1,5 +1,8 @@
 import gzip
+import sys
 
+import asammdf
+import h5py
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -96,9 +99,10 @@ def test_csv_dialects(tmp_path, text, expected):
         ("a.csv.gz", b"t,v\n0,1\n", "damaged"),
         ("a.csv.gz", gzip.compress(b"t,v\n" + b"0,1\n" * 999)[:-12], "damaged"),
         ("a.mat", b"no matlab", "no readable MATLAB file"),
-        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "version 7.3; save it with"),
+        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "no readable MATLAB file"),
         ("a.parquet", b"PAR1", "no readable Parquet file"),
-        ("a.mf4", b"", r"no reader for this suffix; known are .csv, .csv.gz, .mat, .parquet"),
+        ("a.mf4", b"no measured data" * 9, "no readable MDF file"),
+        ("a.xlsx", b"", "no reader for this suffix; known are .csv, .csv.gz, .dat, .mat, .mdf, .mf4, .parquet"),
     ],
 )
 def test_bad_files_are_refused_by_name(tmp_path, name, content, message):
@@ -113,6 +117,74 @@ def test_bad_files_are_refused_by_name(tmp_path, name, content, message):
 def test_absent_file(tmp_path):
     with pytest.raises(UserError, match=r"nowhere\.csv: the recording does not exist"):
         readers.read(tmp_path / "nowhere.csv")
+
+
+def test_folder_with_one_signal_per_file(tmp_path):
+    for name, values in COLUMNS.items():
+        with gzip.open(tmp_path / f"{name}.txt.gz", "wt") as file:
+            np.savetxt(file, values)
+    (tmp_path / "LICENSE").write_text("not data")
+    pd.DataFrame(COLUMNS).to_csv(tmp_path / "another.csv")
+    same(dict(sorted(readers.read(tmp_path).items(), reverse=True)), dict(sorted(COLUMNS.items(), reverse=True)))
+
+
+def test_folder_without_signals_is_refused(tmp_path):
     (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(UserError, match=r"folder\.csv: the recording is a folder"):
+    with pytest.raises(UserError, match=r"folder\.csv: the recording is a folder without files of one column"):
         readers.read(tmp_path / "folder.csv")
+    for suffix in ("txt", "csv"):
+        (tmp_path / f"speed.{suffix}").write_text("1\n2\n")
+    with pytest.raises(UserError, match="two files are named 'speed'"):
+        readers.read(tmp_path)
+
+
+def test_csv_units_below_the_header_are_kept(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,v,mode\n[s],[km/h],\n0,1,a\n1,2,b\n")
+    assert readers.read_tables(path)[0].units == {"t": "s", "v": "km/h"}
+
+
+def test_mat_version_73(tmp_path):
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in COLUMNS.items():
+            file[f"log/{name}"] = values[None, :]  # as MATLAB writes a row
+        file["log/mass"] = np.array([[24e3]])
+        file["log/mode"] = np.array([[82], [101]], dtype=np.uint16)
+        file["log/mode"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["matrix"] = np.eye(3)
+        file["#refs#/a"] = np.arange(50.0)
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    same(dict(sorted(readers.read(path).items())), {f"log.{k}": v for k, v in sorted(COLUMNS.items())})
+
+
+def test_mat_signals_of_several_rates_are_separate_tables(tmp_path):
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {**COLUMNS, "gps": {"t": np.arange(5) * 0.1, "x": np.arange(5.0)}})
+    fast, slow = readers.read_tables(path)
+    assert set(fast.columns) == set(COLUMNS)
+    assert set(slow.columns) == {"gps.t", "gps.x"}
+
+
+def test_mdf_groups_keep_their_clocks_units_and_invalid_samples(tmp_path):
+    path = tmp_path / "a.mf4"
+    fast, slow = np.arange(100) * 0.01, np.arange(20) * 0.05
+    speed = asammdf.Signal(3.6 * fast, fast, name="v", unit="km/h", invalidation_bits=fast == fast[7])
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(np.sin(fast), fast, name="yaw", unit="deg/s"), speed], acq_name="can")
+        file.append([asammdf.Signal(2 * slow, slow, name="v", unit="m/s")], acq_name="gps")
+        file.save(path)
+    can, gps = readers.read_tables(path)
+    assert can.clock == "can.time"
+    assert can.units == {"yaw": "deg/s", "can.v": "km/h"}
+    np.testing.assert_allclose(can.columns["can.time"], fast)
+    np.testing.assert_array_equal(np.isnan(can.columns["can.v"]), fast == fast[7])
+    np.testing.assert_allclose(gps.columns["gps.v"], 2 * slow)
+
+
+def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    (tmp_path / "a.mf4").write_bytes(b"x")
+    with pytest.raises(UserError, match=r"pip install .robustness-harness\[mdf\]"):
+        readers.read(tmp_path / "a.mf4")

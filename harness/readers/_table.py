@@ -1,0 +1,36 @@
+"""What a reader returns: columns that share one clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of equal length that were sampled together.
+
+    Attributes:
+        columns: Values by name, each float64 of shape ``(samples,)``; missing samples are NaN.
+        units: Units by column as the file states them; empty where it states none.
+        clock: Column that holds the time in s, where the format itself says which one it is.
+    """
+
+    columns: dict[str, NDArray[np.float64]]
+    units: dict[str, str] = field(default_factory=dict)
+    clock: str | None = None
+
+
+def by_length(vectors: dict[str, NDArray[np.float64]]) -> list[Table]:
+    """Group vectors by their length, the length that most of them share first (the longer if as many do).
+
+    A single value is a parameter and no signal, and is left out.
+    """
+    lengths: dict[int, dict[str, NDArray[np.float64]]] = {}
+    for name, values in vectors.items():
+        if len(values) > 1:
+            lengths.setdefault(len(values), {})[name] = values
+    ranked = sorted(lengths, key=lambda n: (len(lengths[n]), n), reverse=True)
+    return [Table(lengths[n]) for n in ranked]
