@@ -67,8 +67,8 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
 
 
 def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries: per output its residual variance and its sample counter."""
-    return 2 * ny
+    """Return how many rows of memory the filter carries: per output its residual variance, 0 before the first sample."""
+    return ny
 
 
 def workspace():
@@ -99,7 +99,7 @@ def step(before, u_before, u, y, belief, work, after, info):
     central_differences(images, first, second, NX)
     outer_sum(images, 0.0, 1.0, no_noise, spread, NX)
     inflate(spread, splat(1.0), q, P_prior)
-    for i in range(2 * NY):
+    for i in range(NY):
         put(get(before.memory, i), after.memory, i)
     if OUTPUTS_ARE_LINEAR:
         output_jacobian(x_prior, u, constants, predicted, H)
@@ -146,21 +146,18 @@ def statistical_slopes(factor, images, weight, H):
 
 
 def fading_factor(spread, H, predicted, y, belief, memory):
-    """Return the factor (17, 18) and update the residual variances and their sample counters (21, 22).
+    """Return the factor (17, 18) and update the residual variances (21).
 
-    Outputs that were not measured keep their variance and do not count; without any measurement nothing fades.
+    Before the first sample they are what the filter expects, where (22) takes the first residual for its variance: at
+    the start ``S`` is small, and one large residual would fade everything that is known. Outputs that were not
+    measured keep their variance and do not count; without any measurement nothing fades.
     """
     q, forgetting, softening = belief.process_noise, belief.tuning[6], belief.tuning[7]
     excess, expected = splat(0.0), splat(0.0)
     for a in range(NY):
         measured = get(y, a) == get(y, a)
         residual = get(y, a) - get(predicted, a)
-        followed, count, r = get(memory, a), get(memory, NY + a), get(belief.measurement_noise, a)
-        newest = residual * residual
-        newest = select(count > 0.0, (forgetting * followed + newest) / (1.0 + forgetting), newest)
-        followed = select(measured, newest, followed)
-        put(followed, memory, a)
-        put(select(measured, count + 1.0, count), memory, NY + a)
+        r = get(belief.measurement_noise, a)
         from_noise, from_past = splat(0.0), splat(0.0)
         for i in range(NX):
             slope = splat(0.0)
@@ -168,6 +165,11 @@ def fading_factor(spread, H, predicted, y, belief, memory):
                 slope = slope + get(spread, i, j) * get(H, a, j)
             from_past = from_past + get(H, a, i) * slope
             from_noise = from_noise + get(H, a, i) * get(H, a, i) * get(q, i)
+        followed = get(memory, a)
+        earlier = select(followed > 0.0, followed, from_past + from_noise + r)
+        newest = (forgetting * earlier + residual * residual) / (1.0 + forgetting)
+        followed = select(measured, newest, followed)
+        put(followed, memory, a)
         excess = excess + select(measured, (followed - softening * r - from_noise) / r, 0.0)
         expected = expected + select(measured, from_past / r, 0.0)
     factor = excess / expected

@@ -92,7 +92,8 @@ def strong_tracking(matrices, q, r, start, variances, u, y, forgetting=0.95, sof
         residual = y[k] - C @ x
         seen = ~np.isnan(residual)
         newest = np.outer(residual, residual)
-        newest = np.where(np.isnan(V), newest, (forgetting * V + newest) / (1 + forgetting))
+        earlier = np.where(np.isnan(V), C @ prior @ C.T + R, V)  # where (22) begins with the first residual
+        newest = (forgetting * earlier + newest) / (1 + forgetting)
         V = np.where(np.isnan(newest), V, newest)
         cross = prior @ C.T
         inverse = np.linalg.inv(prior)
@@ -167,16 +168,27 @@ def test_fading_follows_its_equations_with_redrawn_points(gaps):
     np.testing.assert_allclose(covariances, expected[1], rtol=1e-10, atol=1e-10)
 
 
-def test_memory_holds_residual_variances_and_counters():
+def test_memory_holds_residual_variances():
     u, y = drive(6)
     y[3, 1] = np.nan
     stepper = Stepper("st_cdkf", LINEAR, [1e-3] * 3, [1e-2, 4e-2], {}, [1.5], 0.05)
     _, _, memories, infos = stepper.run([0.0] * 3, [1.0] * 3, u, y)
     residuals = np.array([i.innovation[:, 0] for i in infos])
-    assert memories[0, :2] == pytest.approx(residuals[0] ** 2)
-    assert memories[1, :2] == pytest.approx((0.95 * residuals[0] ** 2 + residuals[1] ** 2) / 1.95)
+    A, _, C = sampled(u[0])
+    first = np.diag(C @ (A @ A.T + 1e-3 * np.eye(3)) @ C.T) + [1e-2, 4e-2]  # what the filter expects
+    assert memories[0] == pytest.approx((0.95 * first + residuals[0] ** 2) / 1.95)
+    assert memories[1] == pytest.approx((0.95 * memories[0] + residuals[1] ** 2) / 1.95)
     assert memories[2, 1] == memories[1, 1]  # not measured, not followed
-    assert memories[:, 2:].T.tolist() == [[1, 2, 3, 4, 5], [1, 2, 2, 3, 4]]
+
+
+def test_one_large_first_residual_does_not_fade_what_is_known():
+    """At the start the covariance is that of one step; (22) as printed would multiply it by thousands."""
+    u, y = drive(3)
+    y[1] = 3.5 * np.sqrt([0.25, 0.25])  # 3.5 standard deviations, once
+    stepper = Stepper("st_cdkf", LINEAR, [1e-6] * 3, [0.25, 0.25], {"softening": 10.0}, [1.5], 0.05)
+    plain = Stepper("cdkf", LINEAR, [1e-6] * 3, [0.25, 0.25], {}, [1.5], 0.05)
+    start = [0.0] * 3, [1e-6] * 3, u[:2], y[:2]
+    np.testing.assert_array_equal(stepper.run(*start)[1], plain.run(*start)[1])
 
 
 def test_the_units_of_an_output_do_not_matter():
