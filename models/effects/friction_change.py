@@ -1,4 +1,9 @@
-"""The road's friction changes at a given time, as when a car drives onto ice; both axles at once."""
+"""The road's friction changes at a given time, as when a car drives onto ice; both axles at once.
+
+The rate of the change rises and falls as a raised cosine. It is zero where the change begins and ends, so it does not
+matter on which side of these moments a sample or a stage of the integrator falls, and a sum over samples gives the
+whole change exactly if it lasts a whole number of them, two or more.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +19,13 @@ STATES: tuple[str, ...] = ()
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter("friction_change", r"\Delta\mu", "dimensionless", -1.5, 1.5, "change of the friction", neutral=0.0),
     Parameter("friction_change_time", r"t_\mu", "s", 0.0, 1e4, "when the change begins"),
-    Parameter("friction_change_duration", r"T_\mu", "s", 0.01, 1e3, "how long it takes"),
+    Parameter("friction_change_duration", r"T_\mu", "s", 0.02, 1e3, "how long it takes"),
 )
 
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
-    """Return the rate of the friction with a constant rate while the change lasts."""
+    """Return the rate of the friction, ``change / duration (1 - cos(2 pi (t - begin) / duration))`` in between."""
     begin, duration = e.p("friction_change_time"), e.p("friction_change_duration")
     during = sp.Heaviside(e.time - begin, 1) * (1 - sp.Heaviside(e.time - begin - duration, 1))
-    return value + e.p("friction_change") / duration * during
+    shape = 1 - sp.cos(2 * sp.pi * (e.time - begin) / duration)
+    return value + e.p("friction_change") / duration * shape * during
