@@ -39,7 +39,7 @@ from types import ModuleType
 import numba
 import numpy as np
 
-from harness import lane_algebra, lane_math, lane_random, lanes
+from harness import dual_lanes, dual_math, lane_algebra, lane_math, lane_random, lanes
 from harness.emit import constants_kernel, kernel, matrix, vector
 from harness.equations import Equations, derive
 from harness.errors import UserError
@@ -95,6 +95,17 @@ def load_source(stem: str, source: str) -> ModuleType:
     return module
 
 
+def over_duals(source: str) -> str:
+    """Return the same module over dual numbers, whose kernels carry derivatives (``harness.dual_lanes``)."""
+    texts = "".join(inspect.getsource(m) for m in (dual_lanes, dual_math))
+    exchanged = {"harness.lanes": "harness.dual_lanes", "harness.lane_math": "harness.dual_math"}
+    if "from harness.lane_algebra" in source:
+        exchanged["harness.lane_algebra"] = load_source("algebra", over_duals(inspect.getsource(lane_algebra))).__name__
+    for plain, dual in exchanged.items():
+        source = source.replace(f"from {plain} import", f"from {dual} import")
+    return f"{source}\n# over dual numbers {hashlib.sha256(texts.encode()).hexdigest()[:16]}\n"
+
+
 @functools.cache
 def _toolchain() -> str:
     texts = [inspect.getsource(m) for m in (lanes, lane_math, lane_algebra, lane_random)]
@@ -110,6 +121,8 @@ class CompiledModel:
         step_size: Sample time in s.
         signal_names: Names of the quantities that ``kernels.signals`` computes.
         nx, nu, ny, nc, nw: Lengths of state, input, output, constants and work array.
+        lanes: Length of the last axis of every array of the kernels.
+        duals: Whether the kernels run over dual numbers.
     """
 
     def __init__(self, model: Model, equations_: Equations, kernels: ModuleType, step: float) -> None:
@@ -117,6 +130,8 @@ class CompiledModel:
         self.signal_names = tuple(equations_.signals)
         self.nx, self.nu, self.ny = len(model.states), len(model.inputs), len(model.outputs)
         self.nc, self.nw = max(1, len(equations_.constants)), int(kernels.NW)
+        self.lanes = int(kernels.LANES)
+        self.duals = self.lanes == dual_lanes.LANES
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Return the parameters in the model's order, shape ``(np,)``."""
@@ -126,8 +141,8 @@ class CompiledModel:
         return np.array([float(values[n]) for n in self.model.parameter_names])
 
     def constants(self, parameters: np.ndarray) -> np.ndarray:
-        """Return the constants for parameter vectors of shape ``(np, LANES)``, shape ``(nc, LANES)``."""
-        c = np.zeros((self.nc, lanes.LANES))
+        """Return the constants for parameter vectors of shape ``(np, lanes)``, shape ``(nc, lanes)``."""
+        c = np.zeros((self.nc, self.lanes))
         self.kernels.constants(np.ascontiguousarray(parameters, dtype=float), c)
         return c
 
@@ -140,6 +155,7 @@ def compile_model(
     substeps: int = 1,
     signals: tuple[str, ...] = (),
     parameters: tuple[str, ...] = (),
+    duals: bool = False,
 ) -> CompiledModel:
     """Return the compiled kernels of a model.
 
@@ -150,6 +166,7 @@ def compile_model(
         substeps: Steps of the integrator per sample.
         signals: Quantities that ``kernels.signals`` computes.
         parameters: Parameters whose derivatives are wanted.
+        duals: Whether the kernels run over dual numbers, which carry derivatives along any direction.
 
     Raises:
         UserError: If the integrator is unknown or the cache folder cannot be written.
@@ -160,6 +177,8 @@ def compile_model(
         integrator, substeps = "euler", 1
     eqs = derive(model, signals, parameters)
     source = model_source(eqs, step, integrator, substeps)
+    if duals:
+        source = over_duals(source)
     return CompiledModel(model, eqs, load_source(f"model_{model.name.replace('+', '_')}", source), step)
 
 

@@ -144,7 +144,7 @@ class Estimator:
         else:
             size = int(file.memory_size(compiled.nx, compiled.ny))
             self._first_memory = lambda seeds: np.zeros((size, LANES))
-        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [*_kernels_of(file), *loops.ESTIMATION]))
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [*kernels_of(file), *loops.ESTIMATION]))
         valid = compiled.model.valid
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
@@ -240,7 +240,7 @@ class Estimator:
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 
 
-def _kernels_of(file: ModuleType) -> list[Any]:
+def kernels_of(file: ModuleType) -> list[Any]:
     """Return the functions of an estimator's file that are compiled, after those of the files it shares."""
     functions = [f for f in vars(file).values() if inspect.isfunction(f)]
     shared = dict.fromkeys(f.__module__ for f in functions if f.__module__.startswith("harness.estimators._"))

@@ -22,10 +22,10 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 LANES = 8
 
 # No nnan/ninf: they would delete the divergence checks. No reassoc: range reductions rely on the order written.
-_FLAGS = ("contract", "arcp", "nsz")
+FLAGS = ("contract", "arcp", "nsz")
 _F64 = ir.DoubleType()
 _I64 = ir.IntType(64)
-_VECTOR = ir.VectorType(_F64, LANES)
+VECTOR = ir.VectorType(_F64, LANES)
 _INTEGERS = ir.VectorType(_I64, LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
 
@@ -45,24 +45,26 @@ mask = LaneType(truth=True)
 @register_model(LaneType)
 class _LaneModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: LaneType) -> None:
-        super().__init__(dmm, fe_type, _BITS if fe_type.truth else _VECTOR)
+        super().__init__(dmm, fe_type, _BITS if fe_type.truth else VECTOR)
 
 
-def _constant(value: float) -> ir.Constant:
-    return ir.Constant(_VECTOR, [value] * LANES)
+def constant(value: float) -> ir.Constant:
+    """Return the vector that holds a number in every lane."""
+    return ir.Constant(VECTOR, [value] * LANES)
 
 
-def _broadcast(context: Any, builder: Any, value: Any, ty: Any) -> Any:
+def broadcast(context: Any, builder: Any, value: Any, ty: Any) -> Any:
     """Return the value as a vector; a number becomes the same in every lane."""
     if ty == lane:
         return value
     scalar = context.cast(builder, value, ty, types.float64)
-    empty = ir.Constant(_VECTOR, ir.Undefined)
+    empty = ir.Constant(VECTOR, ir.Undefined)
     first = builder.insert_element(empty, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
-def _is_number(ty: Any) -> bool:
+def is_number(ty: Any) -> bool:
+    """Return whether a numba type is one number for all lanes."""
     return isinstance(ty, types.Float | types.Integer | types.IntegerLiteral)
 
 
@@ -70,12 +72,12 @@ def _binary(op: Callable[..., Any], emit: Callable[[Any, Any, Any], Any], result
     @infer_global(op)
     class _Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
-            if len(args) == 2 and lane in args and all(a == lane or _is_number(a) for a in args):
+            if len(args) == 2 and lane in args and all(a == lane or is_number(a) for a in args):
                 return signature(result, *args)
             return None
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        a, b = (_broadcast(context, builder, v, t) for v, t in zip(args, sig.args, strict=True))
+        a, b = (broadcast(context, builder, v, t) for v, t in zip(args, sig.args, strict=True))
         return emit(builder, a, b)
 
     for pair in (
@@ -88,10 +90,10 @@ def _binary(op: Callable[..., Any], emit: Callable[[Any, Any, Any], Any], result
         lower_builtin(op, *pair)(lower)
 
 
-_binary(operator.add, lambda b, x, y: b.fadd(x, y, flags=_FLAGS), lane)
-_binary(operator.sub, lambda b, x, y: b.fsub(x, y, flags=_FLAGS), lane)
-_binary(operator.mul, lambda b, x, y: b.fmul(x, y, flags=_FLAGS), lane)
-_binary(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=_FLAGS), lane)
+_binary(operator.add, lambda b, x, y: b.fadd(x, y, flags=FLAGS), lane)
+_binary(operator.sub, lambda b, x, y: b.fsub(x, y, flags=FLAGS), lane)
+_binary(operator.mul, lambda b, x, y: b.fmul(x, y, flags=FLAGS), lane)
+_binary(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=FLAGS), lane)
 _binary(operator.lt, lambda b, x, y: b.fcmp_ordered("<", x, y), mask)
 _binary(operator.le, lambda b, x, y: b.fcmp_ordered("<=", x, y), mask)
 _binary(operator.gt, lambda b, x, y: b.fcmp_ordered(">", x, y), mask)
@@ -121,7 +123,7 @@ class _Negative(AbstractTemplate):
 
 @lower_builtin(operator.neg, lane)
 def _lower_negative(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return builder.fneg(args[0], flags=_FLAGS)
+    return builder.fneg(args[0], flags=FLAGS)
 
 
 def _llvm(name: str, count: int) -> Any:
@@ -131,8 +133,8 @@ def _llvm(name: str, count: int) -> Any:
     def call(typingctx: Any, *args: Any) -> Any:
         def generate(context: Any, builder: Any, sig: Any, packed: Any) -> Any:
             values = cgutils.unpack_tuple(builder, packed[0], count)
-            vectors = [_broadcast(context, builder, v, t) for v, t in zip(values, args, strict=True)]
-            kind = ir.FunctionType(_VECTOR, [_VECTOR] * count)
+            vectors = [broadcast(context, builder, v, t) for v, t in zip(values, args, strict=True)]
+            kind = ir.FunctionType(VECTOR, [VECTOR] * count)
             function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
             return builder.call(function, vectors)
 
@@ -152,7 +154,7 @@ copysign = _llvm("copysign", 2)
 @intrinsic
 def splat(typingctx: Any, value: Any) -> Any:
     """Return a lane with the same number for every run."""
-    return lane(value), lambda context, builder, sig, args: _broadcast(context, builder, args[0], sig.args[0])
+    return lane(value), lambda context, builder, sig, args: broadcast(context, builder, args[0], sig.args[0])
 
 
 @intrinsic
@@ -160,7 +162,7 @@ def select(typingctx: Any, condition: Any, yes: Any, no: Any) -> Any:
     """Return ``yes`` where the mask holds and ``no`` elsewhere, without a branch."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        a, b = (_broadcast(context, builder, args[k], sig.args[k]) for k in (1, 2))
+        a, b = (broadcast(context, builder, args[k], sig.args[k]) for k in (1, 2))
         return builder.select(args[0], a, b)
 
     return (lane(condition, yes, no) if condition == mask else None), generate
@@ -189,9 +191,9 @@ def power_of_two(typingctx: Any, exponent: Any) -> Any:
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         # Adding 1.5 * 2^52 leaves the whole number in the low mantissa bits; shifted, they are the exponent.
-        biased = builder.fadd(args[0], _constant(1023.0 + 1.5 * 2.0**52))
+        biased = builder.fadd(args[0], constant(1023.0 + 1.5 * 2.0**52))
         shifted = builder.shl(builder.bitcast(biased, _INTEGERS), ir.Constant(_INTEGERS, [52] * LANES))
-        return builder.bitcast(shifted, _VECTOR)
+        return builder.bitcast(shifted, VECTOR)
 
     return lane(lane), generate
 
@@ -203,25 +205,28 @@ def exponent_of(typingctx: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         bits = builder.lshr(builder.bitcast(args[0], _INTEGERS), ir.Constant(_INTEGERS, [52] * LANES))
         # or-ing the bits of 2^52 turns the small integer into 2^52 + integer without an int-to-double conversion
-        number = builder.bitcast(builder.or_(bits, ir.Constant(_INTEGERS, [0x4330000000000000] * LANES)), _VECTOR)
-        return builder.fsub(number, _constant(2.0**52 + 1023.0))
+        number = builder.bitcast(builder.or_(bits, ir.Constant(_INTEGERS, [0x4330000000000000] * LANES)), VECTOR)
+        return builder.fsub(number, constant(2.0**52 + 1023.0))
 
     return lane(lane), generate
 
 
-def _address(context: Any, builder: Any, array_type: Any, array: Any, index_types: Any, packed: Any) -> Any:
-    """Return the pointer to the vector at the given leading indices of a C-contiguous ``(..., LANES)`` array."""
+def address(
+    context: Any, builder: Any, array_type: Any, array: Any, index_types: Any, packed: Any, width: int = LANES
+) -> Any:
+    """Return the pointer to the first vector at the given leading indices of a C-contiguous ``(..., width)`` array."""
     struct = context.make_array(array_type)(context, builder, array)
     shape = cgutils.unpack_tuple(builder, struct.shape, array_type.ndim)
     indices = cgutils.unpack_tuple(builder, packed, len(index_types))
     offset = ir.Constant(_I64, 0)
     for axis, (value, ty) in enumerate(zip(indices, index_types, strict=True)):
         offset = builder.add(builder.mul(offset, shape[axis]), context.cast(builder, value, ty, types.intp))
-    first = builder.gep(struct.data, [builder.mul(offset, ir.Constant(_I64, LANES))])
-    return builder.bitcast(first, _VECTOR.as_pointer())
+    first = builder.gep(struct.data, [builder.mul(offset, ir.Constant(_I64, width))])
+    return builder.bitcast(first, VECTOR.as_pointer())
 
 
-def _fits(array: Any, indices: Any) -> bool:
+def fits(array: Any, indices: Any) -> bool:
+    """Return whether the indices lead to a lane of the array."""
     return (
         isinstance(array, types.Array)
         and array.dtype == types.float64
@@ -235,10 +240,10 @@ def get(typingctx: Any, array: Any, *indices: Any) -> Any:
     """Return the lane at ``array[indices]``; one index fewer than the array has axes."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer = _address(context, builder, array, args[0], indices, args[1])
-        return builder.load(pointer, align=8, typ=_VECTOR)
+        pointer = address(context, builder, array, args[0], indices, args[1])
+        return builder.load(pointer, align=8, typ=VECTOR)
 
-    return (lane(array, types.StarArgTuple(indices)) if _fits(array, indices) else None), generate
+    return (lane(array, types.StarArgTuple(indices)) if fits(array, indices) else None), generate
 
 
 @intrinsic
@@ -246,9 +251,9 @@ def put(typingctx: Any, value: Any, array: Any, *indices: Any) -> Any:
     """Write a lane (or one number for all runs) to ``array[indices]``."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        vector = _broadcast(context, builder, args[0], value)
-        pointer = _address(context, builder, array, args[1], indices, args[2])
+        vector = broadcast(context, builder, args[0], value)
+        pointer = address(context, builder, array, args[1], indices, args[2])
         builder.store(vector, pointer, align=8)
         return context.get_dummy_value()
 
-    return (types.none(value, array, types.StarArgTuple(indices)) if _fits(array, indices) else None), generate
+    return (types.none(value, array, types.StarArgTuple(indices)) if fits(array, indices) else None), generate

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from harness import loops
-from harness.compile import CompiledModel, compile_model, load_source
+from harness.compile import CompiledModel, compile_model, load_source, over_duals
 from harness.errors import UserError
 from harness.lanes import LANES
 from models.assemble import Model
@@ -42,9 +42,9 @@ class Batch:
 
 
 def paste(compiled: CompiledModel, stem: str, functions: Sequence[object], constants: str = "") -> str:
-    """Return the source of a module that runs ``functions`` on a compiled model's kernels."""
+    """Return the source of a module that runs ``functions`` on a compiled model's kernels, over the same numbers."""
     bodies = "\n\n\n".join("@jit\n" + inspect.getsource(f) for f in functions)  # type: ignore[arg-type]
-    return (
+    source = (
         f'"""{stem} on {compiled.kernels.__name__}; generated."""\n'
         f"from {compiled.kernels.__name__} import *\n"
         "from harness.kernel import Belief, Info, State\n"
@@ -53,6 +53,7 @@ def paste(compiled: CompiledModel, stem: str, functions: Sequence[object], const
         "from harness.lane_random import next_words, normal_pair, uniform\n"
         f"{constants}\n\n\n{bodies}\n"
     )
+    return over_duals(source) if compiled.duals else source
 
 
 class Simulator:
