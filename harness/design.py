@@ -1,9 +1,16 @@
 """Which cases a study runs: the points of each design, and the units of work they are cut into.
 
-Levels are taken as they are. Bands are boxes filled by SALib's Sobol sequence (Joe and Kuo 2003),
-unscrambled and from its first point on: dropping or skipping points spoils the balance (Owen 2020,
-arXiv:2008.08051), and the first point, the origin, is the lower corner of every box. All bands of a
-design use the same points, scaled, so that sample ``k`` lies at the same relative place in each.
+Levels are taken as they are. Bands are boxes, filled in one of three ways:
+
+* ``sobol``: SALib's Sobol sequence (Joe and Kuo 2003), unscrambled and from its first point on: dropping or
+  skipping points spoils the balance (Owen 2020, arXiv:2008.08051), and the first point, the origin, is the
+  lower corner of every box.
+* ``saltelli``: SALib's cross-sampled pair of matrices for Sobol indices (Saltelli et al. 2010, doi
+  10.1016/j.cpc.2009.09.018), from a scrambled sequence.
+* ``tolerance``: the nominal point, each factor alone at its lower and at its upper edge, and a scrambled Sobol
+  sequence in the box; bands are nested boxes.
+
+All bands of a design use the same points, scaled, so that sample ``k`` lies at the same relative place in each.
 
 The design is paired: points, drives and seeds are fixed before any estimator is looked at, so every
 estimator sees the same runs.
@@ -19,7 +26,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.configure import NOISE_SCALES, DesignSpec, ModelSpec, Study
+from harness.configure import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Study
+from harness.configure.limits import settled
 
 
 @dataclass(frozen=True)
@@ -97,8 +105,44 @@ def unit_box(samples: int, dimensions: int) -> NDArray[np.float64]:
     return np.asarray(sobol_sequence.sample(samples, dimensions), dtype=np.float64)
 
 
+def saltelli_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return SALib's Saltelli design in the unit box, ``(samples * (dimensions + 2), dimensions)``.
+
+    Args:
+        samples: Points of the scrambled sequence, a power of two.
+        dimensions: Number of factors.
+        seed: Seed of the scrambling.
+    """
+    from SALib.sample import sobol
+
+    names = [str(i) for i in range(dimensions)]
+    box = {"num_vars": dimensions, "names": names, "bounds": [[0.0, 1.0]] * dimensions}
+    found = sobol.sample(box, samples, calc_second_order=False, scramble=True, seed=np.random.default_rng(seed))
+    return np.asarray(found, dtype=np.float64)
+
+
+def scrambled_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return a Sobol sequence with Owen's scrambling in the unit box, ``(samples, dimensions)``.
+
+    Scrambled, every point is uniform in the box, so that shares of points estimate shares of the box.
+    """
+    from scipy.stats import qmc
+
+    generator = qmc.Sobol(d=dimensions, scramble=True, seed=np.random.default_rng(seed))
+    return np.asarray(generator.random(samples), dtype=np.float64)
+
+
+def _scaled(factor: FactorSpec, band: int, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of one factor at places in the unit interval."""
+    lower, upper = factor.lower[band], factor.upper[band]
+    if factor.log:
+        return lower * np.exp(unit * np.log(upper / lower))
+    # As SALib.util.scale_samples: the same operations in the same order give the same bits.
+    return unit * (upper - lower) + lower
+
+
 def points(study: Study, design: DesignSpec) -> DesignPoints:
-    """Return all points of a design; nothing in them depends on an estimator, a worker or the seed.
+    """Return all points of a design; nothing in them depends on an estimator or a worker.
 
     Args:
         study: The study.
@@ -114,13 +158,30 @@ def points(study: Study, design: DesignSpec) -> DesignPoints:
     upper = np.array([f.upper for f in factors]).T.reshape(shape)
     values = np.repeat(lower[:, None, :], design.samples, axis=1)
     banded = [i for i, f in enumerate(factors) if f.banded]
-    if banded:
-        unit = unit_box(design.samples, len(banded))
-        # As SALib.util.scale_samples: the same operations in the same order give the same bits.
-        span = upper[:, banded] - lower[:, banded]
-        values[:, :, banded] = unit[None, :, :] * span[:, None, :] + lower[:, None, banded]
+    if design.sampling == "saltelli":
+        unit = saltelli_points(design.base_samples, len(banded), study.seed)
+    elif design.sampling == "tolerance":
+        unit = scrambled_points(design.base_samples, len(banded), study.seed)
+    else:
+        unit = unit_box(design.samples, len(banded)) if banded else np.empty((design.samples, 0))
+    for band in range(design.bands):
+        for column, i in enumerate(banded):
+            values[band, -len(unit) :, i] = _scaled(factors[i], band, unit[:, column])
+    if design.sampling == "tolerance":
+        values[:, : 1 + 2 * len(factors)] = _nominal_and_edges(lower, upper, np.array([f.nominal for f in factors]))
     names = tuple(f.parameter if f.of != "belief" else f"belief.{f.parameter}" for f in factors)
     return DesignPoints(names, values, lower, upper, design.band_labels)
+
+
+def _nominal_and_edges(
+    lower: NDArray[np.float64], upper: NDArray[np.float64], nominal: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the nominal point, then each factor alone at its lower and at its upper edge, ``(band, 1 + 2 D, D)``."""
+    bands, count = lower.shape
+    values = np.tile(nominal, (bands, 1 + 2 * count, 1))
+    for i in range(count):
+        values[:, 1 + 2 * i, i], values[:, 2 + 2 * i, i] = lower[:, i], upper[:, i]
+    return values
 
 
 def lanes(spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]) -> Lanes:
@@ -138,13 +199,16 @@ def lanes(spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"],
     process = np.tile([spec.process_noise[s] for s in model.states], (runs, 1))
     measurement = np.tile([spec.measurement_noise[o] for o in model.outputs], (runs, 1))
     scaled = dict(zip(NOISE_SCALES, (process, measurement), strict=True))
+    varied: dict[str, NDArray[np.float64]] = {}
     for column, factor in enumerate(design.factors):
         if factor.of not in (side, "both"):
             continue
         if factor.parameter in scaled:
             scaled[factor.parameter] *= values[:, column, None]
         else:
-            parameters[:, names.index(factor.parameter)] = values[:, column]
+            varied[factor.parameter] = values[:, column]
+    for name, changed in settled(spec.vehicle, spec.values, varied).items():
+        parameters[:, names.index(name)] = changed
     return Lanes(parameters, process, measurement)
 
 

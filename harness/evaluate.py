@@ -30,6 +30,9 @@ PER_RUN = (
     "nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates", "time_of_divergence"
 )  # fmt: skip
 
+OVER_TIME = "rmse_over_time"
+
+
 
 class Case(NamedTuple):
     """One run of a unit: its Sobol point and its repeat."""
@@ -117,6 +120,9 @@ class Bench:
         return 1 + len(self.estimators)
 
     def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
+        windows = self.windows(unit.design, unit.drive)
+        if windows is not None:
+            result[OVER_TIME] = np.full((*shape, len(self.study.targets), windows), np.nan, dtype=np.float32)
         """Return the scores of a unit: ``(sample, repeat, estimator[, target])`` by name, SI units."""
         design = self.study.designs[unit.design]
         shape = (unit.stop - unit.first, design.repeats, len(self.estimators))
@@ -126,11 +132,38 @@ class Bench:
         result |= {n: np.full(shape, np.nan) for n in PER_RUN}
         result["status"] = np.full(shape, PENDING, dtype=np.int8)
         cases = [Case(s, r) for s in range(unit.first, unit.stop) for r in range(design.repeats)]
+    def windows(self, design: int, drive: int) -> int | None:
+        """Return the number of windows in which errors are kept over time; ``None`` where nobody asked for them."""
+        wanted = self.study.over_time
+        if wanted is None or (self.study.designs[design].name, self.study.drives[drive].name) != (
+            wanted.design,
+            wanted.drive,
+        ):
+            return None
+        return max(1, len(self.roads[drive].profile.time) // self._window)
+
+    @property
+    def _window(self) -> int:
+        """Samples of a window."""
+        assert self.study.over_time is not None
+        return max(1, round(self.study.over_time.window / self.study.plant.step))
+
+    def _over_time(self, batch: Batch, scores: Scores, windows: int) -> NDArray[np.float32]:
+        """Return the RMSE of each target by window ``(LANES, targets, windows)``; NaN from a divergence on."""
+        assert scores.kept is not None
+        targets = self.study.targets
+        truth = batch.truth[:, [self.plant.signal_names.index(name) for name in targets]]
+        error = scores.kept[:, 0, : len(targets)] - truth
+        ended = np.arange(len(error))[:, None] >= np.minimum(scores.diverged_at, batch.left_at)
+        error = np.where(ended[:, None], np.nan, error)[: windows * self._window]
+        squares = np.square(error).reshape(windows, -1, *error.shape[1:])
+        return np.sqrt(squares.mean(axis=1)).transpose(2, 1, 0).astype(np.float32)
+
         for start in range(0, len(cases), LANES):
             group = cases[start : start + LANES]
             batch, belief = self.simulate(unit, group), self.held(unit, group, "belief")
             for e in range(len(self.estimators)):
-                scores = self.estimate(e, unit, group, batch, belief)
+                scores = self.estimate(e, unit, group, batch, belief, keep=windows is not None)
                 self._enter(result, unit, group, e, batch, scores)
         return result
 
@@ -198,8 +231,11 @@ class Bench:
         plant, inputs = self.held(unit, group, "plant"), self.roads[unit.drive].plant_inputs[:samples]
         width = self.plant.nx + self.plant.ny
         noise = np.empty((len(inputs), width, LANES))
-        for lane, case in enumerate(group):
-            key = (unit.drive, case.sample, case.repeat)  # not the band: levels share their noise
+        keys = [self._noise_key(unit, case) for case in group]
+        for lane, key in enumerate(keys):
+            if lane and key == keys[lane - 1]:
+                noise[:, :, lane] = noise[:, :, lane - 1]
+                continue
             rng = np.random.default_rng(np.random.SeedSequence(self.study.seed, spawn_key=key))
             noise[:, :, lane] = rng.standard_normal((len(inputs), width))
         noise[:, :, len(group) :] = noise[:, :, len(group) - 1 : len(group)]
@@ -209,13 +245,18 @@ class Bench:
             np.ascontiguousarray(plant.process_noise.T),
             np.ascontiguousarray(plant.measurement_noise.T),
             noise,
+    def _noise_key(self, unit: Unit, case: Case) -> tuple[int, int, int]:
+        """Return what a run's noise depends on: not the band, as levels share it, and in some designs not the point."""
+        common = self.study.designs[unit.design].common_noise
+        return unit.drive, 0 if common else case.sample, case.repeat
+
             first_state(self.plant.model, plant.values.T, self.roads[unit.drive].profile),
         )
 
     def _seeds(self, unit: Unit, group: list[Case], estimator: str) -> list[np.random.SeedSequence]:
         """Return the seed of an estimator in each lane; it depends on its name, not on its place in the study."""
         tag = zlib.crc32(estimator.encode())
-        keys = [(unit.drive, c.sample, c.repeat, tag) for c in group]
+        keys = [(*self._noise_key(unit, c), tag) for c in group]
         keys += keys[-1:] * (LANES - len(group))
         return [np.random.SeedSequence(self.study.seed, spawn_key=key) for key in keys]
 
@@ -280,6 +321,9 @@ class Bench:
         samples = len(batch.truth)
         diverged = scores.diverged_at[:count] < samples
         left = ~diverged & (batch.left_at[:count] < samples)
+        if OVER_TIME in result:
+            windows = result[OVER_TIME].shape[-1]
+            result[OVER_TIME][at] = self._over_time(batch, scores, windows)[:count]
         first = np.where(diverged, scores.diverged_at[:count], batch.left_at[:count])
         result["status"][at] = np.where(diverged, ESTIMATOR_DIVERGED, np.where(left, PLANT_DIVERGED, OK))
         result["time_of_divergence"][at] = np.where(diverged | left, first * self.study.plant.step, np.nan)

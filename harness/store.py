@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from harness.configure import DesignSpec, Study
 from harness.design import Unit, points
 from harness.errors import UserError
-from harness.evaluate import PENDING, PER_RUN, PER_TARGET, Bench
+from harness.evaluate import OVER_TIME, PENDING, PER_RUN, PER_TARGET, Bench
 from models.signals import SIGNALS
 
 STORE = "scores.zarr"
@@ -44,6 +44,7 @@ _MEANINGS = {
     "repairs": "samples at which a covariance factor was repaired",
     "updates": "samples with a measurement",
     "time_of_divergence": "time at which estimator or plant left its range of validity",
+    OVER_TIME: "root mean square error in a window of time",
     "status": "0 ok, 1 estimator diverged, 2 plant left its range, 3 failed, -1 pending",
 }
 
@@ -66,6 +67,7 @@ class Store:
         self._dirty: list[Unit] = []
         if self.path.exists():
             self._check_same_study()
+            self._renew_words()
         else:
             try:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -73,8 +75,10 @@ class Store:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
             self._create(bench)
         self._groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
-        names = (*PER_TARGET, *PER_RUN, "status")
-        self._arrays: list[dict[str, NDArray[Any]]] = [{n: np.asarray(g[n][...]) for n in names} for g in self._groups]
+        names = (*PER_TARGET, *PER_RUN, OVER_TIME, "status")
+        self._arrays: list[dict[str, NDArray[Any]]] = [
+            {n: np.asarray(g[n][...]) for n in names if n in g} for g in self._groups
+        ]
 
     def is_done(self, unit: Unit) -> bool:
         """Return whether a unit's scores are in the store."""
@@ -84,7 +88,8 @@ class Store:
     def enter(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:
         """Take a unit's scores; they reach the disk with the next ``flush``."""
         for name, values in result.items():
-            self._arrays[unit.design][name][unit.band, unit.samples, unit.drive] = values
+            drive = () if name == OVER_TIME else (unit.drive,)  # kept along one drive only
+            self._arrays[unit.design][name][unit.band, unit.samples, *drive] = values
         self._dirty.append(unit)
 
     def flush(self) -> None:
@@ -130,6 +135,12 @@ class Store:
                 raise UserError(f"{self.folder} was computed {what}; {way_out}")
         self._attributes = {str(k): v for k, v in found.items()}
 
+    def _renew_words(self) -> None:
+        """Take over what the study now says that decides no score: title, comments, limits."""
+        words = {key: value for key, value in _words(self.study).items() if self._attributes.get(key) != value}
+        if words:
+            zarr.open_group(str(self.path), mode="r+").attrs.update(words)
+
     def _create(self, bench: Bench) -> None:
         # A half-created store would look like a whole one, so it is made elsewhere and moved into place.
         temporary = self.folder / (STORE + ".new")
@@ -164,6 +175,14 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         unit = "s" if name == "time_of_divergence" else "1"
         variables[name] = (dims, np.full(sizes, np.nan), {"long_name": _MEANINGS[name], "units": unit})
     status = np.full(sizes, PENDING, dtype=np.int8)
+    kept = [w for d in range(len(study.drives)) if (w := bench.windows(study.designs.index(design), d)) is not None]
+    if kept:
+        without_drive = (*sizes[:2], *sizes[3:], len(targets), kept[0])
+        variables[OVER_TIME] = (
+            (*dims[:2], *dims[3:], "target", "window"),
+            np.full(without_drive, np.nan, dtype=np.float32),
+            {"long_name": _MEANINGS[OVER_TIME], "units": "unit of the target"},
+        )
     for i, factor in enumerate(table.factors):
         unit = design.factors[i].unit
         variables[f"factor_{factor}"] = (("band", "sample"), table.values[:, :, i], {"units": unit})
@@ -176,6 +195,7 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
             "unit": f.report_unit,
             "si_unit": f.unit,
             "nominal": f.nominal,
+            "scale": "log" if f.log else "linear",
             "lower": list(f.lower),
             "upper": list(f.upper),
         }
@@ -193,9 +213,13 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         "factors": json.dumps(factors),
         "state_dimension": bench.belief.nx,
         "output_dimension": bench.belief.ny,
+        "sampling": design.sampling,
+        "base_samples": design.base_samples,
         "samples": design.samples,
         "repeats": design.repeats,
     }
+    if kept and study.over_time is not None:
+        attributes |= {"over_time_drive": study.over_time.drive, "over_time_window": study.over_time.window}
     return xr.Dataset(variables, coords=coordinates, attrs=attributes)
 
 
@@ -231,10 +255,9 @@ def _root_attributes(study: Study) -> dict[str, Any]:
         if plant.get(name) != belief.get(name)
     }
     return {
-        "study": study.text,
+        **_words(study),
         "study_name": study.name,
         "study_hash": study.hash,
-        "title": study.title,
         "seed": study.seed,
         "step": study.plant.step,
         "designs": json.dumps([d.name for d in study.designs]),
@@ -246,6 +269,11 @@ def _root_attributes(study: Study) -> dict[str, Any]:
         "commit": commit(),
         "machine": f"{platform.system()} {platform.machine()}, {_processor()}",
     }
+
+
+def _words(study: Study) -> dict[str, Any]:
+    """Return what the report tells of a study and no score depends on."""
+    return {"study": study.text, "title": study.title, "limits": json.dumps(study.limits)}
 
 
 def engine_hash() -> str:

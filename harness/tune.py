@@ -66,7 +66,7 @@ def tune(
     population = 3 * LANES
     if budget < 2 * population:
         raise UserError(f"a budget of {budget} candidates is too small to search three factors; give {2 * population}")
-    nominal = DesignSpec("tuning", (), samples=1, repeats=repeats)
+    nominal = DesignSpec("tuning", (), repeats=repeats)
     bare = tuple(dataclasses.replace(e, noise={}) for e in study.estimators)
     bench = Bench(dataclasses.replace(study, designs=(nominal,), history=(), estimators=bare))
     if not any(e.has_covariance for e in bench.estimators):

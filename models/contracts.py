@@ -15,7 +15,13 @@ folder          exports
 
 Beside these a vehicle may export ``wheelbase(values)`` for the limits of the drives, ``check(values)`` for
 values that are impossible together, and ``START``: the first value of a state that does not start at zero, as a
-number, the name of a parameter, or the name of a drive's input (its first sample).
+number, the name of a parameter, or the name of a drive's input (its first sample). A vehicle that carries a load may
+export ``LOADING``, quantities of the load (``Parameter``) from which several of its parameters follow together,
+``loading(values)``, the load of given parameters, and ``loaded(values, load)``, the parameters that follow. A vehicle
+of several bodies exports ``BODIES``, the axles of each, the steered one first.
+
+An effect whose parameters belong to a body, an axle, a tyre or a measured output exports ``PLACE``
+(``models/placement.py``).
 """
 
 from __future__ import annotations

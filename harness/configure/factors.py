@@ -1,24 +1,24 @@
-"""Resolve ``[[design]]`` and its factors: levels, shifts and bands in SI, each checked against bounds."""
+"""Resolve the factors of a design: levels, shifts, bands and ranges in SI, each checked against bounds."""
 
 from __future__ import annotations
 
-import itertools
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
 
-from harness.configure.file import DesignTable, FactorTable
-from harness.configure.limits import broken_relations, out_of_bounds
+from harness.configure.file import FactorTable
+from harness.configure.limits import loading, loading_parameters, out_of_bounds
 from harness.configure.problems import Problems
-from harness.configure.specs import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Side
+from harness.configure.specs import NOISE_SCALES, FactorSpec, ModelSpec, Side
 from harness.errors import UserError
 from models.contracts import Parameter
 from models.registry import closest
 
 _PERCENT = re.compile(r"[-+]?\s*[\d.]+(?:[eE][-+]?\d+)?\s*(?:%|percent)")
 _SCALE = Parameter("", "", "dimensionless", 0.0, float("inf"), "factor on every variance of its kind")
-_MOST_CORNERS = 8
-"""A box of up to this many factors is checked at all its corners, a larger one factor by factor."""
+FORMS = ("levels", "shift", "bands", "range")
+"""The keys of a factor that say what values it takes; each has exactly one of them."""
 
 
 @dataclass(frozen=True)
@@ -46,47 +46,20 @@ def number(raw: Any, written_unit: str | None, unit: str, where: str) -> float:
     return value if written_unit is None or isinstance(raw, str) else value * scale(written_unit, unit, where)
 
 
-def resolve_design(raw: DesignTable, key: str, models: Models, problems: Problems) -> DesignSpec | None:
-    """Return the resolved design, or ``None`` if a problem with it was noted.
+def resolve_factor(table: FactorTable, key: str, models: Models, problems: Problems) -> FactorSpec | None:
+    """Return the resolved factor, or ``None`` if a problem with it was noted.
 
     Args:
-        raw: The table.
-        key: Its key path, e.g. ``design[0]``.
+        table: The table.
+        key: Its key path, e.g. ``design[0].factor[1]``.
         models: Plant and belief, resolved.
         problems: Where problems are noted.
     """
-    before = len(problems)
-    factors = []
-    seen: dict[tuple[str, str], str] = {}
-    for i, table in enumerate(raw.factor):
-        place = f"{key}.factor[{i}]"
-        for side in models.of(table.of):
-            first = seen.setdefault((table.parameter, side), place)
-            if first != place:
-                problems.add(
-                    f"{place}.parameter",
-                    f"'{table.parameter}' of the {side} is varied by {first} already; remove one of the two",
-                )
-        factor = _resolve_factor(table, place, models, problems)
-        if factor is not None:
-            factors.append(factor)
-    if len(problems) > before:
-        return None
-    design = DesignSpec(raw.name, tuple(factors), raw.samples, raw.repeats)
-    _check_bands(raw, design, key, problems)
-    if len(problems) == before:
-        _check_relations(raw, design, key, models, problems)
-    return design if len(problems) == before else None
-
-
-def _resolve_factor(table: FactorTable, key: str, models: Models, problems: Problems) -> FactorSpec | None:
     parameter = _parameter(table, key, models, problems)
     if parameter is None or not _check_form(table, key, problems):
         return None
     name = table.parameter
-    nominal = 1.0
-    if name not in NOISE_SCALES:
-        nominal = models.belief.values.get(name, models.plant.values.get(name, float("nan")))
+    nominal = 1.0 if name in NOISE_SCALES else _nominal(name, models)
     report_unit = _report_unit(table, parameter.unit, f"{key}.unit", problems)
     if report_unit is None:
         return None
@@ -102,12 +75,24 @@ def _resolve_factor(table: FactorTable, key: str, models: Models, problems: Prob
         report_unit=report_unit,
         nominal=nominal,
         levels=tuple(r.centre for r in rows),
-        half_widths=tuple(r.half_width for r in rows),
+        lower=tuple(r.lower for r in rows),
+        upper=tuple(r.upper for r in rows),
         labels=tuple(table.labels or [r.label for r in rows]),
+        log=table.scale == "log",
     )
     for i in range(len(rows)):
         _check_bounds(factor, i, reader.item(i), parameter, problems)
     return factor if len(problems) == before else None
+
+
+def _nominal(name: str, models: Models) -> float:
+    """Return what the belief holds, or the plant where the belief has no such quantity."""
+    for spec in (models.belief, models.plant):
+        if name in spec.values:
+            return spec.values[name]
+        if name in loading_parameters(spec.vehicle):
+            return loading(spec.vehicle, spec.values)[name]
+    return float("nan")
 
 
 def _parameter(table: FactorTable, key: str, models: Models, problems: Problems) -> Parameter | None:
@@ -116,7 +101,7 @@ def _parameter(table: FactorTable, key: str, models: Models, problems: Problems)
         return Parameter(table.parameter, *list(vars(_SCALE).values())[1:])
     found = None
     for side, spec in models.of(table.of).items():
-        known = {p.name: p for p in spec.model().parameters}
+        known = {p.name: p for p in spec.model().parameters} | loading_parameters(spec.vehicle)
         if table.parameter not in known:
             choices = [*known, *NOISE_SCALES]
             problems.add(
@@ -129,16 +114,16 @@ def _parameter(table: FactorTable, key: str, models: Models, problems: Problems)
 
 
 def _check_form(table: FactorTable, key: str, problems: Problems) -> bool:
-    """Exactly one of levels, shift and bands; ``band`` only with the first two; as many labels as bands."""
-    given = [k for k in ("levels", "shift", "bands") if getattr(table, k) is not None]
+    """Exactly one of the forms; ``band`` only with the first two; as many labels as bands."""
+    given = [k for k in FORMS if getattr(table, k) is not None]
     if len(given) != 1:
         has = "has none of them" if not given else f"has {' and '.join(given)}"
-        problems.add(key, f"a factor needs exactly one of levels, shift and bands; this one {has}")
+        problems.add(key, f"a factor needs exactly one of levels, shift, bands and range; this one {has}")
         return False
-    if table.band is not None and given == ["bands"]:
-        problems.add(f"{key}.band", "'bands' gives the half-widths already; remove 'band'")
+    if table.band is not None and given[0] in ("bands", "range"):
+        problems.add(f"{key}.band", f"'{given[0]}' gives the width already; remove 'band'")
         return False
-    count = len(getattr(table, given[0]))
+    count = 1 if given == ["range"] else len(getattr(table, given[0]))
     if table.labels is not None and len(table.labels) != count:
         problems.add(f"{key}.labels", f"{len(table.labels)} labels for {count} {given[0]}; give one each")
         return False
@@ -157,7 +142,7 @@ def _report_unit(table: FactorTable, unit: str, key: str, problems: Problems) ->
             scale(table.unit, unit, problems.at(key))
             return table.unit
         return None
-    for raw in table.levels or table.shift or table.bands or []:
+    for raw in _entries(table):
         text = _unsigned(raw)
         if isinstance(text, str) and not _PERCENT.fullmatch(text.strip()):
             written = re.sub(r"^\s*[-+]?\s*[\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
@@ -169,15 +154,26 @@ def _report_unit(table: FactorTable, unit: str, key: str, problems: Problems) ->
     return unit
 
 
+def _entries(table: FactorTable) -> list[Any]:
+    """Return the numbers of the one form that is given."""
+    return table.levels or table.shift or table.bands or table.range or []
+
+
 def _unsigned(raw: Any) -> Any:
     """Drop the sign people write before a half-width: ``"+-5 %"``, ``"±5 %"``."""
     return re.sub(r"^\s*(?:\+/?-|±)\s*", "", raw) if isinstance(raw, str) else raw
 
 
+def form(table: FactorTable) -> str:
+    """Return the key that says what values the factor takes."""
+    return next(k for k in FORMS if getattr(table, k) is not None)
+
+
 @dataclass(frozen=True)
 class _Row:
     centre: float
-    half_width: float
+    lower: float
+    upper: float
     label: str
 
 
@@ -194,32 +190,50 @@ class _FactorReader:
 
     def item(self, i: int) -> str:
         """Return the key path of the i-th entry."""
-        name = next(k for k in ("levels", "shift", "bands") if getattr(self.table, k) is not None)
-        return f"{self.key}.{name}[{i}]"
+        name = form(self.table)
+        return f"{self.key}.{name}" if name == "range" else f"{self.key}.{name}[{i}]"
 
     def rows(self) -> list[_Row] | None:
         """Return centre, half-width and label of every band, or ``None`` if a problem was noted."""
         before = len(self.problems)
         rows: list[_Row] = []
-        entries: list[Any] = self.table.levels or self.table.shift or self.table.bands or []
-        for i, raw in enumerate(entries):
-            with self.problems.catch(self.item(i)):
-                rows.append(self._row(raw, self.item(i)))
+        if self.table.range is not None:
+            with self.problems.catch(self.item(0)):
+                rows.append(self._range(self.table.range))
+        else:
+            for i, raw in enumerate(_entries(self.table)):
+                with self.problems.catch(self.item(i)):
+                    rows.append(self._row(raw, self.item(i)))
+        if self.table.scale == "log" and any(row.lower <= 0.0 for row in rows):
+            self.problems.add(f"{self.key}.scale", "a logarithm needs values above zero; raise the lower edge")
         return rows if len(self.problems) == before else None
+
+    def _range(self, entries: list[Any]) -> _Row:
+        lower, upper = (self._number(raw, f"{self.key}.range[{i}]") for i, raw in enumerate(entries))
+        if not lower < upper:
+            raise UserError(
+                f"{self.problems.at(self.item(0))}: the lower edge comes first and lies below the upper; "
+                f"got {entries[0]!r} and {entries[1]!r}"
+            )
+        middle = math.sqrt(lower * upper) if self.table.scale == "log" and lower > 0.0 else (lower + upper) / 2
+        return _Row(middle, lower, upper, f"{self._label(lower)} to {self._label(upper)}")
 
     def _row(self, raw: Any, key: str) -> _Row:
         if self.table.bands is not None:
             width, label = self._half_width(raw, self.nominal, key)
-            return _Row(self.nominal, width, label)
+            return self._around(self.nominal, width, label)
         if self.table.levels is not None:
             centre = self._number(raw, key)
             label = self._label(centre)
         else:
             centre, label = self._shifted(raw, key)
         if self.table.band is None:
-            return _Row(centre, 0.0, label)
+            return _Row(centre, centre, centre, label)
         width, around = self._half_width(self.table.band, centre, f"{self.key}.band")
-        return _Row(centre, width, f"{label} {around}")
+        return self._around(centre, width, f"{label} {around}")
+
+    def _around(self, centre: float, width: float, label: str) -> _Row:
+        return _Row(centre, centre - width, centre + width, label)
 
     def _number(self, raw: Any, key: str) -> float:
         return number(raw, self.table.unit, self.parameter.unit, self.problems.at(key))
@@ -274,64 +288,5 @@ def _check_bounds(factor: FactorSpec, i: int, key: str, parameter: Parameter, pr
         if wrong is None and factor.parameter in NOISE_SCALES and factor.of != "plant" and edge == 0:
             wrong = "an estimator cannot work with variances of zero; give a positive factor"
         if wrong is not None:
-            reach = f"the band {factor.labels[i]} reaches too far: " if factor.half_widths[i] else ""
+            reach = f"the band {factor.labels[i]} reaches too far: " if factor.lower[i] < factor.upper[i] else ""
             problems.add(key, reach + wrong)
-
-
-def _check_bands(raw: DesignTable, design: DesignSpec, key: str, problems: Problems) -> None:
-    counts = {f.parameter: len(f.levels) for f in design.factors}
-    if len(set(counts.values())) > 1:
-        listed = ", ".join(f"{name} {n}" for name, n in counts.items())
-        problems.add(
-            f"{key}.factor",
-            f"the i-th bands of all factors belong together, but their numbers differ ({listed}); "
-            "give each factor as many, or put the factors into designs of their own",
-        )
-        return
-    banded, n = any(f.banded for f in design.factors), design.samples
-    if banded and n == 1:
-        problems.add(
-            f"{key}.samples",
-            "a band is sampled by a Sobol sequence; give samples = 16 or another power of two",
-        )
-    elif not banded and n > 1:
-        problems.add(
-            f"{key}.samples",
-            f"{n} samples of the same point, as no factor has a band; give a band, or use repeats = {n}",
-        )
-    elif n & (n - 1) and not raw.sobol_any_n:
-        low = 1 << (n.bit_length() - 1)
-        problems.add(
-            f"{key}.samples",
-            f"{n} is no power of two: the first N points of a Sobol sequence fill every half, quarter ... "
-            f"of a band equally often only for N = 2^k; take {low} or {2 * low}, or set "
-            "sobol_any_n = true",
-        )
-
-
-def _check_relations(raw: DesignTable, design: DesignSpec, key: str, models: Models, problems: Problems) -> None:
-    """Ask the vehicle's ``check`` at the corners of every band."""
-    for band in range(design.bands):
-        for side in ("plant", "belief"):
-            spec = models.plant if side == "plant" else models.belief
-            varied = [f for f in design.factors if f.of in (side, "both") and f.parameter not in NOISE_SCALES]
-            wrong: dict[str, str] = {}
-            for corner in _corners(varied, band):
-                for name, message in broken_relations(spec.vehicle, {**spec.values, **corner}):
-                    wrong.setdefault(name, message)
-            for name, message in wrong.items():
-                at = next((i for i, f in enumerate(raw.factor) if f.parameter == name), None)
-                kind = "levels"
-                if at is not None:
-                    kind = next(k for k in ("levels", "shift", "bands") if getattr(raw.factor[at], k) is not None)
-                place = f"{key}.factor" if at is None else f"{key}.factor[{at}].{kind}[{band}]"
-                problems.add(place, f"{design.band_labels[band]} of the {side}: {name}: {message}")
-
-
-def _corners(factors: list[FactorSpec], band: int) -> list[dict[str, float]]:
-    """Return the corners of a band's box; of a large box those where one factor is at an edge."""
-    edges = {f.parameter: tuple(dict.fromkeys((f.lower[band], f.upper[band]))) for f in factors}
-    if len(factors) <= _MOST_CORNERS:
-        return [dict(zip(edges, point, strict=True)) for point in itertools.product(*edges.values())]
-    centre = {f.parameter: f.levels[band] for f in factors}
-    return [{**centre, name: edge} for name, pair in edges.items() for edge in pair]

@@ -125,7 +125,7 @@ class EstimatorTable(OpenTable):
 
 
 class FactorTable(Table):
-    """``[[design.factor]]``: exactly one of ``levels``, ``shift`` and ``bands``."""
+    """``[[design.factor]]``: exactly one of ``levels``, ``shift``, ``bands`` and ``range``."""
 
     parameter: Name = Field(description="parameter of the model, or process_noise_scale, measurement_noise_scale")
     of: Literal["plant", "belief", "both"] = Field(default="plant", description="whose value it replaces")
@@ -139,6 +139,12 @@ class FactorTable(Table):
     bands: Annotated[list[Quantity], Field(min_length=1)] | None = Field(
         default=None, description="half-widths around the nominal (belief) value; percent is relative to it"
     )
+    range: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="one band by its lower and upper edge"
+    )
+    scale: Literal["linear", "log"] = Field(
+        default="linear", description="whether a band is filled evenly in the value or in its logarithm"
+    )
     band: Quantity | None = Field(
         default=None,
         description="half-width around each of the levels or shifts; percent is relative to the level",
@@ -150,7 +156,15 @@ class DesignTable(Table):
     """``[[design]]``."""
 
     name: FileName = Field(description="unique name")
+    sampling: Literal["sobol", "saltelli", "tolerance"] = Field(
+        default="sobol",
+        description="sobol: points in each band; saltelli: all factors at once, for sensitivity indices; "
+        "tolerance: nested boxes around the nominal point, for the largest one an estimator bears",
+    )
     samples: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="Sobol points per band; a power of two")
+    boxes: Annotated[StrictInt, Field(ge=2, le=64)] | None = Field(
+        default=None, description="tolerance only: number of nested boxes, evenly spaced (default 8)"
+    )
     repeats: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="runs with fresh noise per point")
     sobol_any_n: StrictBool = Field(
         default=False, description="allow a number of samples that is no power of two (unbalanced)"
@@ -173,6 +187,22 @@ class HistoryTable(Table):
     signals: list[Name] = Field(
         default_factory=list,
         description="further states or ports of the belief to draw, beside targets and unknown inputs",
+    )
+
+
+class OverTimeTable(Table):
+    """``sensitivity_over_time`` of ``[report]``."""
+
+    design: Name = Field(description="name of a design with sampling = 'saltelli'")
+    drive: Name = Field(description="name of a drive")
+    window: Quantity = Field(default="1 s", description="length of the windows in which the error is taken")
+
+
+class ReportTable(Table):
+    """``[report]``: what the report shows beyond what every report shows."""
+
+    sensitivity_over_time: OverTimeTable | None = Field(
+        default=None, description="sensitivity indices along a drive; the errors per window are kept in the store"
     )
 
 
@@ -208,6 +238,10 @@ class StudyFile(Table):
     estimator: Annotated[list[EstimatorTable], Field(min_length=1)] = Field(description="who competes")
     design: Annotated[list[DesignTable], Field(min_length=1)] = Field(description="what is varied")
     history: Histories = Field(default_factory=list, description="the run drawn over time, or several")
+    limits: dict[str, Quantity] = Field(
+        default_factory=dict, description="largest tolerable RMSE by target, for the tolerance map"
+    )
+    report: ReportTable = Field(default=ReportTable(), description="what else the report shows")
 
     @property
     def histories(self) -> dict[str, HistoryTable]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from models import registry
 from models.contracts import ModelError, Parameter
@@ -40,3 +41,32 @@ def broken_relations(vehicle: str, values: Mapping[str, float]) -> list[tuple[st
         return list(check(dict(values)))
     except KeyError as missing:
         raise ModelError(f"vehicle '{vehicle}': check() reads {missing}, which has no value") from None
+
+
+def loading_parameters(vehicle: str) -> dict[str, Parameter]:
+    """Return the quantities that describe a vehicle's load, from which several of its parameters follow together."""
+    return {p.name: p for p in getattr(registry.load("models.vehicles", vehicle), "LOADING", ())}
+
+
+def loading(vehicle: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Return the load that a vehicle of these parameters carries, by ``loading_parameters``."""
+    return dict(registry.load("models.vehicles", vehicle).loading(values)) if loading_parameters(vehicle) else {}
+
+
+def settled(vehicle: str, values: Mapping[str, float], varied: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters that change when some quantities are given other values.
+
+    Args:
+        vehicle: File in ``models/vehicles``.
+        values: All parameters, SI.
+        varied: New values of parameters and of quantities of the load, numbers or arrays of one shape.
+
+    Returns:
+        New values by parameter; a quantity of the load is replaced by all parameters that follow from it.
+    """
+    of_load = {name: varied[name] for name in loading_parameters(vehicle) if name in varied}
+    changed = {name: value for name, value in varied.items() if name not in of_load}
+    if of_load:
+        load = {**loading(vehicle, values), **of_load}
+        changed |= registry.load("models.vehicles", vehicle).loaded({**values, **changed}, load)
+    return changed

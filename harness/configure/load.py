@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from harness.configure.factors import Models, number, resolve_design
+from harness.configure.designs import resolve_design
+from harness.configure.factors import Models, number
 from harness.configure.file import (
     DrivesFile,
     DriveTable,
@@ -19,6 +20,7 @@ from harness.configure.file import (
     StudyFile,
 )
 from harness.configure.problems import Problems, add_validation_errors
+from harness.configure.reporting import limits, over_time
 from harness.configure.specs import (
     DesignSpec,
     DriveSpec,
@@ -73,6 +75,8 @@ def load_study(path: str | Path) -> Study:
     if belief is not None and len(designs) == len(raw.design):
         _refuse_twice_history(raw, problems)
         histories = [_history(raw, key, designs, drives, belief, problems) for key in raw.histories]
+    tolerable = limits(raw, problems)
+    along = over_time(raw, designs, drives, problems)
     problems.stop()
     assert plant is not None
     assert belief is not None
@@ -91,6 +95,8 @@ def load_study(path: str | Path) -> Study:
         hash="",
         path=path,
         tuning=rule,
+        limits=tolerable,
+        over_time=along,
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now
     return study
@@ -368,13 +374,15 @@ def _hash(study: Study) -> str:
         "designs": [
             {
                 "name": d.name,
-                "samples": d.samples,
+                "sampling": d.sampling,
+                "samples": d.base_samples,
                 "repeats": d.repeats,
-                "factors": [[f.parameter, f.of, f.levels, f.half_widths] for f in d.factors],
+                "factors": [[f.parameter, f.of, f.levels, f.lower, f.upper, f.log] for f in d.factors],
             }
             for d in study.designs
         ],
         "history": [asdict(h) for h in study.history],
+        "over_time": study.over_time and asdict(study.over_time),
     }
     canonical = json.dumps(content, sort_keys=True, ensure_ascii=True, default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()

@@ -14,6 +14,7 @@ from models.assemble import Model, assemble
 
 Side = Literal["plant", "belief", "both"]
 Integrator = Literal["euler", "heun", "rk4"]
+Sampling = Literal["sobol", "saltelli", "tolerance"]
 
 NOISE_SCALES: tuple[str, ...] = ("process_noise_scale", "measurement_noise_scale")
 """Pseudo-parameters a factor may vary: they multiply all variances of one kind; nominal value 1."""
@@ -117,8 +118,10 @@ class FactorSpec:
         report_unit: Unit of the labels (pint).
         nominal: What the belief holds (the plant, if the belief has no such parameter), SI.
         levels: Centre of each band, SI, shape ``(bands,)``.
-        half_widths: Half-width of each band, SI, 0 for a level without a band, shape ``(bands,)``.
+        lower: Lower edge of each band, SI, the level itself where it has no band, shape ``(bands,)``.
+        upper: Upper edge of each band, SI, shape ``(bands,)``.
         labels: One label per band.
+        log: Whether a band is sampled evenly in the logarithm of the value.
     """
 
     parameter: str
@@ -127,23 +130,15 @@ class FactorSpec:
     report_unit: str
     nominal: float
     levels: tuple[float, ...]
-    half_widths: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
     labels: tuple[str, ...]
+    log: bool = False
 
     @property
     def banded(self) -> bool:
         """Whether any band has a width, so that the factor takes a dimension of the Sobol sequence."""
-        return any(w > 0 for w in self.half_widths)
-
-    @property
-    def lower(self) -> tuple[float, ...]:
-        """Lower edge of each band."""
-        return tuple(c - w for c, w in zip(self.levels, self.half_widths, strict=True))
-
-    @property
-    def upper(self) -> tuple[float, ...]:
-        """Upper edge of each band."""
-        return tuple(c + w for c, w in zip(self.levels, self.half_widths, strict=True))
+        return any(low < high for low, high in zip(self.lower, self.upper, strict=True))
 
 
 @dataclass(frozen=True)
@@ -153,14 +148,31 @@ class DesignSpec:
     Attributes:
         name: Unique name within the study.
         factors: What is varied; empty for the nominal case alone.
-        samples: Sobol points per band.
+        base_samples: Points of the Sobol sequence that the design is made from.
         repeats: Runs with fresh noise per point and drive.
+        sampling: How the bands are filled, see ``harness.design``.
     """
 
     name: str
     factors: tuple[FactorSpec, ...]
-    samples: int = 1
+    base_samples: int = 1
     repeats: int = 1
+    sampling: Sampling = "sobol"
+
+    @property
+    def samples(self) -> int:
+        """Points per band."""
+        match self.sampling:
+            case "saltelli":  # A, B and A with one column of B for each factor (Saltelli et al. 2010)
+                return self.base_samples * (len(self.factors) + 2)
+            case "tolerance":  # the nominal point, each factor alone at both edges, the box
+                return 1 + 2 * len(self.factors) + self.base_samples
+        return self.base_samples
+
+    @property
+    def common_noise(self) -> bool:
+        """Whether all points share their noise, so that the error is a function of the factors alone."""
+        return self.sampling != "sobol"
 
     @property
     def bands(self) -> int:
@@ -207,6 +219,21 @@ class HistorySpec:
 
 
 @dataclass(frozen=True)
+class OverTimeSpec:
+    """The drive along which errors are kept in windows, for sensitivity indices over time.
+
+    Attributes:
+        design: Name of the design, sampled by ``saltelli``.
+        drive: Name of the drive.
+        window: Length of a window in s.
+    """
+
+    design: str
+    drive: str
+    window: float
+
+
+@dataclass(frozen=True)
 class Study:
     """A study file, read and resolved by ``load_study``.
 
@@ -223,6 +250,8 @@ class Study:
         history: The runs to draw over time; possibly none.
         text: The study file as read.
         tuning: The rule by which the estimators' noise was tuned; empty if it is the belief's.
+        limits: Largest error that counts as tolerable by target, SI; it decides no score, only what the report says.
+        over_time: The drive for sensitivity over time; ``None`` if it was not asked for.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
         path: The study file.
@@ -242,6 +271,8 @@ class Study:
     hash: str
     path: Path
     tuning: str = ""
+    limits: dict[str, float] = field(default_factory=dict)
+    over_time: OverTimeSpec | None = None
 
     def design(self, name: str) -> DesignSpec:
         """Return a design by name."""

@@ -17,11 +17,12 @@ Two things go beyond the print, both switched by a parameter or vanishing at con
 from __future__ import annotations
 
 from math import pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
-from models.contracts import Parameter
+from models.contexts import Body
+from models.contracts import ModelError, Parameter
 from models.expressions import larger
 
 if TYPE_CHECKING:
@@ -87,6 +88,62 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def check(values: dict[str, float]) -> list[tuple[str, str]]:
     """Return ``(parameter, what is wrong)`` for values that are each in bounds but impossible together."""
+LOADING: tuple[Parameter, ...] = (
+    Parameter("payload_mass", "m_L", "kg", 0.0, 5e4, "mass of the load on the trailer"),
+    Parameter("payload_from_rear", r"x_L", "m", 0.0, 24.0, "rear wall to the CoG of the load"),
+)
+"""What a study may vary in place of mass, CoG and inertia of the trailer, which follow from it together."""
+
+EMPTY_MASS = 7500.0
+"""kg; the trailer without load, the lightest of the mass study (Ziaukas 2023, 5.4.2)."""
+
+EMPTY_COG_FROM_REAR = 6.2
+"""m; chosen by this project: a quarter of the empty trailer's weight rests on the kingpin."""
+
+
+def loading(values: dict[str, float]) -> dict[str, float]:
+    """Return the load, by ``LOADING``, with which the empty trailer has the stated mass and CoG."""
+    payload = values["trailer_mass"] - EMPTY_MASS
+    if payload <= 0.0:
+        raise ModelError(
+            f"trailer_mass is {values['trailer_mass']:g} kg, no more than the empty trailer's {EMPTY_MASS:g} kg: there "
+            "is no load to vary; state a heavier trailer, or vary trailer_mass itself"
+        )
+    moment = values["trailer_mass"] * values["trailer_cog_from_rear"] - EMPTY_MASS * EMPTY_COG_FROM_REAR
+    return {"payload_mass": payload, "payload_from_rear": moment / payload}
+
+
+def loaded(values: dict[str, float], load: dict[str, Any]) -> dict[str, Any]:
+    """Return mass, CoG and inertia scale of the trailer under another load, numbers or arrays of one shape.
+
+    Two bodies, the empty trailer and the load, are put together by the parallel-axis theorem. The empty trailer has
+    the inertia of a box of its length and track; the load keeps the radius of gyration about its own CoG that the
+    stated trailer leaves for it, so the stated load gives back the stated trailer.
+    """
+    of_box = (values["trailer_track"] ** 2 + values["trailer_length"] ** 2) / 12
+    stated = loading(values)
+
+    def about_cog(load: dict[str, Any]) -> Any:
+        distance = load["payload_from_rear"] - EMPTY_COG_FROM_REAR
+        return (
+            EMPTY_MASS * of_box + EMPTY_MASS * load["payload_mass"] / (EMPTY_MASS + load["payload_mass"]) * distance**2
+        )
+
+    inertia = values["trailer_inertia_scale"] * values["trailer_mass"] * of_box
+    gyration_squared = (inertia - about_cog(stated)) / stated["payload_mass"]
+    if gyration_squared <= 0.0:
+        raise ModelError(
+            f"trailer_inertia_scale {values['trailer_inertia_scale']:g} leaves no inertia for the load of "
+            f"{stated['payload_mass']:g} kg; state a larger one"
+        )
+    mass = EMPTY_MASS + load["payload_mass"]
+    moment = EMPTY_MASS * EMPTY_COG_FROM_REAR + load["payload_mass"] * load["payload_from_rear"]
+    return {
+        "trailer_mass": mass,
+        "trailer_cog_from_rear": moment / mass,
+        "trailer_inertia_scale": (about_cog(load) + load["payload_mass"] * gyration_squared) / (mass * of_box),
+    }
+
     wrong = []
     cog, kingpin = values["trailer_cog_from_rear"], values["kingpin_from_rear"]
     if kingpin > values["trailer_length"]:

@@ -237,7 +237,7 @@ name = "nominal"
 """
     )
     bands, shift, around, noise, nominal = study.designs[1:]
-    assert bands.factors[0].half_widths == pytest.approx((0.125, 0.25))
+    assert bands.factors[0].upper == pytest.approx((1.375, 1.5))
     assert bands.factors[1].lower == pytest.approx((0.45, 0.4))
     assert bands.band_labels == ("±10 %", "±20 %")
     assert shift.factors[0].levels == pytest.approx((5.8, 7.8, 8.3))
@@ -397,7 +397,7 @@ REFUSALS = {
     ),
     "levels and bands": (
         [("levels =", 'bands = ["5 %"]\nlevels =')],
-        "design[0].factor[0]: a factor needs exactly one of levels, shift and bands; this one has levels and bands",
+        "design[0].factor[0]: a factor needs exactly one of levels, shift, bands and range; this one has levels and bands",
     ),
     "band beyond bound": (
         [("levels =", 'band = "90 %"\nlevels =')],
@@ -668,7 +668,7 @@ def test_mass_study_is_that_of_the_thesis():
     assert level.repeats == 20
     assert len(study.drives) == 6
     assert study.belief.values["trailer_mass"] == 24000.0
-    assert band.factors[0].half_widths == pytest.approx([0.05 * m for m in level.factors[0].levels])
+    assert band.factors[0].lower == pytest.approx([0.95 * m for m in level.factors[0].levels])
     assert {e.kind for e in study.estimators} == set(registry.names("harness.estimators"))
 
 
@@ -700,6 +700,7 @@ def _documented(heading: str) -> set[str]:
         ("`[plant]` and `[belief]`", "ModelTable"),
         ("`[[design]]`", "DesignTable"),
         ("`[[design.factor]]`", "FactorTable"),
+        ("`[report]`", "ReportTable"),
         ("`[history]` or `[[history]]`", "HistoryTable"),
     ],
 )
@@ -717,16 +718,18 @@ def test_documentation_has_every_key_and_no_other(heading, table):
 def test_ten_line_study_of_the_documentation_loads(tmp_path):
     text = (ROOT / "docs" / "studies.md").read_text()
     blocks = [b.split("```")[0] for b in text.split("```toml\n")[1:]]
-    study, tyre = blocks
+    study, tyre, joint = blocks
     assert len(study.strip().splitlines()) == 10
     shutil.copytree(ROOT / "studies" / "drives", tmp_path / "drives")
     path = tmp_path / "friction.toml"
-    path.write_text(study + tyre)
+    limits, design = joint.split("\n\n", 1)
+    path.write_text(study.replace("drives =", f"{limits}\ndrives =") + tyre + design)
     loaded = load_study(path)
-    assert [d.name for d in loaded.designs] == ["level", "tyre"]
+    assert [d.name for d in loaded.designs] == ["level", "tyre", "joint"]
+    assert loaded.limits == {"lateral_force_axle_21": 5000.0}
     assert loaded.design("tyre").band_labels == ("±10 %", "±20 %", "±30 %")
     runs = [d.bands * d.samples * d.repeats * len(loaded.drives) for d in loaded.designs]
-    assert runs == [120, 3 * 32 * 5 * 6]
+    assert runs == [120, 3 * 32 * 5 * 6, 256 * 4 * 6]
 
 
 EFFECT = '''"""A constant push at the trailer, for tests."""
