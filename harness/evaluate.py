@@ -30,8 +30,8 @@ PER_RUN = (
     "nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates", "time_of_divergence"
 )  # fmt: skip
 
-OVER_TIME = "rmse_over_time"
 
+OVER_TIME = "rmse_over_time"
 
 
 class Case(NamedTuple):
@@ -120,9 +120,6 @@ class Bench:
         return 1 + len(self.estimators)
 
     def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
-        windows = self.windows(unit.design, unit.drive)
-        if windows is not None:
-            result[OVER_TIME] = np.full((*shape, len(self.study.targets), windows), np.nan, dtype=np.float32)
         """Return the scores of a unit: ``(sample, repeat, estimator[, target])`` by name, SI units."""
         design = self.study.designs[unit.design]
         shape = (unit.stop - unit.first, design.repeats, len(self.estimators))
@@ -131,7 +128,18 @@ class Bench:
         }
         result |= {n: np.full(shape, np.nan) for n in PER_RUN}
         result["status"] = np.full(shape, PENDING, dtype=np.int8)
+        windows = self.windows(unit.design, unit.drive)
+        if windows is not None:
+            result[OVER_TIME] = np.full((*shape, len(self.study.targets), windows), np.nan, dtype=np.float32)
         cases = [Case(s, r) for s in range(unit.first, unit.stop) for r in range(design.repeats)]
+        for start in range(0, len(cases), LANES):
+            group = cases[start : start + LANES]
+            batch, belief = self.simulate(unit, group), self.held(unit, group, "belief")
+            for e in range(len(self.estimators)):
+                scores = self.estimate(e, unit, group, batch, belief, keep=windows is not None)
+                self._enter(result, unit, group, e, batch, scores)
+        return result
+
     def windows(self, design: int, drive: int) -> int | None:
         """Return the number of windows in which errors are kept over time; ``None`` where nobody asked for them."""
         wanted = self.study.over_time
@@ -158,14 +166,6 @@ class Bench:
         error = np.where(ended[:, None], np.nan, error)[: windows * self._window]
         squares = np.square(error).reshape(windows, -1, *error.shape[1:])
         return np.sqrt(squares.mean(axis=1)).transpose(2, 1, 0).astype(np.float32)
-
-        for start in range(0, len(cases), LANES):
-            group = cases[start : start + LANES]
-            batch, belief = self.simulate(unit, group), self.held(unit, group, "belief")
-            for e in range(len(self.estimators)):
-                scores = self.estimate(e, unit, group, batch, belief, keep=windows is not None)
-                self._enter(result, unit, group, e, batch, scores)
-        return result
 
     def histories(self) -> list[xr.Dataset]:
         """Return the runs the study wants drawn over time; where the plant lacks a signal its truth is NaN."""
@@ -245,13 +245,13 @@ class Bench:
             np.ascontiguousarray(plant.process_noise.T),
             np.ascontiguousarray(plant.measurement_noise.T),
             noise,
+            first_state(self.plant.model, plant.values.T, self.roads[unit.drive].profile),
+        )
+
     def _noise_key(self, unit: Unit, case: Case) -> tuple[int, int, int]:
         """Return what a run's noise depends on: not the band, as levels share it, and in some designs not the point."""
         common = self.study.designs[unit.design].common_noise
         return unit.drive, 0 if common else case.sample, case.repeat
-
-            first_state(self.plant.model, plant.values.T, self.roads[unit.drive].profile),
-        )
 
     def _seeds(self, unit: Unit, group: list[Case], estimator: str) -> list[np.random.SeedSequence]:
         """Return the seed of an estimator in each lane; it depends on its name, not on its place in the study."""
@@ -316,14 +316,14 @@ class Bench:
         at = (np.array([c.sample for c in group]) - unit.first, np.array([c.repeat for c in group]), e)
         for name in PER_TARGET:
             result[name][at] = getattr(scores, name)[:targets, :count].T
+        if OVER_TIME in result:
+            windows = result[OVER_TIME].shape[-1]
+            result[OVER_TIME][at] = self._over_time(batch, scores, windows)[:count]
         for name in PER_RUN[:-1]:
             result[name][at] = getattr(scores, name)[:count]
         samples = len(batch.truth)
         diverged = scores.diverged_at[:count] < samples
         left = ~diverged & (batch.left_at[:count] < samples)
-        if OVER_TIME in result:
-            windows = result[OVER_TIME].shape[-1]
-            result[OVER_TIME][at] = self._over_time(batch, scores, windows)[:count]
         first = np.where(diverged, scores.diverged_at[:count], batch.left_at[:count])
         result["status"][at] = np.where(diverged, ESTIMATOR_DIVERGED, np.where(left, PLANT_DIVERGED, OK))
         result["time_of_divergence"][at] = np.where(diverged | left, first * self.study.plant.step, np.nan)

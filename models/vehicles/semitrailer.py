@@ -85,9 +85,6 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("constraint_rate", r"\kappa", "1/s", 0.0, 50.0, "rate that restores the kingpin tie; 0 as printed"),
 )
 
-
-def check(values: dict[str, float]) -> list[tuple[str, str]]:
-    """Return ``(parameter, what is wrong)`` for values that are each in bounds but impossible together."""
 LOADING: tuple[Parameter, ...] = (
     Parameter("payload_mass", "m_L", "kg", 0.0, 5e4, "mass of the load on the trailer"),
     Parameter("payload_from_rear", r"x_L", "m", 0.0, 24.0, "rear wall to the CoG of the load"),
@@ -144,6 +141,9 @@ def loaded(values: dict[str, float], load: dict[str, Any]) -> dict[str, Any]:
         "trailer_inertia_scale": (about_cog(load) + load["payload_mass"] * gyration_squared) / (mass * of_box),
     }
 
+
+def check(values: dict[str, float]) -> list[tuple[str, str]]:
+    """Return ``(parameter, what is wrong)`` for values that are each in bounds but impossible together."""
     wrong = []
     cog, kingpin = values["trailer_cog_from_rear"], values["kingpin_from_rear"]
     if kingpin > values["trailer_length"]:
