@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
-from models.contexts import Body
 from models.contracts import ModelError, Parameter
 from models.expressions import larger
 
