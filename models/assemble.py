@@ -9,155 +9,19 @@ cycle is refused.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import ModuleType
 
 import sympy as sp
 
 from models import registry
+from models.contexts import Body, EffectContext, TyreContext
 from models.contracts import DRIVE_INPUTS, ModelError, Parameter
+from models.model import Model, symbol
+from models.placement import Layout, Site, load_effect, parameter_at, place_of, ports_of, sites, split
 from models.signals import SIGNALS
 
-
-def symbol(name: str) -> sp.Symbol:
-    """Return the SymPy symbol that stands for a signal or parameter."""
-    return sp.Symbol(name, real=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Model:
-    """A complete set of equations: ``dx/dt = f(x, u, p)``, or ``x(n+1) = f(x, u, p)``; ``y = h(x, u, p)``.
-
-    Attributes:
-        name: Name of the vehicle file, with the tyre.
-        states: Signal names of the state vector, shape ``(nx,)``.
-        inputs: Signal names of the input vector, shape ``(nu,)``.
-        parameters: All parameters of vehicle, tyre and effects, shape ``(np,)``.
-        ports: Named intermediates in order of use; each expression reads states, inputs, parameters and
-            earlier ports only.
-        derivatives: Time derivative of each state; of a discrete model its value one sample later.
-        outputs: Names and expressions of what is measured.
-        valid: Largest magnitude of a state for which the equations hold; beyond it a run counts as diverged.
-        rates: Inputs that are time derivatives of other inputs, ``{"speed_rate": "speed"}``.
-        axles: Axle names, front to rear.
-        effects: Names of the effects in force, in the order they act.
-        start: First value of a state that does not start at zero: a number, or the name of a parameter or of an
-            input of the drive.
-        discrete: Whether the equations lead from sample to sample, so that there is nothing to integrate.
-    """
-
-    name: str
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    ports: dict[str, sp.Expr]
-    derivatives: tuple[sp.Expr, ...]
-    outputs: dict[str, sp.Expr]
-    valid: dict[str, float]
-    rates: dict[str, str] = field(default_factory=dict)
-    axles: tuple[str, ...] = ()
-    effects: tuple[str, ...] = ()
-    start: dict[str, float | str] = field(default_factory=dict)
-    discrete: bool = False
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of the parameters in the order of the parameter vector."""
-        return tuple(p.name for p in self.parameters)
-
-    def resolve(self, name: str) -> sp.Expr:
-        """Return the expression of a state, input or port by name.
-
-        Raises:
-            ModelError: If the model has no such quantity (with the closest names).
-        """
-        if name in self.states or name in self.inputs:
-            return symbol(name)
-        if name in self.ports:
-            return symbol(name)
-        known = [*self.states, *self.inputs, *self.ports]
-        raise ModelError(f"model '{self.name}' has no quantity '{name}'{registry.closest(name, known)}")
-
-    def expand(self, expr: sp.Expr) -> sp.Expr:
-        """Write an expression in states, inputs and parameters only, all ports substituted."""
-        for name in reversed(self.ports):
-            expr = expr.subs(symbol(name), self.ports[name])
-        return expr
-
-    def augment(self, unknown_inputs: Sequence[str]) -> Model:
-        """Return the model with inputs moved into the state as random walks (Ziaukas 2.32, 2.33).
-
-        Args:
-            unknown_inputs: Inputs the estimator does not know; they are appended to the states in this order.
-
-        Raises:
-            ModelError: If one of them is not an input of the model.
-        """
-        for name in unknown_inputs:
-            if name not in self.inputs:
-                raise ModelError(f"'{name}' is not an input of '{self.name}'{registry.closest(name, self.inputs)}")
-        return replace(
-            self,
-            states=self.states + tuple(unknown_inputs),
-            inputs=tuple(i for i in self.inputs if i not in unknown_inputs),
-            derivatives=self.derivatives + tuple(symbol(n) if self.discrete else sp.Integer(0) for n in unknown_inputs),
-        )
-
-
-class _Reader:
-    """What every part of a model may do: read signals and parameters by name."""
-
-    def __init__(self, builder: Builder, owner: str, parameters: Sequence[Parameter], suffix: str = "") -> None:
-        self._builder, self._owner, self._suffix = builder, owner, suffix
-        self._own = {p.name: p.name + suffix for p in parameters}
-
-    def p(self, name: str) -> sp.Symbol:
-        """Return one of the part's own parameters."""
-        if name not in self._own:
-            raise ModelError(
-                f"{self._owner} reads parameter '{name}' it does not declare{registry.closest(name, [*self._own])}"
-            )
-        return symbol(self._own[name])
-
-    def read(self, name: str) -> sp.Symbol:
-        """Return a state, input, port, or vehicle parameter; checked once the model is complete."""
-        self._builder.note_read(self._owner, name)
-        return symbol(name)
-
-
-class TyreContext(_Reader):
-    """What a tyre sees of one axle: slip angle, load, friction, its parameters and its ports."""
-
-    def __init__(
-        self,
-        builder: Builder,
-        owner: str,
-        parameters: Sequence[Parameter],
-        axle: str,
-        group: str,
-        quantities: Mapping[str, sp.Expr],
-    ) -> None:
-        super().__init__(builder, owner, parameters, f"_{group}")
-        self.axle = axle
-        self.slip_angle = quantities["slip_angle"]
-        self.vertical_load = quantities["vertical_load"]
-        self.friction = quantities["friction"]
-
-    def port(self, kind: str, expr: sp.Expr) -> sp.Symbol:
-        """Publish ``<kind>_axle_<axle>``, e.g. ``cornering_stiffness_axle_11``."""
-        return self._builder.port(f"{kind}_axle_{self.axle}", expr)
-
-
-class EffectContext(_Reader):
-    """What an effect may do: read signals, use its parameters and states, know the time."""
-
-    def __init__(self, builder: Builder, effect: ModuleType, name: str) -> None:
-        super().__init__(builder, f"effect '{name}'", effect.PARAMETERS)
-        self.time = symbol("time")
-
-    def derivative(self, state: str, expr: sp.Expr) -> None:
-        """State the time derivative of one of the effect's own states."""
-        self._builder.derivative(state, expr)
+__all__ = ["Body", "Builder", "EffectContext", "Model", "TyreContext", "assemble", "symbol"]
 
 
 class Builder:
@@ -171,19 +35,73 @@ class Builder:
         self.parameters: dict[str, Parameter] = {p.name: p for p in vehicle.PARAMETERS}
         self.ports: dict[str, sp.Expr] = {}
         self.rates: dict[str, str] = {}
+        self.layout = Layout.of(vehicle)
+        self._bodies: dict[str, Body] = {}
+        self._places: dict[str, list[str]] = {name: [] for name in self.effects}
+        self._shared: dict[str, ModuleType] = {}
+        self.noise: dict[str, float] = {}
+        self._own_states: dict[str, str] = {}
+        self._own_starts: dict[str, float | str] = {}
         self._derivatives: dict[str, sp.Expr] = {}
         self._next_values: dict[str, sp.Expr] = {}
         self._reads: list[tuple[str, str]] = []
         for name, effect in self.effects.items():
-            self.states += [s for s in effect.STATES if s not in self.states]
-            self._declare(effect.PARAMETERS, "", f"effect '{name}'")
+            if not place_of(effect):
+                self._enter_place(name, "")
+                for state in effect.STATES:
+                    self.own_state(f"effect '{name}'", state)
 
-    def _declare(self, parameters: Sequence[Parameter], suffix: str, owner: str) -> None:
-        for p in parameters:
-            name = p.name + suffix
-            if name in self.parameters:
-                raise ModelError(f"{owner} declares parameter '{name}', which exists already")
-            self.parameters[name] = replace(p, name=name)
+    def _declare(self, parameter: Parameter, owner: str) -> None:
+        if parameter.name in self.parameters:
+            raise ModelError(f"{owner} declares parameter '{parameter.name}', which exists already")
+        self.parameters[parameter.name] = parameter
+
+    def _enter_place(self, name: str, place: str) -> dict[str, str]:
+        """Declare an effect's parameters at a place on its first site there; return their names by the effect's."""
+        effect, first = self.effects[name], place not in self._places[name]
+        names: dict[str, str] = {}
+        for p in effect.PARAMETERS:
+            declared = parameter_at(p, place)
+            names[p.name] = declared.name
+            if first and self._shared.get(declared.name) is not effect:
+                self._declare(declared, f"effect '{name}'")
+                if p.shared:
+                    self._shared[declared.name] = effect
+        if first:
+            self._places[name].append(place)
+            self.noise |= getattr(effect, "NOISE", {})
+        return names
+
+    def own_state(self, owner: str, name: str, start: float | str | None = None) -> sp.Symbol:
+        """Add a state of an effect, or return it if that effect has it already; ``start`` as in ``Model.start``."""
+        if self._own_states.setdefault(name, owner) != owner or name in self.vehicle.STATES:
+            raise ModelError(f"{owner} has a state '{name}', which exists already")
+        if name not in self.states:
+            self.states.append(name)
+        if start is not None:
+            self._own_starts[name] = start
+        return symbol(name)
+
+    def own_derivative(self, name: str, expr: sp.Expr) -> None:
+        """State the derivative of an effect's state; sites that share the state may state the same again."""
+        if self._derivatives.get(name) != sp.sympify(expr):
+            self.derivative(name, expr)
+
+    def add_input(self, name: str) -> sp.Symbol:
+        """Add an input that an effect needs, or return it if the model has it already."""
+        if name not in self.inputs:
+            self.inputs.append(name)
+        return symbol(name)
+
+    def body(self, name: str, body: Body) -> None:
+        """Describe a body to the effects; before the first port of it is published."""
+        self._bodies[name] = body
+
+    def body_named(self, name: str, owner: str) -> Body:
+        """Return a body by name for an effect."""
+        if name not in self._bodies:
+            raise ModelError(f"{owner} needs to know how a body moves, which '{self.vehicle_name}' does not say")
+        return self._bodies[name]
 
     def note_read(self, owner: str, name: str) -> None:
         """Remember that ``owner`` reads ``name``; checked when the model is complete."""
@@ -227,11 +145,18 @@ class Builder:
             raise ModelError(f"port '{name}' is not in models/signals.py{registry.closest(name, list(SIGNALS))}")
         value = sp.sympify(expr)
         for effect_name, effect in self.effects.items():
-            if name in _ports_of(effect):
-                context = EffectContext(self, effect, effect_name)
-                value = sp.sympify(effect.apply(context, value))
+            for site in sites(effect, name, self.layout):
+                value = self._changed(effect_name, effect, site, value)
         self.ports[name] = value
         return symbol(name)
+
+    def _changed(self, name: str, effect: ModuleType, site: Site, value: sp.Expr) -> sp.Expr:
+        """Return the port's value with an effect, which may be meant for other places only."""
+        only = split(name)[1]
+        if only is not None and only != site.place:
+            return value
+        context = EffectContext(self, name, self._enter_place(name, site.place), site)
+        return sp.sympify(effect.apply(context, value))
 
     def tyre(self, axle: str, slip_angle: sp.Expr, vertical_load: sp.Expr, friction: sp.Expr) -> sp.Symbol:
         """Publish slip angle and load of an axle and return its steady lateral force by the chosen tyre."""
@@ -239,14 +164,14 @@ class Builder:
             raise ModelError(f"vehicle '{self.vehicle_name}' needs a tyre")
         group = self.vehicle.AXLES[axle]
         if not any(name.endswith(f"_{group}") and name in self._tyre_names(group) for name in self.parameters):
-            self._declare(self.tyre_file.PARAMETERS, f"_{group}", f"tyre of axle {axle}")
+            for p in self.tyre_file.PARAMETERS:
+                self._declare(replace(p, name=f"{p.name}_{group}"), f"tyre of axle {axle}")
         quantities = {
             "slip_angle": self.port(f"slip_angle_axle_{axle}", slip_angle),
             "vertical_load": self.port(f"vertical_load_axle_{axle}", vertical_load),
             "friction": friction,
         }
-        owner = f"tyre of axle {axle}"
-        context = TyreContext(self, owner, self.tyre_file.PARAMETERS, axle, group, quantities)
+        context = TyreContext(self, self.tyre_file.PARAMETERS, axle, group, quantities)
         return self.port(f"steady_lateral_force_axle_{axle}", self.tyre_file.lateral_force(context))
 
     def _tyre_names(self, group: str) -> set[str]:
@@ -285,7 +210,6 @@ class Builder:
         if missing:
             kind = "next value" if discrete else "derivative"
             raise ModelError(f"'{self.vehicle_name}': no {kind} for {', '.join(missing)}")
-        unused = {n: e for n, e in self.effects.items() if not set(_ports_of(e)) & set(self.ports)}
         known = [*self.states, *self.inputs, *self.ports]
         output_expressions: dict[str, sp.Expr] = {}
         for name, measured in outputs.items():
@@ -295,13 +219,7 @@ class Builder:
                     f"{registry.closest(measured, known)}"
                 )
             output_expressions[name] = self.port(f"sensor_{name}", symbol(measured))
-        unused = {n: e for n, e in unused.items() if not set(_ports_of(e)) & set(self.ports)}
-        if unused:
-            name, effect = next(iter(unused.items()))
-            raise ModelError(
-                f"effect '{name}' changes port '{_ports_of(effect)[0]}', which '{self.vehicle_name}' does not publish"
-                f"{registry.closest(_ports_of(effect)[0], list(self.ports))}"
-            )
+        self._check_effects_act()
         readable = {*self.states, *self.inputs, *self.ports, *self.parameters, "time"}
         for owner, name in self._reads:
             if name not in readable:
@@ -324,12 +242,31 @@ class Builder:
             axles=tuple(self.vehicle.AXLES),
             effects=tuple(self.effects),
             start=self._start(),
+            start_variance=dict(getattr(self.vehicle, "START_VARIANCE", {})),
             discrete=discrete,
+            noise=dict(self.noise),
         )
+
+    def _check_effects_act(self) -> None:
+        """Refuse an effect whose port is not published, or whose place does not exist."""
+        for name, effect in self.effects.items():
+            published = {site.place for port in self.ports for site in sites(effect, port, self.layout)}
+            file, only = split(name)
+            if not published:
+                port = ports_of(effect)[0]
+                raise ModelError(
+                    f"effect '{name}' changes port '{port}', which '{self.vehicle_name}' does not publish"
+                    f"{registry.closest(port, list(self.ports))}"
+                )
+            if only is not None and only not in published:
+                raise ModelError(
+                    f"effect '{file}' has no place '{only}' on '{self.vehicle_name}'"
+                    f"{registry.closest(only, sorted(published))}"
+                )
 
     def _start(self) -> dict[str, float | str]:
         """Return where states start, refusing a state or a source that does not exist."""
-        start: dict[str, float | str] = dict(getattr(self.vehicle, "START", {}))
+        start: dict[str, float | str] = {**getattr(self.vehicle, "START", {}), **self._own_starts}
         sources = [*self.parameters, *DRIVE_INPUTS]
         for state, source in start.items():
             if state not in self.states:
@@ -354,10 +291,6 @@ class Builder:
                     f"'{self.vehicle_name}': the equation of '{equation}' reads '{name}', which nothing provides"
                     f"{registry.closest(name, sorted(readable))}"
                 )
-
-
-def _ports_of(effect: ModuleType) -> tuple[str, ...]:
-    return (effect.PORT,) if isinstance(effect.PORT, str) else tuple(effect.PORT)
 
 
 def _in_order_of_use(ports: dict[str, sp.Expr], vehicle: str) -> dict[str, sp.Expr]:
@@ -394,7 +327,7 @@ def assemble(
     Args:
         vehicle: File in ``models/vehicles``.
         tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
-        effects: Files in ``models/effects``, acting in this order.
+        effects: Files in ``models/effects``, in the order they act; ``crosswind@trailer`` acts at one place only.
         sensors: File in ``models/sensors``; ``None`` for a model without outputs.
 
     Raises:
@@ -403,7 +336,7 @@ def assemble(
     vehicle_file = registry.load("models.vehicles", vehicle) if isinstance(vehicle, str) else vehicle
     tyre_file = registry.load("models.tyres", tyre) if isinstance(tyre, str) else tyre
     if not isinstance(effects, Mapping):
-        effects = {name: registry.load("models.effects", name) for name in effects}
+        effects = {name: load_effect(name) for name in effects}
     sensor_file = registry.load("models.sensors", sensors) if isinstance(sensors, str) else sensors
     builder = Builder(vehicle_file, tyre_file, effects)
     vehicle_file.equations(builder)

@@ -13,6 +13,9 @@ folder          exports
 ``drives``      ``OPTIONS``, ``generate(options, context)``
 ==============  =========================================================================================
 
+A vehicle with inputs that no drive states exports ``drive_inputs(profile, context)``, their values on a drive by name, and
+one whose estimators begin with another variance than the process noise of a step, ``START_VARIANCE`` by state.
+
 Beside these a vehicle may export ``wheelbase(values)`` for the limits of the drives, ``check(values)`` for
 values that are impossible together, and ``START``: the first value of a state that does not start at zero, as a
 number, the name of a parameter, or the name of a drive's input (its first sample). A vehicle that carries a load may
@@ -63,6 +66,10 @@ class Parameter:
         upper: Largest physically meaningful value.
         meaning: One sentence.
         neutral: For an effect's parameter: the value at which the effect is absent.
+        shared: Of an effect with places: one parameter for all of them.
+        grid: Values to start from where the likelihood says nothing about the parameter at the neutral value of
+            the effect, or has several maxima.
+        per_drive: A moment in a drive: each drive has its own, to be looked for over its duration.
     """
 
     name: str
@@ -72,6 +79,9 @@ class Parameter:
     upper: float
     meaning: str
     neutral: float | None = None
+    shared: bool = False
+    grid: tuple[float, ...] = ()
+    per_drive: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,9 +133,12 @@ class Profile:
         time: s, equidistant, starting at 0.
         steering_wheel_angle: rad, positive to the left (ISO 8855).
         speed: m/s, longitudinal speed of the body the vehicle takes its speed from.
+        notes: What may be said of how the drive came about.
+        further: Inputs of the vehicle that drives it, by name, that follow from the drive (its ``drive_inputs``).
     """
 
     time: NDArray[np.float64]
     steering_wheel_angle: NDArray[np.float64]
     speed: NDArray[np.float64]
     notes: dict[str, str] = field(default_factory=dict)
+    further: dict[str, NDArray[np.float64]] = field(default_factory=dict)

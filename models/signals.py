@@ -181,4 +181,66 @@ for _axle, _where in _AXLES.items():
         ),
     ]
 
+_ROWS += [  # what vehicles of one body publish for effects; of several bodies with their names appended
+    row
+    for _body, _of in (("", "vehicle"), ("_tractor", "tractor"), ("_trailer", "trailer"))
+    for row in (
+        Signal(f"inertial_mass{_body}", "m", "kg", "kg", _of, f"mass that moves as one rigid body, {_of}"),
+        Signal(f"lateral_gravity{_body}", "g_y", "m/s^2", "m/s^2", _of, f"gravity along the y axis, {_of}"),
+        Signal(f"longitudinal_gravity{_body}", "g_x", "m/s^2", "m/s^2", _of, f"gravity along the x axis, {_of}"),
+        Signal(f"pitch_moment{_body}", "M_y", "N*m", "kN*m", _of, f"moment that loads the front of the {_of}"),
+        Signal(f"yaw_acceleration{_body}", r"\ddot\psi", "rad/s^2", "deg/s^2", _of, f"yaw acceleration, {_of}"),
+        Signal(f"cog_shift{_body}", "d", "m", "m", _of, f"CoG ahead of where the parameters put it, {_of}"),
+        Signal(f"slosh_displacement{_body}", "y_s", "m", "m", _of, f"liquid to the left of the {_of}'s axis"),
+        Signal(f"slosh_velocity{_body}", r"\dot y_s", "m/s", "m/s", _of, f"velocity of the liquid in the {_of}"),
+        Signal(f"pitch_speed{_body}", "v_p", "m/s", "m/s", _of, f"speed that the pitch of the {_of} has settled to"),
+    )
+]
+_ROWS += [  # states and inputs of effects
+    Signal("bank_angle", r"\varphi_B", "rad", "deg", "road", "road bank, positive when the left side is higher"),
+    Signal("bank_walk", "b", "s**0.5", "s**0.5", "road", "filtered white noise of unit intensity"),
+    Signal("steering_lagged", r"\delta_T", "rad", "deg", "vehicle", "road-wheel angle behind the lag of the steering"),
+    Signal("steering_delayed", r"\delta_\tau", "rad", "deg", "vehicle", "first state of the delayed road-wheel angle"),
+    Signal("steering_delayed_rate", r"\dot\delta_\tau", "rad", "deg", "vehicle", "second state of the same"),
+    Signal("steering_followed", r"\delta_b", "rad", "deg", "vehicle", "middle of the play that the steering moves"),
+    Signal("steering_force", "F_c", "N", "kN", "vehicle", "lateral force that the steering has yielded to"),
+    Signal("lateral_force_steered_axle", r"F_\delta", "N", "kN", "vehicle", "lateral force of the steered axle"),
+    Signal("drive_speed", "v_d", "m/s", "m/s", "vehicle", "speed that drive and brakes have settled to"),
+    Signal("lateral_velocity_reference", "v_{y,R}", "m/s", "m/s", "vehicle", "lateral velocity at the reference point"),
+]
+for _axle, _where in _AXLES.items():
+    _ROWS += [
+        Signal(f"load_share_axle_{_axle}", "s", "1", "1", "axle", f"share in the load of its bogie, {_where}"),
+        Signal(f"relaxed_force_axle_{_axle}", "F_r", "N", "kN", "axle", f"relaxing lateral force, {_where}"),
+    ]
+
+_MEASURED = ("yaw_rate", "heading", "articulation_angle", "sideslip_angle", "roll", "acceleration", "velocity")
+_ROWS += [  # states of a sensor's delay and of a leaning accelerometer
+    row
+    for s in list(_ROWS)
+    if any(word in s.name for word in _MEASURED) or s.name.startswith("lateral_force_axle")
+    for row in (
+        Signal(f"delayed_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name}, first state of a delay"),
+        Signal(f"delayed_rate_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, "second state of the delay"),
+    )
+]
+_ROWS += [
+    row
+    for s in list(_ROWS)
+    if s.name.startswith("lateral_acceleration")
+    for row in (
+        Signal(f"leaning_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name} that the body has leant to"),
+        Signal(f"leaning_rate_{s.name}", s.symbol, "m/s^3", "m/s^3", s.frame, "time derivative of the same"),
+    )
+]
+
 SIGNALS: dict[str, Signal] = {s.name: s for s in _ROWS}
+
+MAGNITUDE: dict[str, float] = {
+    "rad": 0.1,
+    "rad/s": 0.1,
+    "m/s": 1.0,
+    "m/s^2": 1.0,
+    "N": 1e4,
+}
+"""Usual magnitude of a measured quantity by its unit, in which bounds of sensor errors are counted."""

@@ -84,7 +84,8 @@ class ModelTable(Table):
     )
     tyre: Name | None = Field(default=None, description="file in models/tyres")
     effects: list[Name] | None = Field(
-        default=None, description="files in models/effects, in the order they act; none if absent"
+        default=None,
+        description="files in models/effects, in the order they act; `effect@place` acts at one place; none if absent",
     )
     sensors: Name | None = Field(default=None, description="file in models/sensors")
     integrator: Literal["euler", "heun", "rk4"] | None = Field(

@@ -12,6 +12,7 @@ from harness.configure.file import ParameterFile
 from harness.configure.problems import Problems, add_validation_errors
 from harness.errors import UserError
 from models import registry
+from models.placement import possible_parameters
 from models.signals import SIGNALS
 
 
@@ -109,7 +110,7 @@ def _parameter_units(vehicle: str) -> dict[str, str]:
         for p in registry.load("models.tyres", tyre).PARAMETERS:
             units |= {f"{p.name}_{group}": p.unit for group in module.AXLES.values()}
     for effect in registry.names("models.effects"):
-        units |= {p.name: p.unit for p in registry.load("models.effects", effect).PARAMETERS}
+        units |= {p.name: p.unit for p in possible_parameters(registry.load("models.effects", effect), module)}
     return units
 
 

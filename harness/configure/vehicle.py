@@ -17,6 +17,7 @@ from harness.configure.specs import ModelSpec, assembled
 from models import registry
 from models.assemble import Model
 from models.contracts import ModelError
+from models.placement import load_effect
 
 Kind = Literal["process", "measurement"]
 _SIMPLE = (
@@ -155,7 +156,7 @@ def _assemble(table: Stated, problems: Problems) -> Model | None:
         if effect in effects[:i]:
             problems.add(f"{table.key('effects')}[{i}]", f"effect '{effect}' is named twice; remove one")
         with problems.catch(f"{table.key('effects')}[{i}]"):
-            registry.load("models.effects", effect)
+            load_effect(effect)
     if len(problems) > before:
         return None
     plain: Model | None = None
@@ -303,7 +304,7 @@ def _noise(
         elif name in base:
             variance = base[name] * stretch
         elif process and name not in own_states and name not in (table["unknown_inputs"] or ()):
-            variance = 0.0  # an effect's state moves by its own equation
+            variance = model.noise.get(name, 0.0) * step  # an effect's state moves by its own equation
         else:
             problems.add(key, f"no {kind}-noise variance is known for '{name}'; add this key with one")
             continue

@@ -67,5 +67,6 @@ MEASUREMENT_NOISE: dict[str, float] = {
     "yaw_rate_tractor": 1e-4,
     "articulation_angle": 1e-6,
     "lateral_force_axle_21": 1e5,
+    "lateral_acceleration_tractor": 2.5e-3,
 }
 """Variances per sample in SI units: the trailer's yaw rate from (5.4), the others chosen by this project."""

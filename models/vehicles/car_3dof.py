@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from models.contexts import Body
 from models.contracts import Parameter
 from models.expressions import larger
 
@@ -68,14 +69,18 @@ def equations(v: Builder) -> None:
     """State the differential equations (Li et al. 2017, 1 to 4)."""
     m, I_z, a, b = v.p("mass"), v.p("yaw_inertia"), v.p("cog_to_front_axle"), v.p("cog_to_rear_axle")
     v_x, beta, r = v.state("longitudinal_velocity"), v.state("sideslip_angle"), v.state("yaw_rate")
+    v.body("", Body(v_x, v_x * beta, r, m, a + b))
     k_1, k_2 = v.state("cornering_stiffness_front"), v.state("cornering_stiffness_rear")
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     rolling = larger(v_x, LOWEST_SPEED)
     alpha_1 = v.port("slip_angle_front", delta - beta - a * r / rolling)
     alpha_2 = v.port("slip_angle_rear", b * r / rolling - beta)
-    a_y = v.port("lateral_acceleration", (k_1 * alpha_1 + k_2 * alpha_2) / m)  # (4)
-    v.derivative("yaw_rate", (a * k_1 * alpha_1 - b * k_2 * alpha_2) / I_z)  # (1)
-    v.derivative("sideslip_angle", a_y / rolling - r)  # (2)
-    v.derivative("longitudinal_velocity", v.input("longitudinal_acceleration") + beta * v_x * r)  # (3)
+    F_1, F_2 = v.port("lateral_force_steered_axle", k_1 * alpha_1), k_2 * alpha_2
+    force, moment = v.port("external_lateral_force", 0), v.port("external_yaw_moment", 0)
+    g_x, g_y = v.port("longitudinal_gravity", 0), v.port("lateral_gravity", 0)
+    a_y = v.port("lateral_acceleration", (F_1 + F_2 + force) / v.port("inertial_mass", m))  # (4)
+    v.derivative("yaw_rate", v.port("yaw_acceleration", (a * F_1 - b * F_2 + moment) / I_z))  # (1)
+    v.derivative("sideslip_angle", (a_y + g_y) / rolling - r)  # (2)
+    v.derivative("longitudinal_velocity", v.input("longitudinal_acceleration") + g_x + beta * v_x * r)  # (3)
     v.derivative("cornering_stiffness_front", 0)  # (10)
     v.derivative("cornering_stiffness_rear", 0)

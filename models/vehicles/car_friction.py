@@ -12,21 +12,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import sympy as sp
-
 from models.contracts import Parameter
 from models.expressions import larger
+from models.vehicles._single_track import single_track
 
 if TYPE_CHECKING:
     from models.assemble import Builder
 
-GRAVITY = 9.81
-LOWEST_SPEED = 1.5
-"""m/s; slip angles use at least this speed: below it Euler's step of 10 ms is too long for the tyres' damping."""
 LOWEST_FRICTION = 0.05
 """The tyres get at least this friction, so that a random walk below zero does not turn their force round."""
-
-CONSTANTS: dict[str, str] = {"GRAVITY": "m/s^2", "LOWEST_SPEED": "m/s"}
 
 STATES: tuple[str, ...] = ("lateral_velocity", "yaw_rate", "friction_coefficient")
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
@@ -51,17 +45,5 @@ def wheelbase(values: dict[str, float]) -> float:
 
 def equations(v: Builder) -> None:
     """State the differential equations of the single-track car and the random walk of the friction."""
-    m, l_f, l_r = v.p("mass"), v.p("cog_to_front_axle"), v.p("cog_to_rear_axle")
-    v_y, w = v.state("lateral_velocity"), v.state("yaw_rate")
-    v_x = v.input("speed")
-    rolling = larger(v_x, LOWEST_SPEED)
-    mu = larger(v.state("friction_coefficient"), LOWEST_FRICTION)
-    delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
-    weight = m * GRAVITY / (l_f + l_r)
-    F_f = v.tyre("front", delta - sp.atan((v_y + l_f * w) / rolling), weight * l_r, mu)
-    F_r = v.tyre("rear", -sp.atan((v_y - l_r * w) / rolling), weight * l_f, mu)
-    steered = F_f * sp.cos(delta)
-    a_y = v.port("lateral_acceleration", (steered + F_r + v.port("external_lateral_force", 0)) / m)
-    v.derivative("lateral_velocity", a_y - w * v_x)
-    v.derivative("yaw_rate", (l_f * steered - l_r * F_r + v.port("external_yaw_moment", 0)) / v.p("yaw_inertia"))
+    single_track(v, larger(v.state("friction_coefficient"), LOWEST_FRICTION))
     v.derivative("friction_coefficient", v.port("friction_rate", 0))

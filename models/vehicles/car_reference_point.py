@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from models.contexts import Body
 from models.contracts import Parameter
 from models.expressions import larger
 
@@ -64,15 +65,17 @@ def equations(v: Builder) -> None:
     l_r = L - l_f
     v_y, w = v.state("lateral_velocity_rear"), v.state("yaw_rate")
     v_x = v.input("speed")
+    v.body("", Body(v_x, v_y + w * l_r, w, None, L))
     rolling = larger(v_x, LOWEST_SPEED)
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     alpha_f = v.port("slip_angle_front", delta - (v_y + L * w) / rolling)  # (2.8)
     alpha_r = v.port("slip_angle_rear", -v_y / rolling)  # (2.9)
-    a_x = v.port("longitudinal_acceleration", v.rate("speed") - w * v_y - w**2 * l_r)  # (2.18)
+    g_x, g_y = v.port("longitudinal_gravity", 0), v.port("lateral_gravity", 0)
+    a_x = v.port("longitudinal_acceleration", v.rate("speed") - w * v_y - w**2 * l_r - g_x)  # (2.18)
     f_f = C_sf * (l_r * GRAVITY - h * a_x) / L * alpha_f  # lateral force of the axle over the mass of the car
     f_r = C_sr * (l_f * GRAVITY + h * a_x) / L * alpha_r
     a_y = v.port("lateral_acceleration", f_f + f_r)
-    dw = v.p("mass_over_inertia") * (l_f * f_f - l_r * f_r)
+    dw = v.port("yaw_acceleration", v.p("mass_over_inertia") * (l_f * f_f - l_r * f_r))
     v.derivative("yaw_rate", dw)  # (2.19)
-    v.derivative("lateral_velocity_rear", a_y - w * v_x - dw * l_r)  # (2.20)
+    v.derivative("lateral_velocity_rear", a_y + g_y - w * v_x - dw * l_r)  # (2.20)
     v.derivative("heading", w)  # (2.21)

@@ -28,9 +28,10 @@ from typing import TYPE_CHECKING
 
 import sympy as sp
 
-from models.assemble import symbol
+from models.contexts import Body
 from models.contracts import Parameter
 from models.expressions import larger, smaller
+from models.model import symbol
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -151,7 +152,8 @@ def equations(v: Builder) -> None:
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     sin, cos = sp.sin(delta), sp.cos(delta)
 
-    front, rear = F["fl"] + F["fr"], F["rl"] + F["rr"]
+    v.body("", Body(v_x, v_y, r, m, a + b))
+    front, rear = v.port("lateral_force_steered_axle", F["fl"] + F["fr"]), F["rl"] + F["rr"]
     asked = v.port("driving_force", m * v.p("speed_gain") * (v.input("speed") - v_x))
     available = mu * m * GRAVITY
     X_asked = available * sp.tanh(asked / available)
@@ -185,8 +187,8 @@ def equations(v: Builder) -> None:
     )
     a_x = v.port("longitudinal_acceleration", X / m)
     v.port("lateral_acceleration", Y / m)
-    v.derivative("longitudinal_velocity", a_x + r * v_y)
-    v.derivative("yaw_rate", N / v.p("yaw_inertia"))
+    v.derivative("longitudinal_velocity", a_x + v.port("longitudinal_gravity", 0) + r * v_y)
+    v.derivative("yaw_rate", v.port("yaw_acceleration", N / v.p("yaw_inertia")))
     _roll(v, m, Y, shove)
     forward = larger(v_x, LOWEST_SPEED)
     _publish(v, "front", delta - sp.atan((v_y + a * r) / forward), front)
@@ -246,9 +248,10 @@ def _roll(v: Builder, m: sp.Expr, Y: sp.Expr, shove: sp.Expr) -> None:
         - (v.p("roll_damping_front") + v.p("roll_damping_rear")) * phi_dot
         - h * shove
     )
-    # m A - m_s h phi'' = Y and J phi'' = m_s h A + restoring, with A the acceleration of the roll axis.
+    # m A - m_s h phi'' = Y and J phi'' = m_s h A + restoring, with A the acceleration of the roll axis less gravity.
     A = (Y + m_s * h * restoring / J) / (m - (m_s * h) ** 2 / J)
-    v.derivative("lateral_velocity", A - v.state("yaw_rate") * v.state("longitudinal_velocity"))
+    gained = A + v.port("lateral_gravity", 0)
+    v.derivative("lateral_velocity", gained - v.state("yaw_rate") * v.state("longitudinal_velocity"))
     v.derivative("roll_angle", phi_dot)
     v.derivative("roll_rate", (m_s * h * A + restoring) / J)
 

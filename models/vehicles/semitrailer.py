@@ -21,8 +21,10 @@ from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
+from models.contexts import Body
 from models.contracts import ModelError, Parameter
 from models.expressions import larger
+from models.model import symbol
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -45,6 +47,8 @@ INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 
 # Axle -> group of tyre parameters: the three trailer axles share one (Ziaukas 2023, 4.2.2).
 AXLES: dict[str, str] = {"11": "11", "12": "12", "21": "2", "22": "2", "23": "2"}
+
+BODIES: dict[str, tuple[str, ...]] = {"tractor": ("11", "12"), "trailer": ("21", "22", "23")}
 
 # Beyond these magnitudes the single-track equations say nothing about a truck: a run that goes there diverged.
 VALID: dict[str, float] = {
@@ -173,7 +177,8 @@ def equations(v: Builder) -> None:
         v.p("tractor_cog_to_rear_axle"),
         v.p("tractor_cog_to_kingpin"),
     )
-    m_2, x_cog = v.p("trailer_mass"), v.p("trailer_cog_from_rear")
+    m_2 = v.p("trailer_mass")
+    x_cog = v.p("trailer_cog_from_rear") + v.port("cog_shift_trailer", 0)
     a_2 = v.p("kingpin_from_rear") - x_cog
     b_2 = {axle: x_cog - v.p(f"axle_{axle}_from_rear") for axle in ("21", "22", "23")}
     J_2 = v.p("trailer_inertia_scale") * m_2 * (v.p("trailer_track") ** 2 + v.p("trailer_length") ** 2) / 12
@@ -184,6 +189,8 @@ def equations(v: Builder) -> None:
     v_x2 = v.input("speed")
     sin, cos = sp.sin(theta), sp.cos(theta)
     v_k2 = v_y2 + a_2 * w_2  # lateral velocity of the kingpin in trailer axes
+    v.body("tractor", Body(symbol("speed_tractor"), v_y1, w_1, m_1, a_1 + b_1))
+    v.body("trailer", Body(v_x2, v_y2, w_2, m_2, a_2 + b_2["22"]))
     v_x1 = v.port("speed_tractor", cos * v_x2 - sin * v_k2)  # (4.18)
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
 
@@ -193,16 +200,21 @@ def equations(v: Builder) -> None:
         "12": -sp.atan((v_y1 - b_1 * w_1) / roll_1),
         **{axle: -sp.atan((v_y2 - b * w_2) / roll_2) for axle, b in b_2.items()},  # (4.13), likewise
     }
-    load = _vertical_loads(m_1, m_2, a_1, b_1, h_1, a_2, b_2["22"])
+    load = _vertical_loads(v, m_1, m_2, a_1, b_1, h_1, a_2, b_2)
+    mu = v.port("friction_coefficient", v.p("friction"))
     F = {axle: v.state(f"lateral_force_axle_{axle}") for axle in AXLES}
     for axle in AXLES:
         length = v.p(f"relaxation_length_{AXLES[axle]}")
-        steady = v.tyre(axle, slip[axle], load[axle], v.p("friction"))
+        steady = v.tyre(axle, slip[axle], load[axle], mu)
         v.derivative(f"lateral_force_axle_{axle}", (roll_1 if axle[0] == "1" else roll_2) / length * (steady - F[axle]))
 
     # Lateral force and yaw moment on each body, everything but the coupling force (4.8 to 4.11).
     moment = v.port("coupling_moment", 0)
-    steered = F["11"] * sp.cos(delta)
+    m_1, m_2 = v.port("inertial_mass_tractor", m_1), v.port("inertial_mass_trailer", m_2)
+    g_1, g_2 = v.port("lateral_gravity_tractor", 0), v.port("lateral_gravity_trailer", 0)
+    for body in BODIES:
+        v.port(f"longitudinal_gravity_{body}", 0)
+    steered = v.port("lateral_force_steered_axle", F["11"]) * sp.cos(delta)
     Y_1 = steered + F["12"] + v.port("external_lateral_force_tractor", 0)
     N_1 = a_1 * steered - b_1 * F["12"] - moment + v.port("external_yaw_moment_tractor", 0)
     Y_2 = F["21"] + F["22"] + F["23"] + v.port("external_lateral_force_trailer", 0)
@@ -212,8 +224,8 @@ def equations(v: Builder) -> None:
     violation = v.port("constraint_violation", cos * v_k2 + sin * v_x2 - (v_y1 - h_1 * w_1))
     compliance = 1 / m_1 + h_1**2 / J_1 + 1 / m_2 + a_2**2 / J_2
     free = (
-        cos * (Y_2 / m_2 + a_2 * N_2 / J_2)
-        - (Y_1 / m_1 - h_1 * N_1 / J_1)
+        cos * (Y_2 / m_2 + g_2 + a_2 * N_2 / J_2)
+        - (Y_1 / m_1 + g_1 - h_1 * N_1 / J_1)
         - sin * w_2 * v_k2
         + sin * v.rate("speed")
         + v.p("constraint_rate") * violation
@@ -222,22 +234,38 @@ def equations(v: Builder) -> None:
 
     a_y1 = v.port("lateral_acceleration_tractor", (Y_1 + H * cos) / m_1)
     a_y2 = v.port("lateral_acceleration_trailer", (Y_2 - H) / m_2)
-    v.derivative("lateral_velocity_tractor", a_y1 - w_1 * v_x1)  # (4.8)
-    v.derivative("yaw_rate_tractor", (N_1 - h_1 * H * cos) / J_1)  # (4.9)
-    v.derivative("lateral_velocity_trailer", a_y2 - w_2 * v_x2)  # (4.10)
-    v.derivative("yaw_rate_trailer", (N_2 - a_2 * H) / J_2)  # (4.11)
+    v.derivative("lateral_velocity_tractor", a_y1 + g_1 - w_1 * v_x1)  # (4.8)
+    v.derivative("yaw_rate_tractor", v.port("yaw_acceleration_tractor", (N_1 - h_1 * H * cos) / J_1))  # (4.9)
+    v.derivative("lateral_velocity_trailer", a_y2 + g_2 - w_2 * v_x2)  # (4.10)
+    v.derivative("yaw_rate_trailer", v.port("yaw_acceleration_trailer", (N_2 - a_2 * H) / J_2))  # (4.11)
     v.derivative("articulation_angle", w_2 - w_1)  # (4.19)
 
 
 def _vertical_loads(
-    m_1: sp.Expr, m_2: sp.Expr, a_1: sp.Expr, b_1: sp.Expr, h_1: sp.Expr, a_2: sp.Expr, b_22: sp.Expr
+    v: Builder,
+    m_1: sp.Expr,
+    m_2: sp.Expr,
+    a_1: sp.Expr,
+    b_1: sp.Expr,
+    h_1: sp.Expr,
+    a_2: sp.Expr,
+    b_2: dict[str, sp.Expr],
 ) -> dict[str, sp.Expr]:
-    """Return the static axle loads in N (4.14 to 4.16, corrected so that they add up to the weight)."""
+    """Return the axle loads in N (4.14 to 4.16, corrected so that they add up to the weight).
+
+    The trailer's axles stand on one bogie that loads them alike, as if in its middle. An effect may take an axle's
+    share of the load away, which moves that point, or add a pitch moment, which moves load to the front of a body.
+    """
     l_1, e_1 = a_1 + b_1, b_1 - h_1
-    kingpin = m_2 * GRAVITY * b_22 / (a_2 + b_22)
-    trailer = m_2 * GRAVITY * a_2 / (a_2 + b_22) / 3
+    share = {axle: v.port(f"load_share_axle_{axle}", 1) for axle in b_2}
+    pitch_1, pitch_2 = v.port("pitch_moment_tractor", 0), v.port("pitch_moment_trailer", 0)
+    total = sum(share.values())
+    b_22 = b_2["22"] + sum((share[axle] - 1) * (b - b_2["22"]) for axle, b in b_2.items()) / total
+    l_2 = a_2 + b_22
+    kingpin = (m_2 * GRAVITY * b_22 + pitch_2) / l_2
+    trailer = (m_2 * GRAVITY * a_2 - pitch_2) / l_2
     return {
-        "11": m_1 * GRAVITY * b_1 / l_1 + kingpin * e_1 / l_1,
-        "12": m_1 * GRAVITY * a_1 / l_1 + kingpin * (l_1 - e_1) / l_1,
-        **dict.fromkeys(("21", "22", "23"), trailer),
+        "11": m_1 * GRAVITY * b_1 / l_1 + kingpin * e_1 / l_1 + pitch_1 / l_1,
+        "12": m_1 * GRAVITY * a_1 / l_1 + kingpin * (l_1 - e_1) / l_1 - pitch_1 / l_1,
+        **{axle: trailer * share[axle] / total for axle in b_2},
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from types import ModuleType
@@ -130,6 +131,20 @@ def check_dimensions(model: Model) -> int:
     return len(wanted)
 
 
+def _with_helpers(files: Iterable[ModuleType | None]) -> list[ModuleType]:
+    """Return files with the modules of ``models/`` from which they take functions or constants."""
+    found: dict[str, ModuleType] = {}
+    for file in files:
+        if file is None:
+            continue
+        found[file.__name__] = file
+        for part in vars(file).values():
+            home = part if isinstance(part, ModuleType) else sys.modules.get(getattr(part, "__module__", ""))
+            if home is not None and home.__name__.startswith("models."):
+                found[home.__name__] = home
+    return list(found.values())
+
+
 def assemble_with_units(vehicle: ModuleType, tyre: ModuleType | None, **parts) -> Model:
     """Assemble a model whose constants with a unit (``CONSTANTS`` of a file) are parameters for once.
 
@@ -138,7 +153,7 @@ def assemble_with_units(vehicle: ModuleType, tyre: ModuleType | None, **parts) -
     effects = parts.get("effects") or {}
     with ExitStack() as stack:
         extra: dict[str, Parameter] = {}
-        for module in (vehicle, tyre, *effects.values()):
+        for module in _with_helpers([vehicle, tyre, *effects.values()]):
             for name, unit in getattr(module, "CONSTANTS", {}).items():
                 extra[name] = Parameter(name, name, unit, 0.0, 1.0, "a constant")
                 stack.enter_context(mock.patch.object(module, name, symbol(name)))

@@ -1,0 +1,5 @@
+"""The acceleration due to gravity, for the effects of a road that is not level and of bodies that lean."""
+
+GRAVITY = 9.81
+
+CONSTANTS: dict[str, str] = {"GRAVITY": "m/s^2"}

@@ -1,0 +1,39 @@
+"""Drive and brake force of an axle take from its lateral force (friction ellipse; Pacejka 2012, 4.3.2).
+
+An axle with the share ``lambda`` of the whole force ``F_x`` keeps ``sqrt(1 - (lambda F_x / mu F_z)^2)`` of its
+lateral force. Here it keeps ``1 / sqrt(1 + q (F_x / F_z)^2)`` with ``q = (lambda / mu)^2``, the same for moderate
+use, but with a slope at ``q = 0`` and no end at full use. ``F_x`` is mass times the acceleration of the speed
+behind ``SETTLING``, which keeps the noise of a measured speed out, less gravity on a grade; resistances are left
+out.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+SETTLING = 0.15
+"""s; time constant of the acceleration."""
+
+CONSTANTS: dict[str, str] = {"SETTLING": "s"}
+
+PORT = "steady_lateral_force_axle_{axle}"
+PLACE = "tyre"
+READS: tuple[str, ...] = ("vertical_load_axle_{axle}", "longitudinal_gravity{leader}")
+STATES: tuple[str, ...] = ("drive_speed",)
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("combined_slip", "q_x", "dimensionless", 0.0, 10.0, "square of share of F_x over friction", neutral=0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Reduce the lateral force by what the longitudinal one uses."""
+    leader = e.leader
+    settled = e.state("drive_speed", shared=True, start="speed")
+    acceleration = (leader.speed - settled) / SETTLING
+    e.derivative("drive_speed", acceleration, shared=True)
+    force = e.total_mass * (acceleration - e.at_leader("longitudinal_gravity"))
+    return value / sp.sqrt(1 + e.p("combined_slip") * (force / e.at_axle("vertical_load")) ** 2)

@@ -1,0 +1,21 @@
+"""Viscous friction of the fifth wheel: a yaw moment in proportion to the articulation rate, against it."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "coupling_moment"
+READS: tuple[str, ...] = ("yaw_rate_tractor", "yaw_rate_trailer")
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("kingpin_damping", "d_K", "N*m*s/rad", 0.0, 5e5, "moment over articulation rate", neutral=0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Take damping times articulation rate off the moment on the trailer."""
+    return value - e.p("kingpin_damping") * (e.read("yaw_rate_trailer") - e.read("yaw_rate_tractor"))

@@ -1,0 +1,25 @@
+"""An axle of a bogie is lifted, or carries less than the others: they take its load, and the bogie's middle moves.
+
+Loads still add up to the weight and balance it, because the vehicle computes them from the axles' shares.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "load_share_axle_{axle}"
+PLACE = "axle"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("axle_lift", r"\lambda_H", "dimensionless", -0.5, 0.99, "share of its load that the axle gives up", 0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Reduce the axle's share of the load."""
+    return value * (1 - e.p("axle_lift"))

@@ -1,0 +1,33 @@
+"""Load slides forward or back at a moment and moves the CoG of the body that carries it.
+
+Loads and lever arms follow the CoG while it moves, and the lateral velocity stays that of the CoG; what the sliding
+itself does to it (Coriolis, yaw inertia) is left out. ``SLIDING`` is how long it takes.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+from models.effects._timing import progress
+
+SLIDING = 1.0
+"""s; duration of the shift."""
+
+CONSTANTS: dict[str, str] = {"SLIDING": "s"}
+
+PORT = "cog_shift{body}"
+PLACE = "body"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("payload_shift", r"\Delta x", "m", -3.0, 3.0, "shift of the body's CoG, forward positive", neutral=0.0),
+    Parameter("payload_shift_time", "t_L", "s", 0.0, 1e5, "when the load begins to slide", per_drive=True),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Move the CoG."""
+    return value + e.p("payload_shift") * progress(e.time, e.p("payload_shift_time"), SLIDING)

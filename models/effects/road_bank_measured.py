@@ -1,0 +1,26 @@
+"""A road whose bank is known over time, from a map along the driven path or from a survey: an input of the model.
+
+``bank_share`` is 1 where the stated bank is believed and 0 where it is not; estimated, it says whether the recording
+knows of that bank at all.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+from models.effects import _gravity
+
+PORT = "lateral_gravity{body}"
+READS: tuple[str, ...] = ("bank_angle",)
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("bank_share", r"\lambda_B", "dimensionless", -2.0, 2.0, "share of the stated bank", neutral=0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Add ``-g sin(lambda_B bank)``."""
+    return value - _gravity.GRAVITY * sp.sin(e.p("bank_share") * e.input("bank_angle"))

@@ -1,0 +1,22 @@
+"""A sensor is off by a constant."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "sensor_{output}"
+PLACE = "output"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("sensor_bias", "b_y", "{signal}", -3.0, 3.0, "reading where the true value is zero", neutral=0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Add the bias."""
+    return value + e.p("sensor_bias")

@@ -1,0 +1,22 @@
+"""A sensor reads too much or too little in proportion."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "sensor_{output}"
+PLACE = "output"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("sensor_gain_error", "g_y", "dimensionless", -0.9, 2.0, "reading over true value, less 1", neutral=0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Scale the reading."""
+    return value * (1 + e.p("sensor_gain_error"))

@@ -1,0 +1,49 @@
+"""Play in the steering: on every reversal the wheels wait until the play is crossed.
+
+The middle of the play, a state, stays where it is while the steering moves within the play and is pushed along
+beyond it (the play operator of Visintin 1994, with a soft edge and ``PUSHING`` as its time constant). The wheels
+stand at the angle less half the play times where in the play the steering is, from -1 to 1. Below ``NARROWEST`` the
+edge stays as wide, so that the slope at no play exists.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PUSHING = 0.02
+"""s; time in which the play follows the steering that pushes it."""
+
+NARROWEST = 0.001
+"""rad; the edge of the play is never narrower."""
+
+CONSTANTS: dict[str, str] = {"PUSHING": "s"}
+
+PORT = "road_wheel_angle"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ("steering_followed",)
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter(
+        "steering_backlash",
+        "b_L",
+        "rad",
+        0.0,
+        0.05,
+        "half the play, at the road wheels",
+        neutral=0.0,
+        grid=(0.001, 0.003, 0.01),
+    ),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Return the angle less the play."""
+    half, followed = e.p("steering_backlash"), e.state("steering_followed")
+    edge = sp.sqrt(half**2 + NARROWEST**2)
+    x = (value - followed) / edge
+    within = x / sp.sqrt(sp.sqrt(1 + x**4))  # -1 to 1
+    e.derivative("steering_followed", edge * (x - within) / PUSHING)
+    return value - half * within

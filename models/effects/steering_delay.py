@@ -1,0 +1,29 @@
+"""The road wheels turn a fixed time after the steering wheel (second order, ``_lag.delay``).
+
+The delay of the actuator and that of the channel that recorded the steering wheel are one and the same here.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+from models.effects._lag import delay
+
+PORT = "road_wheel_angle"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ("steering_delayed", "steering_delayed_rate")
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("steering_delay", r"\tau_\delta", "s", 0.0, 0.5, "delay of the steering", neutral=0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Return the delayed angle."""
+    first, second = (e.state(name) for name in STATES)
+    delayed, first_rate, second_rate = delay(value, first, second, e.p("steering_delay"))
+    e.derivative(STATES[0], first_rate)
+    e.derivative(STATES[1], second_rate)
+    return delayed

@@ -1,0 +1,21 @@
+"""The steering wheel is not straight when the road wheels are: an offset of the road-wheel angle."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "road_wheel_angle"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("steering_offset", r"\delta_0", "rad", -0.1, 0.1, "road-wheel angle at no steering, left", neutral=0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Add the offset."""
+    return value + e.p("steering_offset")

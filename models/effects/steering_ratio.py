@@ -1,0 +1,23 @@
+"""The steering ratio is not what the parameters say."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "road_wheel_angle"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter(
+        "steering_ratio_error", r"\varepsilon_L", "dimensionless", -0.5, 1.0, "true ratio over stated one, less 1", 0.0
+    ),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Divide by ``1 + error``."""
+    return value / (1 + e.p("steering_ratio_error"))

@@ -1,0 +1,22 @@
+"""An axle pushes to one side at no slip: conicity and ply steer, or wheels out of track (Pacejka 2012, 4.1)."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from models.assemble import EffectContext
+from models.contracts import Parameter
+
+PORT = "steady_lateral_force_axle_{axle}"
+PLACE = "tyre"
+READS: tuple[str, ...] = ()
+STATES: tuple[str, ...] = ()
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter("tyre_force_offset", r"\Delta F_y", "N", -1e4, 1e4, "lateral force of an axle at no slip, left", 0.0),
+)
+
+
+def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
+    """Add the offset."""
+    return value + e.p("tyre_force_offset")
