@@ -273,9 +273,10 @@ def simulate(
     spec = _model_spec(vehicle, parameters, tyre, effect or [], sensors, values)
     for name in signal or []:
         spec.model().resolve(name)
-    profile = _profile(spec, _drive_spec(drive, option))
+    from harness.drives import profile_of
     from harness.simulate import simulate_drive
 
+    profile = profile_of(spec, _drive_spec(drive, option))
     recording = simulate_drive(spec, profile, signal or [], seed)
     write_recording(recording, out)
     samples, signals = recording.sizes["time"], len(recording.data_vars)
@@ -306,7 +307,9 @@ def observability(
     spec = _model_spec(vehicle, parameters, tyre, [], sensors, values)
     profile = None
     if drive is not None:
-        profile = _profile(spec, _drive_spec(drive, option))
+        from harness.drives import profile_of
+
+        profile = profile_of(spec, _drive_spec(drive, option))
     elif option:
         raise UserError("--option belongs to a drive; name it with --drive")
     from harness.observability import report as check
@@ -349,16 +352,6 @@ def _drive_spec(kind: str, options: list[str] | None) -> DriveSpec:
     from harness.configure import DriveSpec
 
     return DriveSpec(kind, kind, _pairs(options, "--option"), f"--drive {kind}", Path())
-
-
-def _profile(spec: ModelSpec, drive: DriveSpec) -> Any:
-    from harness.drives import build_drive
-    from models import registry
-    from models.contracts import DriveContext
-
-    wheelbase = registry.load("models.vehicles", spec.vehicle).wheelbase(spec.values)
-    context = DriveContext(wheelbase, spec.values["steering_ratio"], spec.step, str(drive.base))
-    return build_drive(drive.kind, drive.options, context, drive.where)
 
 
 def _pairs(given: list[str] | None, option: str) -> dict[str, Any]:

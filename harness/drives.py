@@ -11,7 +11,7 @@ import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
@@ -24,6 +24,9 @@ from models import registry
 from models.assemble import Model, assemble, symbol
 from models.contracts import DriveContext, ModelError, Option, Profile
 from models.drives._shapes import LIMIT, check_lateral_acceleration, lateral_acceleration
+
+if TYPE_CHECKING:
+    from harness.configure import DriveSpec, ModelSpec
 
 _PACKAGE = "models.drives"
 
@@ -87,6 +90,30 @@ def build_drive(kind: str, options: Mapping[str, object], context: DriveContext,
     except (ModelError, UserError) as error:
         raise type(error)(f"{where}: {error}") from None
     return profile
+
+
+def profile_of(spec: ModelSpec, drive: DriveSpec) -> Profile:
+    """Return a drive as a plant drives it, with the plant's further inputs.
+
+    Args:
+        spec: The plant; its wheelbase and steering ratio limit the drive.
+        drive: The drive, as a study or the command line states it.
+
+    Raises:
+        UserError: As ``build_drive``.
+        ModelError: As ``build_drive``.
+    """
+    vehicle = registry.load("models.vehicles", spec.vehicle)
+    context = DriveContext(
+        wheelbase=vehicle.wheelbase(spec.values) if hasattr(vehicle, "wheelbase") else 1.0,
+        steering_ratio=spec.values.get("steering_ratio", 1.0),
+        step=spec.step,
+        base=str(drive.base),
+    )
+    profile = build_drive(drive.kind, drive.options, context, drive.where)
+    if not hasattr(vehicle, "drive_inputs"):
+        return profile
+    return dataclasses.replace(profile, further=vehicle.drive_inputs(profile, context))
 
 
 def _declares(module: Any, name: str) -> bool:

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from harness.compile import CompiledModel, compile_model
 from harness.configure import HistorySpec, ModelSpec, Study
 from harness.design import Lanes, Unit, lanes, points, scale_noise
-from harness.drives import build_drive
+from harness.drives import profile_of
 from harness.estimate import Estimator, Scores
 from harness.lanes import LANES
 from harness.simulate import Batch, Simulator, first_state, in_lanes, input_table
-from models import registry
 from models.assemble import Model
-from models.contracts import DRIVE_INPUTS, DriveContext, Profile
+from models.contracts import DRIVE_INPUTS, Profile
 
 Floats = NDArray[np.float64]
 
@@ -86,14 +85,7 @@ class Bench:
 
     def _road(self, index: int) -> Road:
         study, drive = self.study, self.study.drives[index]
-        vehicle = registry.load("models.vehicles", study.plant.vehicle)
-        context = DriveContext(
-            wheelbase=vehicle.wheelbase(study.plant.values) if hasattr(vehicle, "wheelbase") else 1.0,
-            steering_ratio=study.plant.values.get("steering_ratio", 1.0),
-            step=study.plant.step,
-            base=str(drive.base),
-        )
-        profile = build_drive(drive.kind, drive.options, context, drive.where)
+        profile = profile_of(study.plant, drive)
         plant, belief = study.plant.model(), study.belief.model()
         tables = (
             input_table(profile, plant.inputs, plant.rates),
@@ -177,9 +169,9 @@ class Bench:
         design = next(i for i, d in enumerate(study.designs) if d.name == wanted.design)
         unit = Unit(design, wanted.band, names.index(wanted.drive), wanted.sample, wanted.sample + 1)
         case = [Case(wanted.sample, wanted.repeat)]
-        batch, belief = self.simulate(unit, case), self.held(unit, case, "belief")
+        batch, held = self.simulate(unit, case), self.held(unit, case, "belief")
         road = self.roads[unit.drive]
-        runs = [self.estimate(e, unit, case, batch, belief, keep=True) for e in range(len(self.estimators))]
+        runs = [self.estimate(e, unit, case, batch, held, keep=True) for e in range(len(self.estimators))]
         shown = list(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *wanted.signals]))
         truth = np.full((len(batch.truth), len(shown)), np.nan)
         for i, name in enumerate(shown):
@@ -199,6 +191,11 @@ class Bench:
                 "target": shown,
             },
         )
+        for output, measured, variance in zip(
+            self.belief.model.outputs, self._measured, held.measurement_noise[0], strict=True
+        ):
+            if output in shown:  # sensors name an output after what it measures
+                dataset[f"measured_{output}"] = ("time", batch.measurements[:, measured, 0], {"variance": variance})
         stated = [e.has_covariance for e in self.estimators]
         dataset["std"] = dataset["std"].where(xr.DataArray(stated, dims="estimator"))
         for i, name in enumerate(self.plant.model.inputs):
@@ -270,9 +267,10 @@ class Bench:
         belief = estimator.belief(
             self.belief.constants(held.values.T), process, np.ascontiguousarray(held.measurement_noise.T)
         )
-        # The first covariance is the process noise (Ziaukas 2023, 5.1 and 6.1).
         seeds = self._seeds(unit, group, self.study.estimators[index].name)
-        first = estimator.init(first_state(self.belief.model, held.values.T, road.profile), process, seeds)
+        first = estimator.init(
+            first_state(self.belief.model, held.values.T, road.profile), self._first_variance(process), seeds
+        )
         measurements = batch.measurements
         if self._measured != list(range(self.plant.ny)):
             measurements = np.ascontiguousarray(measurements[:, self._measured])
@@ -286,6 +284,13 @@ class Bench:
             first,
             keep,
         )
+
+    def _first_variance(self, process: Floats) -> Floats:
+        """Return the first covariance ``(nx, LANES)``: the process noise (Ziaukas 2023, 5.1 and 6.1) if not stated."""
+        first = process.copy()
+        for state, variance in self.belief.model.start_variance.items():
+            first[self.belief.model.states.index(state)] = variance
+        return first
 
     def _known(self, road: Road, batch: Batch) -> Floats:
         """Return the belief's inputs ``(samples, nu, LANES)``, those that the plant supplies filled in."""

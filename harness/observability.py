@@ -337,7 +337,7 @@ def _draw_states(axis: Axes, dataset: xr.Dataset) -> None:
 
 def _inputs(model: Model, profile: Profile) -> Array:
     """Return the inputs (samples, nu) of a model from a drive; rates by differences of the samples."""
-    known = {name: getattr(profile, name) for name in ("time", *DRIVEN)}
+    known = {name: getattr(profile, name) for name in ("time", *DRIVEN)} | profile.further
     step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
     columns = []
     for name in model.inputs:

@@ -124,6 +124,7 @@ def input_table(
         "steering_wheel_angle": profile.steering_wheel_angle,
         "speed": profile.speed,
         "time": profile.time,
+        **profile.further,
     }
     for rate, source in rates.items():
         if source in known:

@@ -11,10 +11,21 @@ from pathlib import Path
 from harness.report.analysis import Analysis
 from harness.report.document import Document, render
 from harness.report.opening import answer_in_short
-from harness.report.sections import answer, boxes, certainty, consistency, drives, history, made, paired, scatter
+from harness.report.sections import (
+    answer,
+    boxes,
+    certainty,
+    consistency,
+    drives,
+    history,
+    made,
+    paired,
+    scatter,
+    weights,
+)
 from harness.report.store import read
 
-_SECTIONS = (answer, boxes, paired, history, certainty, consistency, drives, scatter, made)
+_SECTIONS = (answer, boxes, paired, history, weights, certainty, consistency, drives, scatter, made)
 
 
 def headline(directory: Path) -> str:

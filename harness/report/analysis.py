@@ -97,12 +97,41 @@ class Findings:
         ]
 
     @cached_property
+    def medians(self) -> NDArray[np.float64]:
+        """Median errors, ``(target, band, estimator)``; NaN without a run."""
+        return np.array([[[s.median.value for s in row] for row in table] for table in self.summaries])
+
+    @cached_property
+    def comparable(self) -> NDArray[np.bool_]:
+        """Estimators whose medians may be compared, ``(estimator,)``: those that lost no run, or all if each lost some.
+
+        The medians of the others are those of the runs that were easy enough to survive.
+        """
+        lost = np.asarray((self.design.status != OK).any(axis=(0, 2, 3, 4)))
+        return ~lost if not lost.all() else np.ones_like(lost)
+
+    @cached_property
+    def reference(self) -> int:
+        """Estimator that many are compared with: the best over all targets and bands, by the mean of log medians."""
+        some = np.isfinite(self.medians) & (self.medians > 0)
+        known = self.comparable & some.any(axis=(0, 1))
+        logs = np.log(np.where(some, self.medians, 1.0)).sum(axis=(0, 1)) / np.maximum(some.sum(axis=(0, 1)), 1)
+        return int(np.argmin(np.where(known, logs, np.inf)))
+
+    @cached_property
     def pairs(self) -> list[tuple[int, int]]:
-        """Estimators compared: every pair of up to three, else each with the first of the study."""
+        """Estimators compared: the two of a pair, of more each with the best."""
         count = len(self.design.estimators)
-        if count <= 3:
-            return [(a, b) for a in range(count) for b in range(a + 1, count)]
-        return [(0, b) for b in range(1, count)]
+        if count <= 2:
+            return [(0, 1)][: count - 1]
+        return [(self.reference, b) for b in range(count) if b != self.reference]
+
+    @property
+    def told(self) -> list[int | None]:
+        """Bands of which words and tables compare estimators: the one believed, and all together (None)."""
+        if len(self.design.bands) == 1:
+            return [0]
+        return [None] if self.design.matched is None else [self.design.matched, None]
 
     @cached_property
     def comparisons(self) -> list[Paired]:
@@ -166,6 +195,13 @@ class Findings:
             runs,
         )
 
+    def alone(self, band: int, estimator: int) -> tuple[int, int]:
+        """Count the runs whose own average NEES is above the upper bound of a single run, and all that have one."""
+        d = self.design
+        averages = d.per_run("nees")[band, estimator]
+        used = averages[np.isfinite(averages)]
+        return int(np.sum(used > statistics.average_bounds(d.state_dimension, 1.0)[1])), used.size
+
     def repairs(self, band: int, estimator: int) -> int:
         """Count the steps of a band and estimator at which a covariance factor had to be repaired."""
         return int(np.nansum(self.design.per_run("repairs")[band, estimator]))
@@ -196,3 +232,8 @@ class Analysis:
     def main(self) -> Findings:
         """The first design of the study, which the answer in words is about."""
         return self.findings[0]
+
+    @property
+    def levelled(self) -> list[Findings]:
+        """Designs shown by level: the first, and those that a scatter over their one factor would not show better."""
+        return [f for k, f in enumerate(self.findings) if not k or not f.design.sampled or len(f.design.factors) > 1]

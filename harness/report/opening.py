@@ -31,8 +31,7 @@ def listed(parts: Sequence[str]) -> str:
 def answer_in_short(findings: Findings) -> str:
     """Return the answer of a design; ``headline`` of the package does the same for a result folder."""
     design = findings.design
-    medians = np.array([[[s.median.value for s in row] for row in table] for table in findings.summaries])
-    medians[:, :, _loses_more(design)] = np.nan
+    medians = np.where(findings.comparable, findings.medians, np.nan)
     changes = [_change(design, target, medians[k]) for k, target in enumerate(design.targets)]
     known = [c for c in changes if c is not None]
     lost = _lost(design)
@@ -109,15 +108,6 @@ class _Change:
             )
         worst = "" if len(self.names) == 2 else ", the worst"
         return f" with {self.names[best]}{rank} and {other} with {self.names[last]}{worst}"
-
-
-def _loses_more(design: Design) -> NDArray[np.bool_]:
-    """Return which estimators lose runs while another loses none.
-
-    Their medians are those of the runs that were easy enough to survive, so they are counted and not compared.
-    """
-    lost = np.asarray((design.status != OK).any(axis=(0, 2, 3, 4)))
-    return lost if not lost.all() else np.zeros_like(lost)
 
 
 def _times(before: float, after: float) -> str:

@@ -208,6 +208,11 @@ class Design:
         return int(np.argmin(np.where(inside, distance, np.inf)))
 
     @property
+    def matched_is(self) -> str:
+        """What the matched band is: as believed, or, where the belief varies as well, as the study states it."""
+        return "as believed" if all(f.of == "plant" for f in self.factors) else "as stated"
+
+    @property
     def sampled(self) -> bool:
         """Whether a factor takes more than one value within a band."""
         return any(bool(np.any(np.ptp(f.values, axis=1) > 0)) for f in self.factors)

@@ -22,6 +22,7 @@ TALLEST = 9.3  # inches: the most a figure may take of a page
 _PAD = 0.04  # inches around a panel with its labels
 _used: WeakKeyDictionary[Figure, float] = WeakKeyDictionary()  # inches that ``head`` took of a figure
 TRUTH = "#000000"
+MEASURED = "#9a9a9a"
 SHADE = "#e9e9e9"
 
 RC: dict[str, Any] = {
@@ -175,6 +176,7 @@ def figure(height: float, **layout: Any) -> Figure:
 def svg(fig: Figure) -> bytes:
     """Return the figure as SVG that depends on its content only (no date, fixed ids)."""
     _lay_out(fig)
+    _lay_out(fig)  # the ticks, and with them the room for their labels, depend on the height of a panel
     stream = io.BytesIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=200)
     return stream.getvalue()
@@ -203,6 +205,16 @@ def _lay_out(fig: Figure) -> None:
         y -= pad + above + share
         axes.set_position(((left + pad) / width, y / height, 1.0 - (left + right + 2 * pad) / width, share / height))
         y -= below + pad
+
+
+def logarithmic(axes: Axes, low: float, high: float) -> None:
+    """Use a logarithmic axis with plain numbers, at 1, 2, 5 or at decades where it spans many."""
+    axes.set_yscale("log")
+    subs = (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
+    axes.yaxis.set_major_locator(mpl.ticker.LogLocator(subs=subs))
+    axes.yaxis.set_minor_locator(mpl.ticker.NullLocator())
+    axes.yaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.set_ylim(0.75 * low, 1.35 * high)
 
 
 def patches(estimators: Sequence[str], chosen: dict[str, Look]) -> list[Patch]:

@@ -1,7 +1,7 @@
 """The scalar example of the lecture on the Kalman filter, exercise 1 (KIT 2015).
 
 Everything is the exercise's: ``x(n+1) = 0.5 x(n) + u(n) + v(n)``, ``y(n) = x(n) + w(n)``, both noises of variance 1.
-It starts from a variance of 10, which whoever runs the filter sets. ``NOISE_STEP`` has no meaning here, because the
+It starts from a variance of 10 (``START_VARIANCE`` of the vehicle). ``NOISE_STEP`` has no meaning here, because the
 model is a difference equation.
 """
 

@@ -2,17 +2,26 @@
 
 Exercise 2: ``theta(n+1) = theta(n) + d_theta(n) + v(n)``. The change of heading per sample that the encoders of the
 left and right wheels give is the input; its noise is the process noise. The measured output is the heading that the
-integrated gyro gives.
+integrated gyro gives. On a drive the increment is that of a car that rolls without slip and steers its road wheels
+directly.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from models.contracts import Parameter
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from models.assemble import Builder
+    from models.contracts import DriveContext, Profile
+
+WHEELBASE = 2.7
+"""m; of a mid-size car, this project's choice."""
 
 STATES: tuple[str, ...] = ("heading",)
 INPUTS: tuple[str, ...] = ("heading_increment",)
@@ -24,3 +33,14 @@ PARAMETERS: tuple[Parameter, ...] = ()
 def equations(v: Builder) -> None:
     """State the difference equation."""
     v.next_value("heading", v.state("heading") + v.input("heading_increment"))
+
+
+def wheelbase(values: dict[str, float]) -> float:
+    """Return the wheelbase in m (for the limits of the drives and the increments)."""
+    return WHEELBASE
+
+
+def drive_inputs(profile: Profile, context: DriveContext) -> dict[str, NDArray[np.float64]]:
+    """Return the change of heading from each sample to the next, ``v tan(delta) / wheelbase`` times the step."""
+    curvature = np.tan(profile.steering_wheel_angle / context.steering_ratio) / context.wheelbase
+    return {"heading_increment": profile.speed * curvature * context.step}

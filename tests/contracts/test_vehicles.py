@@ -26,6 +26,7 @@ def test_exports_are_complete_and_named_as_in_the_table_of_signals(name):
     assert not set(vehicle.STATES) & set(vehicle.INPUTS)
     assert set(vehicle.VALID) <= set(vehicle.STATES)
     assert all(0 < limit < np.inf for limit in vehicle.VALID.values())
+    assert set(getattr(vehicle, "START_VARIANCE", {})) <= set(vehicle.STATES)
     assert sets_of(name), f"no file in models/parameters says VEHICLE = '{name}', so nobody can run it"
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 from harness.report.analysis import Analysis, Findings, Paired
 from harness.report.document import Block, Bullets, Heading, Prose, plain, strong
 from harness.report.opening import ALIKE, answer_in_short, listed
+from harness.report.sections import boxes
 from harness.report.sections.history import inside
 from harness.report.store import FATES, OK, PENDING, Design
 from harness.report.style import number, percent, probability, span, with_unit
@@ -19,7 +20,7 @@ _NAMED = 3  # up to so many estimators are all named in a sentence; of more, the
 
 
 def blocks(analysis: Analysis) -> list[Block]:
-    """Return the answer: size and growth of the error, who is better, what was lost, what is believed."""
+    """Return the answer: in a sentence, in a figure, and in detail for each target, lost runs and covariances."""
     findings = analysis.main
     items = []
     for target, quantity in enumerate(findings.design.targets):
@@ -29,7 +30,8 @@ def blocks(analysis: Analysis) -> list[Block]:
     if findings.with_covariance:
         items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")
     opening = Prose(strong(answer_in_short(findings)))
-    return [Heading("Answer"), opening, Prose(plain(_scope(analysis))), Bullets(items)]
+    figures = boxes.pictures(analysis, findings, opening=True)
+    return [Heading("Answer"), opening, Prose(plain(_scope(analysis))), *figures, Bullets(items)]
 
 
 def _capital(text: str) -> str:
@@ -40,31 +42,45 @@ def _scope(analysis: Analysis) -> str:
     design = analysis.main.design
     drives = f"{len(design.drives)} drive{'s' if len(design.drives) > 1 else ''}"
     varied = listed([f.words for f in design.factors]) if design.factors else "the setting"
-    text = f"The words below are about the design “{design.name}”: {listed(design.estimators)}, {drives}, "
+    text = f"Design “{design.name}”: {drives}, "
     if len(design.bands) > 1:
         text += f"{len(design.bands)} levels of {varied} ({design.bands[0]} to {design.bands[-1]}), "
-    text += f"{design.planned} runs per level and estimator. Intervals are at 95 %."
+    text += f"{design.planned} runs per level and estimator. Intervals are at 95 %.{_belief(analysis)}"
     pending = sum(d.count(PENDING) for d in analysis.store.designs)
     if pending:
         text += f" The study is not finished: {pending} runs are still to come."
     return text
 
 
-def _named(findings: Findings, target: int, band: int) -> list[int]:
-    """Return the estimators named in a sentence: one for all where their medians are alike."""
-    medians = [s.median.value for s in findings.summaries[target][band]]
+def _belief(analysis: Analysis) -> str:
+    """Say that the estimators believe in another model than the plant's, where they do."""
+    description = analysis.store.attributes.get("description") or {}
+    plant, belief = (str(description.get(side, {}).get("model", "")) for side in ("plant", "belief"))
+    if plant == belief:
+        return ""
+    return f" The plant is {plant}, the estimators believe {belief}: they are wrong at every level."
+
+
+def _named(findings: Findings, target: int, band: int) -> list[list[int]]:
+    """Return the estimators named in a sentence, in groups of like medians: all of a few, else best and worst."""
+    medians = findings.medians[target, band]
     if _alike(findings, target):
-        return [0]
+        return [[0]]
     known = [e for e, m in enumerate(medians) if np.isfinite(m)]
     if len(known) <= _NAMED:
-        return known
-    order = sorted(known, key=lambda e: medians[e])
-    return [order[0], order[-1]]
+        return [[e] for e in known]
+    known = [e for e in known if findings.comparable[e]] or known
+    best, worst = min(medians[known]), max(medians[known])
+    groups = [
+        [e for e in known if medians[e] <= (1 + ALIKE) * best],
+        [e for e in known if medians[e] * (1 + ALIKE) >= worst],
+    ]
+    return groups[:1] if groups[0] == groups[1] else groups
 
 
 def _alike(findings: Findings, target: int) -> bool:
     """Whether several estimators have nearly the same median in every band."""
-    medians = np.array([[s.median.value for s in row] for row in findings.summaries[target]])
+    medians = findings.medians[target]
     if medians.shape[1] < 2 or not np.isfinite(medians).all() or not (medians > 0).all():
         return False
     return bool(np.all(medians.max(axis=1) < (1 + ALIKE) * medians.min(axis=1)))
@@ -94,25 +110,29 @@ def _errors(findings: Findings, target: int) -> list[str]:
     design, unit = findings.design, findings.design.targets[target].unit
     table = findings.summaries[target]
     home = _home(findings)
-    medians = np.array([[s.median.value for s in row] for row in table])
-    names = [f" for {name}" for name in design.estimators] if not _alike(findings, target) else [""]
+    medians = findings.medians[target]
+
+    def who(group: list[int]) -> str:
+        return "" if _alike(findings, target) else f" for {listed([design.estimators[e] for e in group])}"
+
     sentences = []
     if home is not None and np.isfinite(medians[home]).any():
         parts = []
-        for e in _named(findings, target, home):
-            median = table[home][e].median
+        for group in _named(findings, target, home):
+            median = table[home][group[0]].median
             interval = span(median.lower, median.upper, unit)
-            parts.append(f"{with_unit(median.value, unit)}{names[e]} ({interval})")
+            parts.append(f"{with_unit(median.value, unit)}{who(group)} ({interval})")
         if design.matched is None:
             where = f"At {design.bands[home]}"
         else:
             varied = listed([f.words for f in design.factors])
-            where = f"With plant and belief alike in {varied} ({design.bands[home]})"
+            where = f"With the {varied} {design.matched_is} ({design.bands[home]})"
         sentences.append(f"{where} the median RMSE is {listed(parts)}.")
     for band in _extremes(design, medians, home):
         parts = []
-        for e in _named(findings, target, band):
-            text = f"{with_unit(medians[band, e], unit)}{names[e]}"
+        for group in _named(findings, target, band):
+            e = group[0]
+            text = f"{with_unit(medians[band, e], unit)}{who(group)}"
             if home is not None and medians[home, e] > 0:
                 text += f" ({number(medians[band, e] / medians[home, e], 2)} times as much)"
             parts.append(text)
@@ -128,16 +148,14 @@ def _better(findings: Findings, target: int) -> list[str]:
     """Say which estimator is better on the same run and by how much, as believed and overall."""
     design = findings.design
     sentences = []
-    home = design.matched
-    once = home is None or len(design.bands) == 1 or _alike(findings, target)
-    for band in (None,) if once else (home, None):
+    for band in findings.told[-1:] if _alike(findings, target) else findings.told:
         where = "Over all levels" if band is None and len(design.bands) > 1 else ""
         where = where or f"At {design.bands[band or 0]}"
         pairs = [findings.compared(target, a, b, band) for a, b in findings.pairs]
         pairs = [p for p in pairs if p.result.n]
-        if len(pairs) <= _NAMED:
-            sentences += [_difference(findings, p, where) for p in pairs]
-        else:
+        if len(pairs) == 1:
+            sentences.append(_difference(findings, pairs[0], where))
+        elif pairs:
             sentences.append(_standing(findings, pairs, where))
     return sentences
 
@@ -172,14 +190,14 @@ def _p(pair: Paired, equals: str = "") -> str:
 
 
 def _standing(findings: Findings, pairs: list[Paired], where: str) -> str:
-    """Sort many estimators into better than, worse than and not told apart from the first."""
+    """Sort many estimators into better than, worse than and not told apart from the best."""
     names = findings.design.estimators
     groups: dict[str, list[str]] = {"better": [], "worse": [], "within 1 %": [], "not told apart": []}
     for pair in sorted(pairs, key=lambda p: p.relative):
         shown = pair.shown and not pair.negligible
         close = "within 1 %" if pair.negligible else "not told apart"
         key = ("better" if pair.relative < 0 else "worse") if shown else close
-        by = f" (by {percent(abs(pair.relative))})" if shown else ""
+        by = f" by {percent(abs(pair.relative))}" if shown else ""
         groups[key].append(names[pair.second] + by)
     parts = [f"{key}: {listed(members)}" for key, members in groups.items() if members]
     return f"{where}, against {names[pairs[0].first]} on the same run, {'; '.join(parts)}."
@@ -196,12 +214,25 @@ def _lost(analysis: Analysis) -> str:
         if not count:
             continue
         per = [
-            f"{e} {n}"
+            f"{e} {n}{_only_on(designs, e, fate)}"
             for e in dict.fromkeys(e for d in designs for e in d.estimators)
             if (n := sum(d.count(fate, None, d.estimators.index(e)) for d in designs if e in d.estimators))
         ]
-        parts.append(f"{name} in {count} ({', '.join(per)})")
+        separator = "; " if any("," in text for text in per) else ", "
+        parts.append(f"{name} in {count} ({separator.join(per)})")
     return f"Of {total} runs of all designs, {'; '.join(parts)}. They are in no box and no median."
+
+
+def _only_on(designs: Sequence[Design], estimator: str, fate: int) -> str:
+    """Name the drive on which an estimator met its fate, if there is only one of several."""
+    where = {
+        d.drives[k]
+        for d in designs
+        if estimator in d.estimators
+        for k in np.flatnonzero((d.status[:, d.estimators.index(estimator)] == fate).any(axis=(0, 2, 3)))
+    }
+    several = any(len(d.drives) > 1 for d in designs)
+    return f", all on {where.pop()}" if several and len(where) == 1 else ""
 
 
 def _consistent(findings: Findings, histories: Sequence[xr.Dataset]) -> str:
@@ -233,7 +264,9 @@ def _as_stated(findings: Findings, band: int) -> str:
     for e in findings.with_covariance:
         c = findings.consistency("nees", band, e)
         if np.isfinite(c.ratio):
-            groups.setdefault(meaning[c.verdict], []).append(f"{design.estimators[e]} {number(c.ratio)}")
+            high, runs = findings.alone(band, e)
+            few = f" through {high} of {runs} runs" if c.verdict == "over-confident" and 2 * high < runs else ""
+            groups.setdefault(meaning[c.verdict], []).append(f"{design.estimators[e]} {number(c.ratio)}{few}")
     parts = [f"{size} ({', '.join(members)})" for size, members in groups.items()]
     if not parts:
         return ""

@@ -14,16 +14,18 @@ from harness.report.store import ESTIMATOR_DIVERGED, FAILED, PENDING, PLANT_DIVE
 from harness.statistics import Summary
 
 UPRIGHT = 9  # levels whose labels fit side by side; more are turned
+_OPENING = 5.8  # inches of the first page that the answer in words leaves to a figure
+_LOWEST = 1.35  # inches per target where that keeps a figure on the first page
 _LOGARITHMIC_FROM = 30.0  # largest error over typical error from which a linear axis would show nothing
 
 
 def blocks(analysis: Analysis) -> list[Block]:
-    """Return box plots and table of every design."""
+    """Return the tables of the first design, whose figure is in the answer, and figures and tables of the others."""
     found: list[Block] = []
-    for number, findings in enumerate(analysis.findings):
-        if number:  # the first figure belongs to the answer above it
+    for number, findings in enumerate(analysis.levelled):
+        if number:
             found += [Heading(heading(findings.design)), Prose(plain(_explain(findings.design)))]
-        found += pictures(analysis, findings)
+            found += pictures(analysis, findings)
         found += [table(findings, target) for target in range(len(findings.design.targets))]
     return found
 
@@ -53,7 +55,7 @@ def factor_label(design: Design) -> str:
     owners = {"plant": " of the plant", "belief": " believed", "both": " of plant and belief"}
     label = ", ".join(f.words + owners.get(f.of, "") for f in design.factors) or design.name
     if design.matched is not None:
-        label += " (grey: as the estimators believe)"
+        label += f" (grey: {design.matched_is})"
     return label
 
 
@@ -92,24 +94,29 @@ def foot(design: Design) -> float:
 
 def row_height(design: Design) -> float:
     """Return the inches a target needs: more where many boxes stand side by side."""
-    return 1.85 if len(design.estimators) <= 3 else 2.6
+    return 1.85 if len(design.estimators) <= 3 else 2.3
 
 
-def pictures(analysis: Analysis, findings: Findings) -> list[Block]:
-    """Return the box plots of a design, as many targets on a page as fit."""
+def pictures(analysis: Analysis, findings: Findings, opening: bool = False) -> list[Block]:
+    """Return the box plots of a design, as many targets in a figure as fit on a page.
+
+    Args:
+        analysis: Looks of the estimators.
+        findings: The design.
+        opening: Whether the figure shares the first page with the answer in words.
+    """
     design = findings.design
-    per_page = int((style.TALLEST - 0.7 - foot(design)) // row_height(design))
-    found: list[Block] = []
-    for start in range(0, len(design.targets), per_page):
-        chosen = list(range(start, min(start + per_page, len(design.targets))))
-        found.append(_picture(analysis, findings, chosen))
-    return found
+    room = (_OPENING if opening else style.TALLEST - 0.45) - 0.25 - foot(design)
+    per_figure = max(1, int(room // (_LOWEST if opening else row_height(design))))
+    height = min(row_height(design), room / min(per_figure, len(design.targets)))
+    starts = range(0, len(design.targets), per_figure)
+    return [_picture(analysis, findings, list(range(len(design.targets)))[k : k + per_figure], height) for k in starts]
 
 
-def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Picture:
+def _picture(analysis: Analysis, findings: Findings, targets: list[int], height: float) -> Picture:
     design = findings.design
     with style.drawing():
-        fig = style.figure(0.25 + foot(design) + row_height(design) * len(targets))
+        fig = style.figure(0.25 + foot(design) + height * len(targets))
         rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
         for axes, t in zip(rows, targets, strict=True):
             _boxes(axes, analysis, findings, t)
@@ -118,11 +125,8 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Pict
         svg = style.svg(fig)
     names = " and ".join(design.targets[t].words for t in targets)
     caption = (
-        f"RMSE of {names} over the drives and repeats of each level. Box: quartiles; line: median; thick "
-        "bar: "
-        "95 % bootstrap interval of the median; whiskers: smallest and largest run. n: runs in the box "
-        "of each "
-        "estimator; div.: runs in which estimator or plant diverged, which are in no box."
+        f"RMSE of {names}. Box: quartiles; line: median; thick bar: its 95 % bootstrap interval; whiskers: smallest "
+        "and largest run. n: runs in each box; div.: runs in which estimator or plant diverged, in no box."
     )
     return Picture(svg, caption, f"Box plots of the RMSE of {names} per level and estimator")
 
@@ -168,7 +172,7 @@ def scale_errors(axes: Axes, errors: np.ndarray) -> None:
     """Begin at zero; where errors span more than a decade and a half, use a logarithmic axis."""
     finite = errors[np.isfinite(errors) & (errors > 0)]
     if finite.size and finite.max() > _LOGARITHMIC_FROM * np.median(finite):
-        axes.set_yscale("log")
+        style.logarithmic(axes, float(finite.min()), float(finite.max()))
     else:
         axes.set_ylim(bottom=0)
 
@@ -186,30 +190,28 @@ def _statistics(s: Summary) -> dict[str, Any]:
 
 
 def table(findings: Findings, target: int) -> Sheet:
-    """Return the numbers behind the boxes of a target; fates that never happened have no column."""
+    """Return the numbers behind the boxes of a target: levels down, estimators across."""
     design = findings.design
-    fates = [(ESTIMATOR_DIVERGED, "diverged")]
-    others = {PLANT_DIVERGED: "plant out of range", FAILED: "failed", PENDING: "not run"}
-    fates += [(fate, title) for fate, title in others.items() if design.count(fate)]
-    rows: list[list[str]] = []
-    for b, label in enumerate(design.bands):
-        for e, name in enumerate(design.estimators):
-            s = findings.summaries[target][b][e]
-            rows.append(
-                [
-                    "" if e else label,
-                    name,
-                    str(s.n),
-                    *(str(design.count(fate, b, e)) for fate, _ in fates),
-                    style.number(s.median.value),
-                    style.span(s.median.lower, s.median.upper) if s.n else "–",
-                    style.number(s.lower_quartile),
-                    style.number(s.upper_quartile),
-                    style.number(s.maximum),
-                ]
-            )
-    header = ["level", "estimator", "n", *(title for _, title in fates)]
-    header += ["median", "its 95 % interval", "25 %", "75 %", "maximum"]
+    rows = [
+        [label, *(_cell(findings, target, band, e) for e in range(len(design.estimators)))]
+        for band, label in enumerate(design.bands)
+    ]
     quantity = design.targets[target]
-    caption = f"RMSE of {quantity.words}{style.in_unit(quantity.unit)}, design “{design.name}”."
-    return Sheet(header, rows, caption, left=2)
+    caption = (
+        f"RMSE of {quantity.words}{style.in_unit(quantity.unit)}, design “{design.name}”: median, its 95 % interval, "
+        f"largest; {design.planned} runs each where no loss is stated."
+    )
+    return Sheet(["level", *design.estimators], rows, caption)
+
+
+_FATES = {ESTIMATOR_DIVERGED: "diverged", PLANT_DIVERGED: "plant lost", FAILED: "failed", PENDING: "not run"}
+
+
+def _cell(findings: Findings, target: int, band: int, e: int) -> str:
+    """Return the lines of a cell; fates that did not happen have none."""
+    s = findings.summaries[target][band][e]
+    lines = [style.number(s.median.value)]
+    if s.n:
+        lines += [f"{style.number(s.median.lower)}–{style.number(s.median.upper)}", f"max {style.number(s.maximum)}"]
+    counts = {name: findings.design.count(fate, band, e) for fate, name in _FATES.items()}
+    return "\n".join(lines + [f"{count} {name}" for name, count in counts.items() if count])

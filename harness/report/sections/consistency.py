@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -11,12 +10,13 @@ from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
 from harness.report.sections.boxes import foot, label_levels
+from harness.report.store import words
 
 _SCORES = {"nees": "NEES", "nis": "NIS"}
 
 
 def blocks(analysis: Analysis) -> list[Block]:
-    """Return figure and tables for the first design; nothing if no estimator states a covariance."""
+    """Return figure and tables of the first design; nothing if no estimator states a covariance."""
     findings = analysis.main
     if not findings.with_covariance:
         return []
@@ -24,7 +24,8 @@ def blocks(analysis: Analysis) -> list[Block]:
         Heading("Do the estimators know how wrong they are?"),
         Prose(_explain(findings)),
         _picture(analysis, findings),
-        *(_table(findings, score) for score in _SCORES),
+        *_by_drive(findings),
+        _table(findings),
     ]
 
 
@@ -32,22 +33,13 @@ def _explain(findings: Findings) -> str:
     design = findings.design
     silent = [e for k, e in enumerate(design.estimators) if k not in findings.with_covariance]
     text = (
-        "NEES weighs the state error, NIS the innovation, with the covariance the estimator states. "
-        f"A consistent estimator has an average NEES of {design.state_dimension} (states) and an average "
-        "NIS of "
-        f"{design.output_dimension} (outputs); both are shown divided by that. Above its bounds an "
-        "estimator is "
-        "over-confident: its errors are larger than it says. Below, it is cautious. The bounds are "
-        "two-sided at "
-        "95 %. Those of NIS rest on all updates of all runs of a level, for the innovations of a "
-        "consistent filter "
-        "are independent; they are so narrow that a small misfit shows, and its size is what matters. "
-        "Those of NEES "
-        "rest on the number of runs, for state errors are correlated over time; averaging over time can "
-        "only narrow "
-        "them, so they err on the safe side. The last row is the share of samples inside the 95 % region "
-        "of the "
-        "chi-square distribution."
+        "NEES weighs the state error, NIS the innovation, with the covariance the estimator states. A consistent "
+        f"estimator has an average NEES of {design.state_dimension} (states) and an average NIS of "
+        f"{design.output_dimension} (outputs); both are shown divided by that. Above its bounds an estimator is "
+        "over-confident: its errors are larger than it says. Below, it is cautious. The bounds are two-sided at 95 %. "
+        "Those of NIS rest on all updates of a level, and are so narrow that a small misfit shows; its size is what "
+        "matters. Those of NEES rest on the number of runs, as state errors are correlated over time, and err on the "
+        "safe side."
     )
     if silent:
         text += f" No covariance, hence no row: {', '.join(silent)}."
@@ -105,21 +97,11 @@ def _ratios(axes: Axes, analysis: Analysis, findings: Findings, score: str) -> N
     axes.set_title(f"{name}: above the bounds over-confident, below cautious", loc="left")
     axes.set_ylabel(f"{name} / expectation")
     if max(extremes) > 4 * max(min(extremes), 1e-12):
-        _logarithmic(axes, min(extremes), max(extremes))
+        style.logarithmic(axes, min(extremes), max(extremes))
     else:
         room = 0.12 * max(max(extremes) - min(extremes), 1e-3)
         axes.set_ylim(min(extremes) - room, max(extremes) + room)
     axes.grid(axis="y")
-
-
-def _logarithmic(axes: Axes, low: float, high: float) -> None:
-    """Use a logarithmic axis with plain numbers, at 1, 2, 5 or at decades where it spans many."""
-    axes.set_yscale("log")
-    subs = (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
-    axes.yaxis.set_major_locator(mpl.ticker.LogLocator(subs=subs))
-    axes.yaxis.set_minor_locator(mpl.ticker.NullLocator())
-    axes.yaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.set_ylim(0.75 * low, 1.35 * high)
 
 
 def _shares(axes: Axes, analysis: Analysis, findings: Findings) -> None:
@@ -138,30 +120,39 @@ def _shares(axes: Axes, analysis: Analysis, findings: Findings) -> None:
     axes.grid(axis="y")
 
 
-def _table(findings: Findings, score: str) -> Sheet:
+def _table(findings: Findings) -> Sheet:
     design = findings.design
     rows = []
     for band, label in enumerate(design.bands):
         for number, e in enumerate(findings.with_covariance):
-            c = findings.consistency(score, band, e)
-            known = np.isfinite(c.ratio)
-            rows.append(
-                [
-                    "" if number else label,
-                    design.estimators[e],
-                    str(c.runs),
-                    f"{c.ratio:.3f}" if known and c.ratio < 10 else style.number(c.ratio),
-                    f"{c.lower:.3f} to {c.upper:.3f}" if known else "–",
-                    c.verdict,
-                    f"{100 * c.inside:.1f} %" if known else "–",
-                    str(findings.repairs(band, e)),
-                ]
-            )
-    name = _SCORES[score]
-    header = ["level", "estimator", "runs", f"{name} / expectation", "95 % bounds", "verdict"]
-    header += ["inside region", "repairs"]
+            high, runs = findings.alone(band, e)
+            row = ["" if number else label, design.estimators[e], str(runs)]
+            for score in _SCORES:
+                c = findings.consistency(score, band, e)
+                inside = f"{100 * c.inside:.1f} %" if np.isfinite(c.ratio) else "–"
+                row += [style.number(c.ratio), inside, c.verdict]
+            rows.append([*row[:5], str(high), *row[5:], str(findings.repairs(band, e))])
+    header = ["level", "estimator", "runs", "NEES", "inside", "runs above", "verdict", "NIS", "inside", "verdict"]
     caption = (
-        f"{name}, design “{design.name}”. Repairs: steps at which a covariance factor had to be repaired, "
-        "summed over the runs."
+        f"NEES and NIS over their expectation, design “{design.name}”. Inside: share of samples in the 95 % region; "
+        "runs above: those whose own average NEES is beyond the 95 % bound of a single run; repairs: steps at which a "
+        "covariance factor had to be repaired, over all runs."
     )
-    return Sheet(header, rows, caption, left=2)
+    return Sheet([*header, "repairs"], rows, caption, left=2)
+
+
+def _by_drive(findings: Findings) -> list[Block]:
+    """Return the median NEES of each drive where plant and belief agree; nothing for a single drive."""
+    design, home = findings.design, findings.design.matched
+    if home is None or len(design.drives) < 2:
+        return []
+    nees = design.per_run("nees")[home] / max(design.state_dimension, 1)
+    rows = []
+    for e in findings.with_covariance:
+        values = [nees[e, drive][np.isfinite(nees[e, drive])] for drive in range(len(design.drives))]
+        rows.append([design.estimators[e], *(style.number(float(np.median(v))) if v.size else "–" for v in values)])
+    caption = (
+        f"Median over the runs of a drive of NEES over its expectation, {design.bands[home]}: where the plant is "
+        f"{design.matched_is}, a large number is the estimator's own."
+    )
+    return [Sheet(["estimator", *(words(d) for d in design.drives)], rows, caption)]

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, plain
-from harness.report.sections.boxes import UPRIGHT, factor_label
+from harness.report.sections.boxes import UPRIGHT
 from harness.report.store import words
 
 _LINE = 0.225  # inches per drive
 
 
 def blocks(analysis: Analysis) -> list[Block]:
-    """Return a map of the medians per drive and level for each target of the first design."""
+    """Return maps of the medians per drive and estimator of the first design, as believed and where it is worst."""
     findings = analysis.main
     design = findings.design
     if len(design.drives) < 2:
@@ -34,14 +34,19 @@ def blocks(analysis: Analysis) -> list[Block]:
             )
         ),
     ]
+    panels = [(target, band) for target in range(len(design.targets)) for band in shown(findings, target)]
     height = 0.42 + _LINE * len(design.drives)
     per_page = max(1, int((style.TALLEST - 1.6) // height))
-    count = len(design.estimators)
-    for target in range(len(design.targets)):
-        for start in range(0, count, per_page):
-            chosen = list(range(start, min(start + per_page, count)))
-            found.append(_picture(findings, target, chosen, height))
-    return found
+    return found + [_picture(findings, panels[k : k + per_page], height) for k in range(0, len(panels), per_page)]
+
+
+def shown(findings: Findings, target: int) -> list[int]:
+    """Return the bands drawn of a target: the one believed, and the one with the largest median over estimators."""
+    medians = np.where(findings.comparable, findings.medians[target], np.nan)
+    size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else -np.inf for row in medians])
+    worst = int(np.argmax(size))
+    home = findings.design.matched
+    return [worst] if home is None or home == worst else [home, worst]
 
 
 def medians(findings: Findings, target: int) -> NDArray[np.float64]:
@@ -54,37 +59,44 @@ def medians(findings: Findings, target: int) -> NDArray[np.float64]:
     return result
 
 
-def _picture(findings: Findings, target: int, chosen: list[int], height: float) -> Picture:
+def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -> Picture:
     design = findings.design
-    quantity = design.targets[target]
-    values = medians(findings, target)
-    positive = values[np.isfinite(values) & (values > 0)]
-    low, high = (positive.min(), positive.max()) if positive.size else (0.1, 1.0)
-    norm: Normalize = LogNorm(low, high * 1.001) if high > 5 * low else Normalize(0.0, high)
+    turn = {"rotation": 90} if len(design.estimators) > UPRIGHT else {}
     with style.drawing():
-        fig = style.figure((0.85 if len(design.bands) <= UPRIGHT else 1.5) + height * len(chosen))
-        rows = fig.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, e in zip(rows, chosen, strict=True):
-            _map(axes, values[:, e].T, norm)
-            axes.set_title(design.estimators[e], loc="left")
+        fig = style.figure((0.6 if not turn else 1.2) + height * len(panels))
+        rows = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (target, band) in zip(rows, panels, strict=True):
+            values = medians(findings, target)
+            _map(axes, values[band].T, _scale(values))
+            quantity = design.targets[target]
+            believed = f" ({design.matched_is})" if band == design.matched else ""
+            axes.set_title(
+                f"{quantity.words}{style.in_unit(quantity.unit)}, {design.bands[band]}{believed}", loc="left"
+            )
             axes.set_yticks(range(len(design.drives)), [words(d) for d in design.drives])
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
-        turn = 90 if len(design.bands) > UPRIGHT else 0
-        rows[-1].set_xticks(range(len(design.bands)), design.bands, rotation=turn)
-        rows[-1].set_xlabel(factor_label(design).replace("grey", "framed"))
-        if design.matched is not None:
-            for axes in rows:
-                _frame(axes, design.matched, len(design.drives))
-        style.head(fig, f"On which drives is the {quantity.words} hard to estimate?")
+        rows[-1].set_xticks(range(len(design.estimators)), design.estimators, **turn)
+        style.head(fig, "On which drives is the error large?")
         svg = style.svg(fig)
-    unit = style.in_unit(quantity.unit)
-    caption = f"Median RMSE of {quantity.words}{unit} per drive and level; darker is worse, – means no run was ok."
-    return Picture(svg, caption, f"Median RMSE of {quantity.words} per drive, level and estimator")
+    names = " and ".join(dict.fromkeys(design.targets[t].words for t, _ in panels))
+    runs = design.planned // len(design.drives)
+    caption = (
+        f"Median RMSE of {names} per drive and estimator over {runs} runs less those lost, where plant and estimators "
+        "differ least and most; darker is worse, – means no run was ok."
+    )
+    return Picture(svg, caption, f"Median RMSE of {names} per drive, level and estimator")
+
+
+def _scale(values: NDArray[np.float64]) -> Normalize:
+    """Return the colours of a target, the same in all its panels."""
+    positive = values[np.isfinite(values) & (values > 0)]
+    low, high = (positive.min(), positive.max()) if positive.size else (0.1, 1.0)
+    return LogNorm(low, high * 1.001) if high > 5 * low else Normalize(0.0, high)
 
 
 def _map(axes: Axes, values: NDArray[np.float64], norm: Normalize) -> None:
-    """Draw drives by levels as coloured cells with their numbers."""
+    """Draw drives by estimators as coloured cells with their numbers."""
     shown = np.ma.masked_invalid(values)
     edges_x, edges_y = np.arange(values.shape[1] + 1) - 0.5, np.arange(values.shape[0] + 1) - 0.5
     colours = mpl.colormaps["Blues"]
@@ -97,7 +109,3 @@ def _map(axes: Axes, values: NDArray[np.float64], norm: Normalize) -> None:
         text = style.number(float(value), digits)
         cell = axes.text(column, row, text, ha="center", va="center", color="white" if dark else "black")
         cell.set_in_layout(False)  # inside the axes anyway, and measuring hundreds of them takes seconds
-
-
-def _frame(axes: Axes, band: int, drives: int) -> None:
-    axes.add_patch(mpl.patches.Rectangle((band - 0.5, -0.5), 1, drives, fill=False, ec="black", lw=1.2, zorder=5))

@@ -21,6 +21,7 @@ _EXPLAIN = (
 )
 _ROW = 1.65  # inches per quantity
 _LOWEST = 1.3  # inches per quantity where that saves a page
+_AS_PIXELS_FROM = 4000  # points from which vectors make the file large and slow
 _POINTS = 900  # drawn per line: more than a printer resolves on the width of a page
 
 
@@ -72,6 +73,8 @@ def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) ->
         handles += [Line2D([], [], color=k.line, ls=k.dashes, lw=1.3, label=e) for e, k in chosen.items()]
         if bool(np.isfinite(data["std"]).any()):
             handles.append(Patch(color="#b0b0b0", label="± 2σ"))
+        if any(f"measured_{row.name}" in data for row in rows):
+            handles.append(Line2D([], [], color=style.MEASURED, marker=".", ls="", label="measured"))
         style.head(fig, f"Do the estimates follow the true values ({_which(data)})?", handles)
         svg = style.svg(fig)
     names = ", ".join(row.words for row in rows)
@@ -107,8 +110,12 @@ def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look])
         return
     one = data.sel(target=row.name)
     truth = row.scale * one["truth"].values
-    axes.plot(*thin(time, truth), color=style.TRUTH, lw=1.4, zorder=3)
     shown = [truth]
+    if f"measured_{row.name}" in data:
+        measured = row.scale * data[f"measured_{row.name}"].values
+        axes.plot(time, measured, ".", ms=2.5, color=style.MEASURED, zorder=1, rasterized=len(time) > _AS_PIXELS_FROM)
+        shown.append(measured)
+    axes.plot(*thin(time, truth), color=style.TRUTH, lw=1.4, zorder=3)
     for name, look in chosen.items():
         mine = one.sel(estimator=name)
         estimate = row.scale * mine["estimate"].values

@@ -17,7 +17,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     if not any(findings.pairs for findings in analysis.findings):
         return []
     found: list[Block] = [Heading("Which estimator is better, run by run?")]
-    for number, findings in enumerate(analysis.findings):
+    for number, findings in enumerate(analysis.levelled):
         if number == 0:
             found.append(Prose(_explain(findings)))
         found += _pictures(analysis, findings)
@@ -35,8 +35,8 @@ def _explain(findings: Findings) -> str:
         "the design. The drives are chosen, not drawn at random: interval and p-value speak of these drives "
         "with other noise, not of driving at large."
     )
-    if len(names) > 3:
-        text += f" With {len(names)} estimators, each is compared with the first, {names[0]}."
+    if len(names) > 2:
+        text += f" With {len(names)} estimators, each is compared with the best, {names[findings.reference]}."
     return plain(text)
 
 
@@ -50,14 +50,10 @@ def _pictures(analysis: Analysis, findings: Findings) -> list[Block]:
 def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Picture:
     design = findings.design
     names = design.estimators
-    first_names = {names[a] for a, _ in findings.pairs}
-    reference = next(iter(first_names)) if len(first_names) == 1 else None
     if len(names) == 2:
         question = f"Is {names[1]} better than {names[0]} on the same run?"
-    elif reference is not None:
-        question = f"Is an estimator better than {reference} on the same run?"
     else:
-        question = "Which of two estimators is better on the same run?"
+        question = f"Is an estimator better than {names[findings.reference]} on the same run?"
     with style.drawing():
         fig = style.figure(0.25 + foot(design) + row_height(design) * len(targets))
         rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
@@ -65,11 +61,10 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Pict
             _differences(axes, analysis, findings, t)
         label_levels(rows[-1], design, findings)
         handles = []
-        for number, (a, b) in enumerate(findings.pairs):
+        for a, b in findings.pairs:
             look = analysis.looks[names[b]]
-            marker = _marker(analysis, findings, number)
             label = f"{names[b]} − {names[a]}"
-            handles.append(Line2D([], [], color=look.line, marker=marker, ls="-", label=label))
+            handles.append(Line2D([], [], color=look.line, marker=look.marker, ls="-", label=label))
         style.head(fig, question, handles)
         svg = style.svg(fig)
     caption = (
@@ -77,13 +72,6 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Pict
         "named first is better. Filled: p < 0.05 after Holm's correction; open: no difference shown."
     )
     return Picture(svg, caption, question)
-
-
-def _marker(analysis: Analysis, findings: Findings, number: int) -> str:
-    """Return the marker of a pair: that of the estimator compared, or its own where all pairs are shown."""
-    a, b = findings.pairs[number]
-    names = findings.design.estimators
-    return analysis.looks[names[b]].marker if a == 0 else "*"
 
 
 def _differences(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> None:
@@ -100,8 +88,7 @@ def _differences(axes: Axes, analysis: Analysis, findings: Findings, target: int
         axes.vlines(places, low, high, color=look.line, lw=1.4)
         shown = np.array([c.shown for c in found])
         for chosen, face in ((shown, look.line), (~shown, "white")):
-            marker = _marker(analysis, findings, number)
-            axes.plot(places[chosen], values[chosen], marker, ms=5.5, mec=look.line, mfc=face)
+            axes.plot(places[chosen], values[chosen], look.marker, ms=5.5, mec=look.line, mfc=face)
     quantity = design.targets[target]
     axes.set_ylabel(f"difference of RMSE{style.in_unit(quantity.unit)}")
     axes.set_title(quantity.words, loc="left")
@@ -113,7 +100,7 @@ def _table(findings: Findings, target: int) -> Sheet:
     rows: list[list[str]] = []
     last: tuple[int, int] | None = None
     for c in findings.comparisons:
-        if c.target != target:
+        if c.target != target or c.band not in findings.told:
             continue
         pair = (c.first, c.second)
         label = f"{design.estimators[c.second]} − {design.estimators[c.first]}"

@@ -11,7 +11,7 @@ from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, plain
 from harness.report.sections.boxes import scale_errors
-from harness.report.store import Factor
+from harness.report.store import Design, Factor
 
 _ROW = 2.2
 _AS_PIXELS_FROM = 4000  # points from which vectors make the file large and slow
@@ -58,13 +58,19 @@ def _picture(analysis: Analysis, findings: Findings, number: int, targets: list[
         svg = style.svg(fig)
     names = " and ".join(design.targets[t].words for t in targets)
     caption = (
-        f"RMSE of {names} over the actual {factor.words}, design “{design.name}”. Small and pale: one "
-        "run each; "
-        "large: median over the drives and repeats at one Sobol point. Grey: the bands; dashed: the "
-        "value the "
-        "estimators believe."
+        f"RMSE of {names} over the actual {factor.words}, design “{design.name}”, {_counted(design)}. Small and pale: "
+        "one run each; large: median over the drives and repeats at one Sobol point. Grey: the bands; dashed: what "
+        "the estimators believe."
     )
     return Picture(svg, caption, f"RMSE of {names} over {factor.words}")
+
+
+def _counted(design: Design) -> str:
+    """Say how many runs there are, and which have no score."""
+    lost = {name: sum(design.lost(b, e) for b in range(len(design.bands))) for e, name in enumerate(design.estimators)}
+    some = ", ".join(f"{name} {count}" for name, count in lost.items() if count)
+    runs = f"{design.planned * len(design.bands)} runs of each estimator"
+    return f"{runs}, less those without a score ({some})" if some else runs
 
 
 def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, target: int) -> None:
@@ -92,7 +98,7 @@ def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, t
         points = np.moveaxis(runs, 2, 1).reshape(*factor.values.shape, -1)
         some = np.isfinite(points).any(axis=-1)
         middle = np.nanmedian(points[some], axis=-1)
-        axes.plot(factor.values[some], middle, look.marker, ms=3.6, color=look.colour, mec="black", mew=0.3)
+        axes.plot(factor.values[some], middle, look.marker, ms=3.4, color=look.colour, mec=look.line, mew=0.4)
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}")
     axes.set_title(quantity.words, loc="left")
