@@ -1,4 +1,4 @@
-"""The command line: run, report, list, simulate, observability, cache, schema.
+"""The command line: run, report, list, simulate, check, observability, cache, schema.
 
 Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
 mend it); 130: interrupted, and the next run goes on from there. Everything heavy is imported inside the
@@ -281,6 +281,34 @@ def simulate(
     write_recording(recording, out)
     samples, signals = recording.sizes["time"], len(recording.data_vars)
     Console().print(Text(f"{out}: {samples} samples of {signals} signals"), soft_wrap=True)
+
+
+@app.command()
+@_answers_errors
+def check(
+    file: Annotated[Path, typer.Argument(help="Recording: a file, or a folder with one signal per file.")],
+    channels: Annotated[
+        Path | None, typer.Option("--channels", help="Channel map; none for columns that are signals in SI units.")
+    ] = None,
+    parameters: Annotated[
+        str | None, typer.Option("--parameters", help="Parameter set of a car, for the curves of its axles.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the report; results/check-<name> if absent.")
+    ] = None,
+) -> None:
+    """Check a measured drive.
+
+    What does the file hold, where are its gaps, and do its signals agree with each other?
+    """
+    from harness.measured.check import check_recording, print_findings, write_check
+
+    findings = check_recording(file, channels, parameters)
+    console = _wide_console()
+    print_findings(findings, console)
+    name = file.resolve().name.split(".")[0]
+    for path in write_check(findings, out if out is not None else RESULTS / f"check-{name}"):
+        console.print(Text(str(path)), soft_wrap=True)
 
 
 @app.command()

@@ -1,0 +1,155 @@
+"""Axle forces and slip angles from measured motion, and the slope that starts an identification.
+
+After Sun 2015, 3.40 to 3.48. The balance of forces and moments of a car on two axles is ``F_f + F_r = m a_y`` and
+``l_f F_f - l_r F_r = J dr/dt``. The printed (3.40) and (3.41) leave out the factors ``l_r/L`` and ``l_f/L`` that follow
+from it, and (3.42), (3.43) take ``dv_x/dt`` for the longitudinal acceleration ``a_x`` that (2.11), (2.12) have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 9.81
+_SLOWEST = 3.0
+"""m/s; below it slip angles are noise."""
+_LINEAR = 0.4
+"""Lateral force over load up to which the slope is taken; beyond it a tyre on dry road bends."""
+
+
+@dataclass(frozen=True)
+class Car:
+    """What the balance of a car takes.
+
+    Attributes:
+        mass: kg.
+        yaw_inertia: kg m^2.
+        cog_to_front_axle, cog_to_rear_axle: m.
+        cog_height: m; 0 leaves the transfer of load between the axles out.
+    """
+
+    mass: float
+    yaw_inertia: float
+    cog_to_front_axle: float
+    cog_to_rear_axle: float
+    cog_height: float = 0.0
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance of the axles in m."""
+        return self.cog_to_front_axle + self.cog_to_rear_axle
+
+
+@dataclass(frozen=True)
+class Axles:
+    """Lateral forces and loads in N and slip angles in rad of front and rear axle, each of shape ``(samples,)``."""
+
+    force_front: Floats
+    force_rear: Floats
+    load_front: Floats
+    load_rear: Floats
+    slip_front: Floats
+    slip_rear: Floats
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Straight line through lateral force over load against slip angle.
+
+    Attributes:
+        value: 1/rad, the normalised cornering stiffness (3.46, 3.47).
+        std: Its standard error.
+        offset: rad, slip angle at which the line passes zero: steering offset, toe or bias of the lateral velocity.
+        samples: Samples in the linear range.
+    """
+
+    value: float
+    std: float
+    offset: float
+    samples: int
+
+
+def calibrate_steering(angle: Any, factor: float, offset: float) -> Any:
+    """Return the calibrated steering angle in rad, ``factor * angle + offset`` (3.48)."""
+    return factor * angle + offset
+
+
+def axle_forces(car: Car, lateral_acceleration: Any, yaw_acceleration: Any) -> tuple[Any, Any]:
+    """Return the lateral forces in N of front and rear axle (3.40, 3.41).
+
+    Args:
+        car: Masses and lengths.
+        lateral_acceleration: Of the CoG, m/s^2, without gravity.
+        yaw_acceleration: rad/s^2.
+    """
+    force, moment = car.mass * lateral_acceleration, car.yaw_inertia * yaw_acceleration
+    return (
+        (car.cog_to_rear_axle * force + moment) / car.wheelbase,
+        (car.cog_to_front_axle * force - moment) / car.wheelbase,
+    )
+
+
+def axle_loads(car: Car, longitudinal_acceleration: Any) -> tuple[Any, Any]:
+    """Return the vertical loads in N of front and rear axle (3.42, 3.43) at an acceleration of the CoG in m/s^2."""
+    transfer = car.cog_height * car.mass * longitudinal_acceleration
+    weight = car.mass * GRAVITY
+    return (
+        (car.cog_to_rear_axle * weight - transfer) / car.wheelbase,
+        (car.cog_to_front_axle * weight + transfer) / car.wheelbase,
+    )
+
+
+def slip_angles(car: Car, road_wheel_angle: Any, v_x: Any, v_y: Any, yaw_rate: Any) -> tuple[Any, Any]:
+    """Return the slip angles in rad of front and rear axle from the velocity of the CoG (3.44, 3.45).
+
+    Positive when they make a force to the left, as everywhere in this project.
+    """
+    front = road_wheel_angle - np.arctan2(v_y + car.cog_to_front_axle * yaw_rate, v_x)
+    return front, -np.arctan2(v_y - car.cog_to_rear_axle * yaw_rate, v_x)
+
+
+def axle_curves(car: Car, signals: dict[str, Floats]) -> Axles:
+    """Return forces, loads and slip angles along a recording; NaN where it is slower than 3 m/s.
+
+    Args:
+        car: Masses and lengths.
+        signals: ``lateral_acceleration``, ``yaw_acceleration``, ``road_wheel_angle``, ``longitudinal_velocity``,
+            ``lateral_velocity``, ``yaw_rate`` and, if known, ``longitudinal_acceleration``, at the CoG and in SI units.
+    """
+    v_x = np.where(signals["longitudinal_velocity"] > _SLOWEST, signals["longitudinal_velocity"], np.nan)
+    forces = axle_forces(car, signals["lateral_acceleration"], signals["yaw_acceleration"])
+    loads = axle_loads(car, signals.get("longitudinal_acceleration", np.zeros_like(v_x)))
+    slips = slip_angles(car, signals["road_wheel_angle"], v_x, signals["lateral_velocity"], signals["yaw_rate"])
+    return Axles(*forces, *loads, *slips)
+
+
+def cornering_slope(slip: Floats, force: Floats, load: Floats) -> Slope | None:
+    """Return the slope of force over load against slip in the linear range, as the start of an identification.
+
+    Both carry errors, so the line is that of total least squares after scaling by the standard deviations (reduced
+    major axis): regression of force on a noisy slip angle would come out too flat.
+
+    Returns:
+        The slope, or None if fewer than 20 samples or no rising line are there.
+    """
+    share = force / load
+    rows = np.isfinite(slip) & np.isfinite(share)
+    rows[rows] &= np.abs(share[rows]) < _LINEAR
+    if rows.sum() < 20:
+        return None
+    x, y = slip[rows], share[rows]
+    likeness = float(np.corrcoef(x, y)[0, 1])
+    if not likeness > 0:
+        return None
+    value = float(y.std() / x.std())
+    return Slope(
+        value=value,
+        std=value * float(np.sqrt((1 - likeness**2) / (rows.sum() - 2))),
+        offset=float(x.mean() - y.mean() / value),
+        samples=int(rows.sum()),
+    )

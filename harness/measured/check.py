@@ -1,0 +1,258 @@
+"""``harness check``: what a recording holds, whether its signals agree, and pictures of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from harness.errors import UserError
+from harness.measured import check_figures
+from harness.measured.axles import Axles, Car, Slope, axle_curves, cornering_slope
+from harness.measured.consistency import Fit, check, in_report_unit
+from harness.measured.derive import DERIVED, Sources
+from harness.measured.load import load_recording
+from harness.report.document import Block, Bullets, Document, Heading, Prose, Sheet, plain, render
+from harness.report.store import print_unit, quantity, words
+from harness.report.style import number
+from models import registry
+
+Floats = NDArray[np.float64]
+
+_WINDOW = 0.3
+"""s, over which what the axle forces take is smoothed."""
+
+
+@dataclass(frozen=True)
+class Axle:
+    """One axle's curve and the straight line through its beginning."""
+
+    name: str
+    slip: Floats
+    share: Floats
+    slope: Slope | None
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a check found.
+
+    Attributes:
+        recording: As ``load_recording`` returns it.
+        fits: Comparisons of signals with what the others make of them.
+        axles: Lateral force over load against slip angle, if the parameters of the car were given.
+    """
+
+    recording: xr.Dataset
+    fits: list[Fit]
+    axles: list[Axle]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Everything that needs the user's eye, with the evidence."""
+        return [*self.recording.attrs["warnings"], *(finding for fit in self.fits for finding in fit.findings)]
+
+
+def check_recording(file: str | Path, channels: Path | None = None, parameters: str | None = None) -> Findings:
+    """Read a recording and compare its signals with each other.
+
+    Args:
+        file: Recording.
+        channels: Channel map, if its columns are no signals in SI units.
+        parameters: Parameter set of a car, for the curves of its axles.
+
+    Raises:
+        UserError: If anything cannot be read, or the axle curves lack a signal or parameter.
+        ModelError: If there is no such parameter set.
+    """
+    recording = load_recording(file, channels)
+    signals = {
+        str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if not str(n).startswith("measured_")
+    }
+    derived = [n for n in signals if recording[n].attrs["derived"]]
+    step = float(recording["time"][1] - recording["time"][0])
+    axles = [] if parameters is None else _axles(signals, step, parameters)
+    return Findings(recording, check(signals, step, derived), axles)
+
+
+def _axles(signals: dict[str, Floats], step: float, parameters: str) -> list[Axle]:
+    """Return the axle curves with a car's parameters; what is not measured is derived."""
+    values = dict(registry.load("models.parameters", parameters).VALUES)
+    needed = ("mass", "yaw_inertia", "cog_to_front_axle", "cog_to_rear_axle")
+    missing = [n for n in needed if n not in values]
+    if missing:
+        raise UserError(f"--parameters {parameters}: lacks {', '.join(missing)}; axle curves need the set of a car")
+    mass, inertia, front, rear = (values[n] for n in needed)
+    car = Car(mass, inertia, front, rear, values.get("cog_height", 0.0))
+    known = dict(signals)
+    if "road_wheel_angle" not in known and "steering_wheel_angle" in known and "steering_ratio" in values:
+        known["road_wheel_angle"] = known["steering_wheel_angle"] / values["steering_ratio"]
+    for name in ("lateral_acceleration", "yaw_acceleration"):
+        needs, compute = DERIVED[name]
+        if name not in known and any(all(n in known for n in each) for each in needs):
+            known[name] = compute(Sources(known, step, _WINDOW))
+    wanted = (
+        *("lateral_acceleration", "yaw_acceleration", "road_wheel_angle"),
+        *("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
+    )
+    absent = [n for n in wanted if n not in known]
+    if absent:
+        raise UserError(f"--parameters: axle curves take {', '.join(absent)}, which the recording lacks")
+    smooth = Sources(known, step, _WINDOW)
+    curves: Axles = axle_curves(car, {n: smooth[n] for n in (*wanted, "longitudinal_acceleration") if n in known})
+    return [
+        Axle("front", curves.slip_front, curves.force_front / curves.load_front, _slope(curves, "front")),
+        Axle("rear", curves.slip_rear, curves.force_rear / curves.load_rear, _slope(curves, "rear")),
+    ]
+
+
+def _slope(curves: Axles, end: str) -> Slope | None:
+    return cornering_slope(*(getattr(curves, f"{kind}_{end}") for kind in ("slip", "force", "load")))
+
+
+def _overview(recording: xr.Dataset) -> str:
+    """Say in one sentence what was read."""
+    time = recording["time"].values
+    step = float(time[1] - time[0])
+    return f"{len(recording.data_vars)} signals over {time[-1]:.2f} s at {1 / step:.6g} Hz, {len(time)} samples"
+
+
+CONTENT = ("signal", "channel", "unit", "new at", "smallest", "largest", "missing", "longest gap", "delay")
+
+
+def content_rows(recording: xr.Dataset) -> list[list[str]]:
+    """Return a row per signal, in the units of reports, in the order of ``CONTENT``."""
+    rows = []
+    for name, signal in recording.data_vars.items():
+        shown = quantity(str(name).removeprefix("measured_"))
+        values, about = signal.values * shown.scale, signal.attrs
+        known = values[np.isfinite(values)]
+        delay = f"{number(about.get('delay', 0.0) * 1e3)} ms" if about.get("delay") else "–"
+        if about.get("delay_std"):
+            delay = f"{about['delay'] * 1e3:.1f} ± {about['delay_std'] * 1e3:.1f} ms"
+        rows.append(
+            [
+                words(str(name)),
+                str(about.get("channel", "derived")),
+                shown.unit or "–",
+                f"{about['rate']:.4g} Hz",
+                number(known.min()) if known.size else "–",
+                number(known.max()) if known.size else "–",
+                f"{100 * (1 - known.size / values.size):.2f} %",
+                f"{about['longest_gap']:.3g} s" if about.get("gaps") else "–",
+                delay,
+            ]
+        )
+    return rows
+
+
+AGREEMENT = ("signal", "against", "slope", "offset", "delay", "lever arm", "R²")
+
+
+def agreement_rows(fits: list[Fit]) -> list[list[str]]:
+    """Return a row per comparison in the order of ``AGREEMENT``; values with one standard error."""
+    rows = []
+    for fit in fits:
+        offset, unit = in_report_unit(fit, fit.offset)
+        spread, _ = in_report_unit(fit, fit.offset_std)
+        exact = fit.relation.exact
+        rows.append(
+            [
+                words(fit.relation.signal),
+                fit.relation.formula,
+                "positive" if fit.relation.sign_only and fit.slope > 0 else f"{fit.slope:.3f} ± {fit.slope_std:.3f}",
+                f"{number(offset, 2)} ± {number(spread, 1)} {print_unit(unit)}" if exact else "–",
+                f"{round(fit.delay * 1e3)} ± {fit.delay_std * 1e3:.0f} ms" if exact else "–",
+                f"{fit.arm:.2f} ± {fit.arm_std:.2f} m" if np.isfinite(fit.arm) else "–",
+                f"{fit.explained:.3f}",
+            ]
+        )
+    return rows
+
+
+def print_findings(findings: Findings, console: Console) -> None:
+    """Print what the recording holds, how its signals agree, and every warning."""
+    attrs = findings.recording.attrs
+    console.print(Text(f"{attrs['title'] or attrs['file']}: {_overview(findings.recording)}", style="bold"))
+    tables = ((CONTENT, content_rows(findings.recording)), (AGREEMENT, agreement_rows(findings.fits)))
+    for header, rows in tables:
+        if rows:
+            table = Table(*header, box=None)
+            for row in rows:
+                table.add_row(*row)
+            console.print(table)
+            console.print()
+    for axle in findings.axles:
+        console.print(Text(_axle_sentence(axle)), soft_wrap=True)
+    for warning in findings.warnings:
+        console.print(Text(f"warning: {warning}", style="yellow"), soft_wrap=True)
+    if not findings.warnings:
+        console.print(Text("nothing odd was found", style="green"))
+
+
+def _axle_sentence(axle: Axle) -> str:
+    if axle.slope is None:
+        return (
+            f"{axle.name} axle: lateral force does not rise with the slip angle in these data; check signs and offsets"
+        )
+    return (
+        f"{axle.name} axle: lateral force over load rises by {axle.slope.value:.2f} ± {axle.slope.std:.2f} per rad, "
+        f"through zero at {np.degrees(axle.slope.offset):.2f}°, {axle.slope.samples} samples"
+    )
+
+
+def write_check(findings: Findings, out: Path) -> list[Path]:
+    """Write ``check.html`` and ``check.pdf``.
+
+    Returns:
+        The files written.
+
+    Raises:
+        UserError: If the folder cannot be written.
+    """
+    attrs = findings.recording.attrs
+    blocks: list[Block] = [
+        Prose(plain(f"{attrs['file']}: {_overview(findings.recording)}.") + (plain(f" {attrs['source']}")))
+    ]
+    warnings = findings.warnings
+    if warnings:
+        blocks.append(Bullets([plain(w) for w in warnings]))
+    else:
+        blocks.append(
+            Prose(plain("Nothing odd was found: no gaps, spikes or repeated samples, and the signals agree."))
+        )
+    if findings.fits:
+        blocks += check_figures.agreement(findings.fits)
+        blocks.append(Sheet(AGREEMENT, agreement_rows(findings.fits), _AGREEMENT_CAPTION, left=2))
+    if findings.axles:
+        blocks.append(Heading("What do the axles do?"))
+        blocks.append(Bullets([plain(_axle_sentence(axle)) for axle in findings.axles]))
+        blocks.append(check_figures.axles(findings.axles))
+    blocks += [
+        Heading("What the file holds"),
+        *check_figures.signals(findings.recording),
+        Sheet(CONTENT, content_rows(findings.recording), _CONTENT_CAPTION, left=3),
+    ]
+    html, pdf = render(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", blocks))
+    written = []
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, content in (("check.html", html), ("check.pdf", pdf)):
+            (out / name).write_bytes(content)
+            written.append(out / name)
+    except OSError as error:
+        raise UserError(f"{out}: cannot be written: {error.strerror or error}") from None
+    return written
+
+
+_AGREEMENT_CAPTION = (
+    "Each signal, explained by what kinematics makes of the others: slope, offset, delay (positive: the signal is "
+    "late) and the lever arm between the sensors, with one standard error."
+)
+_CONTENT_CAPTION = "Signals on the common time base; new at: how often the channel delivered a new value."
