@@ -76,9 +76,10 @@ class Model:
 
     def expand(self, expr: sp.Expr) -> sp.Expr:
         """Write an expression in states, inputs and parameters only, all ports substituted."""
-        for name in reversed(self.ports):
-            expr = expr.subs(symbol(name), self.ports[name])
-        return expr
+        expanded: dict[sp.Symbol, sp.Expr] = {}
+        for name, port in self.ports.items():
+            expanded[symbol(name)] = port.xreplace(expanded)
+        return expr.xreplace(expanded)
 
     def augment(self, unknown_inputs: Sequence[str]) -> Model:
         """Return the model with inputs moved into the state as random walks (Ziaukas 2.32, 2.33).
