@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from harness.report.analysis import Analysis
-from harness.report.document import Document, render
+from harness.report.document import Document, write
 from harness.report.opening import answer_in_short
 from harness.report.sections import (
     answer,
@@ -57,12 +57,4 @@ def write_report(directory: Path) -> list[Path]:
     analysis = Analysis(store)
     question = str(store.attributes.get("title") or store.attributes.get("study_name") or directory.name)
     document = Document(question, [block for section in _SECTIONS for block in section.blocks(analysis)])
-    html, pdf = render(document)
-    written = []
-    for name, content in (("report.html", html), ("report.pdf", pdf)):
-        path = directory / name
-        unfinished = path.with_suffix(path.suffix + ".part")
-        unfinished.write_bytes(content)
-        unfinished.replace(path)
-        written.append(path)
-    return written
+    return write(document, directory)

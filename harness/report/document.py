@@ -155,3 +155,16 @@ def render(document: Document) -> tuple[bytes, bytes]:
     if not mark:
         raise RuntimeError("typst wrote HTML without a head")
     return f"{head}<style>{css}</style>{mark}{rest}".encode(), pdf
+
+
+def write(document: Document, directory: Path) -> list[Path]:
+    """Write ``report.html`` and ``report.pdf`` into a folder, each whole or not at all; return them in this order."""
+    directory.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, content in zip(("report.html", "report.pdf"), render(document), strict=True):
+        path = directory / name
+        unfinished = path.with_suffix(path.suffix + ".part")
+        unfinished.write_bytes(content)
+        unfinished.replace(path)
+        written.append(path)
+    return written
