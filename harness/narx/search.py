@@ -25,7 +25,7 @@ from harness.narx import data as training_data
 from harness.narx import figures, lipschitz
 from harness.narx.data import Data
 from harness.narx.training import Plan, candidates
-from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, render
+from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, write
 from models.contracts import ModelError
 
 Floats = NDArray[np.float64]
@@ -195,8 +195,8 @@ def main(arguments: Sequence[str]) -> int:
         found = search(data, plan, architectures(chosen.most), chosen.restarts, spread, chosen.seed, chosen.jobs)
         command = f"python -m harness.narx.search {shlex.join(arguments)}"
         report, pictures = document(found_delays, found, plan, chosen.restarts, spread, command)
-        html, pdf = render(report)
-        _write(chosen.out, {"report.html": html, "report.pdf": pdf, **pictures}, found, found_delays, command)
+        write(report, chosen.out)
+        _write(chosen.out, pictures, found, found_delays, command)
     except (UserError, ModelError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -205,12 +205,11 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _write(folder: Path, files: dict[str, bytes], found, found_delays: list[lipschitz.Indices], command: str) -> None:
-    """Write data, figures and report."""
+    """Write data and figures."""
     arrays = {f"nrmse_{a}x{b}": e for (a, b), e in found.items()}
     arrays |= {f"lipschitz_{i.drive}_{i.output}": i.values for i in found_delays}
     described = {"command": command, "rows_of_nrmse": ["one step", "free-running", "free-running, tuned"]}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             (folder / name).write_bytes(content)
         np.savez(folder / "architecture.npz", allow_pickle=False, description=np.array(json.dumps(described)), **arrays)

@@ -16,6 +16,8 @@ from pathlib import Path
 import matplotlib as mpl
 import typst
 
+from harness.errors import UserError
+
 
 @dataclass(frozen=True)
 class Heading:
@@ -157,14 +159,21 @@ def render(document: Document) -> tuple[bytes, bytes]:
     return f"{head}<style>{css}</style>{mark}{rest}".encode(), pdf
 
 
-def write(document: Document, directory: Path) -> list[Path]:
-    """Write ``report.html`` and ``report.pdf`` into a folder, each whole or not at all; return them in this order."""
-    directory.mkdir(parents=True, exist_ok=True)
+def write(document: Document, directory: Path, stem: str = "report") -> list[Path]:
+    """Write a document into a folder as HTML and PDF, each whole or not at all; return them in this order.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
     written = []
-    for name, content in zip(("report.html", "report.pdf"), render(document), strict=True):
-        path = directory / name
-        unfinished = path.with_suffix(path.suffix + ".part")
-        unfinished.write_bytes(content)
-        unfinished.replace(path)
-        written.append(path)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for suffix, content in zip((".html", ".pdf"), render(document), strict=True):
+            path = directory / f"{stem}{suffix}"
+            unfinished = directory / f"{stem}{suffix}.part"
+            unfinished.write_bytes(content)
+            unfinished.replace(path)
+            written.append(path)
+    except OSError as error:
+        raise UserError(f"{directory}: cannot be written: {error.strerror or error}") from None
     return written
