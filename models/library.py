@@ -1,0 +1,35 @@
+"""Which effects of the library a vehicle can have, one place at a time: the candidates for what a model lacks."""
+
+from __future__ import annotations
+
+from models import registry
+from models.assemble import assemble
+from models.contracts import ModelError
+from models.placement import Layout, place_of, sites
+
+
+def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str, ...]:
+    """Return the name of every effect at every place where it fits, ``crosswind@trailer`` or ``steering_lag``.
+
+    Args:
+        vehicle: File in ``models/vehicles``.
+        tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
+        sensors: File in ``models/sensors``; ``None`` leaves out the errors of sensors.
+
+    Raises:
+        ModelError: If these parts make no model.
+    """
+    ports = assemble(vehicle, tyre, (), sensors).ports
+    layout = Layout.of(registry.load("models.vehicles", vehicle))
+    found: list[str] = []
+    for file in registry.names("models.effects"):
+        effect = registry.load("models.effects", file)
+        places = dict.fromkeys(site.place for port in ports for site in sites(effect, port, layout))
+        for place in places:
+            name = f"{file}@{place}" if place_of(effect) and place else file
+            try:
+                assemble(vehicle, tyre, [name], sensors)
+            except ModelError:
+                continue
+            found.append(name)
+    return tuple(found)
