@@ -1,0 +1,133 @@
+"""Blind plant: write recordings of a vehicle with something undeclared in it, and what it is to a sealed file.
+
+    python tests/blind/plant.py --list
+    python tests/blind/plant.py --case semitrailer-crosswind-medium --repeat 3 --out DIR
+    python tests/blind/plant.py --case 17 --out DIR        # the seed draws the case as well
+
+Writes ``train_a.csv``, ``train_b.csv`` and ``test.csv`` (held out), ``belief.json`` with what is published about the
+vehicle, and ``sealed.json`` with the truth, which only the scoring opens.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+from plant_cases import VEHICLES, Case, Truth, cases, choose, draw, seeds
+from plant_effects import CATALOGUE
+from plant_oracle import SIMILAR, library_times, library_values
+from plant_sensors import NOISE
+from plant_simulation import Driven, drive
+
+SCHEMA = 1
+DRIVES = ("train_a", "train_b", "test")
+VERDICT = {
+    "none": "adequate",
+    "parameters": "adequate",
+    "effect": "amended",
+    "pair": "amended",
+    "unlisted": "unresolved",
+}
+
+
+def published(vehicle: str) -> dict[str, float]:
+    """Return the parameters that the belief starts from; those of effects are not among them."""
+    kind = VEHICLES[vehicle]
+    known = kind._fields[: next(i for i, name in enumerate(kind._fields) if name.startswith("gust_force"))]
+    return {name: kind._field_defaults[name] for name in known}
+
+
+def seal(case: Case, repeat: int, truth: Truth, driven: dict[str, Driven]) -> dict[str, Any]:
+    """Return the content of ``sealed.json`` (README.md describes it)."""
+    values, effects = published(case.vehicle), []
+    for e in truth.effects:
+        known = CATALOGUE[case.vehicle][e.name]
+        units = dict(zip(e.values, known.units, strict=True))
+        effects.append(
+            {
+                "name": e.name,
+                "in_library": known.in_library,
+                "equivalent": list(known.equivalent),
+                "magnitude": e.magnitude,
+                "place": e.place,
+                "change": known.change,
+                "parameters": {key: {"value": v, "unit": units[key]} for key, v in e.values.items()},
+                "oracle": {
+                    "form": "similar" if e.name in SIMILAR else "same",
+                    "parameters": library_values(e, truth.equations()) if known.in_library else {},
+                    "per_drive": {name: library_times(e, d.changes) for name, d in driven.items()},
+                },
+            }
+        )
+    true = truth.equations()._asdict()
+    return {
+        "schema": SCHEMA,
+        "case": case.name,
+        "repeat": repeat,
+        "vehicle": case.vehicle,
+        "kind": case.kind,
+        "expected_verdict": VERDICT[case.kind],
+        "effects": effects,
+        "parameters": {k: {"published": v, "true": true[k]} for k, v in values.items() if true[k] != v},
+        "drives": {
+            name: {"changes": d.changes._asdict(), "manoeuvres": list(d.drive.manoeuvres)} for name, d in driven.items()
+        },
+        "noise": NOISE[case.vehicle],
+    }
+
+
+def write(case: Case, repeat: int, out: Path) -> None:
+    """Drive a case and write its files.
+
+    Raises:
+        FloatingPointError: If the vehicle spins.
+        OSError: If the folder cannot be written.
+    """
+    first, *rest = seeds(case, repeat)
+    truth = draw(case, np.random.default_rng(first))
+    driven = {name: drive(truth, seed) for name, seed in zip(DRIVES, rest, strict=True)}
+    out.mkdir(parents=True, exist_ok=True)
+    for name, d in driven.items():
+        pa.csv.write_csv(pa.table(d.recording), out / f"{name}.csv", pa.csv.WriteOptions(quoting_style="none"))
+    belief = {"vehicle": case.vehicle, "parameters": published(case.vehicle), "noise": NOISE[case.vehicle]}
+    for name, content in (("belief", belief), ("sealed", seal(case, repeat, truth, driven))):
+        (out / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--list", action="store_true", help="print every case: name, kind")
+    parser.add_argument("--case", help="a name from the list, or a whole number that draws one")
+    parser.add_argument("--repeat", type=int, default=0, help="other drives, noise and signs of a named case")
+    parser.add_argument("--out", type=Path, help="folder to write to")
+    given = parser.parse_args(arguments)
+    known = cases()
+    if given.list:
+        print("\n".join(f"{case.name}\t{case.kind}" for case in known.values()))
+        return 0
+    if not given.case or not given.out:
+        parser.error("give --case and --out, or --list")
+    if given.repeat < 0:
+        parser.error(f"--repeat {given.repeat}: give 0 or more")
+    if given.case.isdecimal():
+        case, repeat = choose(int(given.case)), int(given.case)
+    elif given.case in known:
+        case, repeat = known[given.case], given.repeat
+    else:
+        close = difflib.get_close_matches(given.case, known, 3)
+        parser.error(f"--case {given.case}: no such case; closest: {', '.join(close) or 'see --list'}")
+    write(case, repeat, given.out)
+    print(f"wrote {', '.join(f'{name}.csv' for name in DRIVES)}, belief.json, sealed.json to {given.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
