@@ -19,13 +19,30 @@ from harness.report.sections import (
     drives,
     history,
     made,
+    over_time,
     paired,
     scatter,
+    sensitivity,
+    tolerance,
     weights,
 )
 from harness.report.store import read
 
-_SECTIONS = (answer, boxes, paired, history, weights, certainty, consistency, drives, scatter, made)
+_SECTIONS = (
+    answer,
+    boxes,
+    sensitivity,
+    tolerance,
+    over_time,
+    paired,
+    history,
+    weights,
+    certainty,
+    consistency,
+    drives,
+    scatter,
+    made,
+)
 
 
 def headline(directory: Path) -> str:

@@ -63,6 +63,7 @@ class Factor:
         upper: Upper end per band, ``(band,)``.
         nominal: Value the estimators believe; NaN where there is no single one.
         values: Value used, ``(band, sample)``.
+        log: Whether bands are filled evenly in the logarithm.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Factor:
     upper: NDArray[np.float64]
     nominal: float
     values: NDArray[np.float64]
+    log: bool = False
 
 
 def words(name: str) -> str:
@@ -130,6 +132,7 @@ def _factor(row: dict[str, Any], data: xr.Dataset) -> Factor:
         upper=np.asarray(row.get("upper", si.max(axis=1)), dtype=float) / base,
         nominal=np.nan if nominal is None else float(nominal) / base,
         values=si / base,
+        log=row.get("scale") == "log",
     )
 
 
@@ -195,6 +198,8 @@ class Design:
     @cached_property
     def matched(self) -> int | None:
         """Band in which every factor has the value the estimators believe; None if there is none."""
+        if self.sampling != "sobol":
+            return None  # one box around that value, or several
         inside = np.ones(len(self.bands), dtype=bool)
         distance = np.zeros(len(self.bands))
         for factor in self.factors:
@@ -213,9 +218,14 @@ class Design:
         return "as believed" if all(f.of == "plant" for f in self.factors) else "as stated"
 
     @property
+    def sampling(self) -> str:
+        """How the bands were filled, see ``harness.design``."""
+        return str(self.data.attrs.get("sampling", "sobol"))
+
+    @property
     def sampled(self) -> bool:
-        """Whether a factor takes more than one value within a band."""
-        return any(bool(np.any(np.ptp(f.values, axis=1) > 0)) for f in self.factors)
+        """Whether a factor takes more than one value within a band, whatever the other factors do."""
+        return self.sampling == "sobol" and any(bool(np.any(np.ptp(f.values, axis=1) > 0)) for f in self.factors)
 
     def count(self, fate: int, band: int | None = None, estimator: int | None = None) -> int:
         """Count the runs of a fate, in all or in one band and estimator."""

@@ -1,0 +1,84 @@
+"""The numbers of the sections on designs over all factors at once: Sobol indices and tolerances, each computed once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness import rank
+from harness.rank import Indices
+from harness.report.store import OK, Design
+from harness.tolerance import Tolerance, tolerance
+
+Floats = NDArray[np.float64]
+
+
+class Ranking:
+    """Sobol indices of a ``saltelli`` design."""
+
+    def __init__(self, design: Design, seed: int):
+        self.design = design
+        self.seed = seed
+
+    def _indices(self, outcome: Floats) -> Indices | None:
+        if not np.isfinite(outcome).all():
+            return None
+        return rank.sobol_indices(outcome, len(self.design.factors), seed=self.seed)
+
+    @cached_property
+    def outcomes(self) -> Floats:
+        """Error of each point over all drives in report units, lost runs scored, ``(target, estimator, sample)``."""
+        return np.stack([rank.over_drives(rank.scored(values[0])) for values in self.design.rmse])
+
+    @cached_property
+    def lost(self) -> Floats:
+        """Share of the runs of each point that were lost, ``(estimator, sample)``."""
+        return np.asarray(np.mean(self.design.status[0] != OK, axis=(1, 3)))
+
+    @cached_property
+    def errors(self) -> list[list[Indices | None]]:
+        """Indices of the error by target and estimator; None where it does not vary or no run has a score."""
+        return [[self._indices(y) for y in row] for row in self.outcomes]
+
+    @cached_property
+    def of_ranks(self) -> list[list[Indices | None]]:
+        """Indices of the rank of the error, for which the score of a lost run matters little."""
+        return [[self._indices(rank.ranks(y)) for y in row] for row in self.outcomes]
+
+    @cached_property
+    def divergence(self) -> list[Indices | None]:
+        """Indices of the share of lost runs by estimator; None where none or all were lost."""
+        return [self._indices(y) for y in self.lost]
+
+    def converging(self, target: int, estimator: int) -> list[Indices]:
+        """Return the indices of the error from ever more of the points."""
+        return rank.converging(self.outcomes[target, estimator], len(self.design.factors), seed=self.seed)
+
+    def best(self, target: int) -> int:
+        """Return the estimator with the smallest median of the error, lost runs scored."""
+        return int(np.argmin(np.nanmedian(self.outcomes[target], axis=-1)))
+
+    def order(self, target: int) -> list[int]:
+        """Return the factors by their mean total index over the estimators, largest first."""
+        known = [[t.value for t in found.total] for found in self.errors[target] if found is not None]
+        return [int(i) for i in np.argsort(-np.mean(known, axis=0), kind="stable")] if known else []
+
+
+def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int], Tolerance]:
+    """Return what each estimator bears in a ``tolerance`` design, by target and estimator.
+
+    Args:
+        design: The design.
+        limits: Largest tolerable RMSE by target, SI; targets without one are left out.
+    """
+    found = {}
+    for t, target in enumerate(design.targets):
+        if target.name not in limits:
+            continue
+        for e in range(len(design.estimators)):
+            errors = np.where(design.status[:, e] == OK, design.rmse[t, :, e], np.inf)
+            worst = errors.max(axis=(1, 3))  # over drives and repeats
+            found[t, e] = tolerance(worst, limits[target.name] * target.scale, len(design.factors))
+    return found
