@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 GRAVITY = 9.81
 _SLOWEST = 3.0
 """m/s; below it slip angles are noise."""
+_LINE = 0.7
+"""Least correlation of force and slip angle at which the points are a line and not a cloud."""
 _LINEAR = 0.4
 """Lateral force over load up to which the slope is taken; beyond it a tyre on dry road bends."""
 
@@ -63,13 +65,13 @@ class Slope:
 
     Attributes:
         value: 1/rad, the normalised cornering stiffness (3.46, 3.47).
-        std: Its standard error.
+        correlation: Of force over load with the slip angle, 1 for points on the line.
         offset: rad, slip angle at which the line passes zero: steering offset, toe or bias of the lateral velocity.
         samples: Samples in the linear range.
     """
 
     value: float
-    std: float
+    correlation: float
     offset: float
     samples: int
 
@@ -135,7 +137,7 @@ def cornering_slope(slip: Floats, force: Floats, load: Floats) -> Slope | None:
     major axis): regression of force on a noisy slip angle would come out too flat.
 
     Returns:
-        The slope, or None if fewer than 20 samples or no rising line are there.
+        The slope, or None if there are fewer than 20 samples or they scatter too much to show a rising line.
     """
     share = force / load
     rows = np.isfinite(slip) & np.isfinite(share)
@@ -144,12 +146,12 @@ def cornering_slope(slip: Floats, force: Floats, load: Floats) -> Slope | None:
         return None
     x, y = slip[rows], share[rows]
     likeness = float(np.corrcoef(x, y)[0, 1])
-    if not likeness > 0:
+    if not likeness > _LINE:
         return None
     value = float(y.std() / x.std())
     return Slope(
         value=value,
-        std=value * float(np.sqrt((1 - likeness**2) / (rows.sum() - 2))),
+        correlation=likeness,
         offset=float(x.mean() - y.mean() / value),
         samples=int(rows.sum()),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,12 +78,13 @@ def check_recording(file: str | Path, channels: Path | None = None, parameters: 
     }
     derived = [n for n in signals if recording[n].attrs["derived"]]
     step = float(recording["time"][1] - recording["time"][0])
-    axles = [] if parameters is None else _axles(signals, step, parameters)
+    unfit = [n for n in signals if recording[n].attrs.get("includes_gravity")]
+    axles = [] if parameters is None else _axles(signals, unfit, step, parameters)
     return Findings(recording, check(signals, step, derived), axles)
 
 
-def _axles(signals: dict[str, Floats], step: float, parameters: str) -> list[Axle]:
-    """Return the axle curves with a car's parameters; what is not measured is derived."""
+def _axles(signals: dict[str, Floats], unfit: Collection[str], step: float, parameters: str) -> list[Axle]:
+    """Return the axle curves with a car's parameters; what is not measured, or with gravity in it, is derived."""
     values = dict(registry.load("models.parameters", parameters).VALUES)
     needed = ("mass", "yaw_inertia", "cog_to_front_axle", "cog_to_rear_axle")
     missing = [n for n in needed if n not in values]
@@ -90,10 +92,10 @@ def _axles(signals: dict[str, Floats], step: float, parameters: str) -> list[Axl
         raise UserError(f"--parameters {parameters}: lacks {', '.join(missing)}; axle curves need the set of a car")
     mass, inertia, front, rear = (values[n] for n in needed)
     car = Car(mass, inertia, front, rear, values.get("cog_height", 0.0))
-    known = dict(signals)
+    known = {n: s for n, s in signals.items() if n not in unfit}
     if "road_wheel_angle" not in known and "steering_wheel_angle" in known and "steering_ratio" in values:
         known["road_wheel_angle"] = known["steering_wheel_angle"] / values["steering_ratio"]
-    for name in ("lateral_acceleration", "yaw_acceleration"):
+    for name in ("lateral_acceleration", "longitudinal_acceleration", "yaw_acceleration"):
         needs, compute = DERIVED[name]
         if name not in known and any(all(n in known for n in each) for each in needs):
             known[name] = compute(Sources(known, step, _WINDOW))
@@ -199,11 +201,12 @@ def print_findings(findings: Findings, console: Console) -> None:
 def _axle_sentence(axle: Axle) -> str:
     if axle.slope is None:
         return (
-            f"{axle.name} axle: lateral force does not rise with the slip angle in these data; check signs and offsets"
+            f"{axle.name} axle: no line through lateral force over slip angle; check signs, offsets and the point "
+            "where the lateral velocity is measured"
         )
     return (
-        f"{axle.name} axle: lateral force over load rises by {axle.slope.value:.2f} ± {axle.slope.std:.2f} per rad, "
-        f"through zero at {np.degrees(axle.slope.offset):.2f}°, {axle.slope.samples} samples"
+        f"{axle.name} axle: lateral force over load rises by {axle.slope.value:.2f} per rad, through zero at "
+        f"{np.degrees(axle.slope.offset):.2f}° (correlation {axle.slope.correlation:.3f}, {axle.slope.samples} samples)"
     )
 
 

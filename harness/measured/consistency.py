@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import correlate
 
 from harness.errors import UserError
 from harness.measured.derive import Sources
@@ -196,9 +197,7 @@ def _correlation_peak(measured: Floats, computed: Floats, step: float) -> float:
     """Return the delay in s at which both are most alike, turned round or not, on the grid of samples."""
     reach = int(_LONGEST_DELAY / step)
     m, c = (np.where(np.isfinite(x), x - np.nanmean(x), 0.0) for x in (measured, computed))
-    count = len(m)
-    shifts = range(-reach, reach + 1)
-    likeness = [abs(float(np.dot(m[max(k, 0) : count + min(k, 0)], c[max(-k, 0) : count - max(k, 0)]))) for k in shifts]
+    likeness = np.abs(correlate(m, c, mode="full", method="fft")[len(c) - 1 - reach : len(c) + reach])
     return (int(np.argmax(likeness)) - reach) * step
 
 

@@ -56,10 +56,7 @@ def load_recording(path: str | os.PathLike[str], channels: str | Path | None = N
     grid = _grid(raws, clock, mapping, file)
     signals = {r.channel.signal: _resampled(r, r.channel.delay, grid) for r in raws}
     step = float(grid[1] - grid[0])
-    delays = _estimated_delays(raws, signals, mapping, step, file)
-    for raw in raws:
-        if raw.channel.signal in delays:
-            signals[raw.channel.signal] = _resampled(raw, delays[raw.channel.signal][0], grid)
+    delays = _estimated_delays(raws, signals, mapping, grid, file)
     to_reference_point(signals, mapping, step)
     _derive(signals, mapping, step, file)
     covered = _covered(signals, step)
@@ -176,15 +173,23 @@ def _covered(signals: dict[str, Floats], step: float) -> slice:
 
 
 def _estimated_delays(
-    raws: list[Raw], signals: dict[str, Floats], mapping: ChannelMap, step: float, file: str
+    raws: list[Raw], signals: dict[str, Floats], mapping: ChannelMap, grid: Floats, file: str
 ) -> dict[str, tuple[float, float]]:
-    """Return delay and standard error of the signals whose map asks for it, judged at the reference point."""
-    wanted = [r.channel for r in raws if np.isnan(r.channel.delay)]
-    if not wanted:
-        return {}
-    known = dict(signals)
-    to_reference_point(known, mapping, step)
-    return {c.signal: find_delay(c.signal, known, step, f"{c.where}.delay (of {file})") for c in wanted}
+    """Return delay and standard error of the signals whose map asks for it, and free them of it, in place.
+
+    One late signal makes others look early, so each is found with the delays of the others taken out, twice over.
+    """
+    wanted = [r for r in raws if np.isnan(r.channel.delay)]
+    step = float(grid[1] - grid[0])
+    delays: dict[str, tuple[float, float]] = {}
+    for _ in range(2 if len(wanted) > 1 else 1):
+        for raw in wanted:
+            name = raw.channel.signal
+            known = {**signals, name: _resampled(raw, 0.0, grid)}
+            to_reference_point(known, mapping, step)
+            delays[name] = find_delay(name, known, step, f"{raw.channel.where}.delay (of {file})")
+            signals[name] = _resampled(raw, delays[name][0], grid)
+    return delays
 
 
 def _derive(signals: dict[str, Floats], mapping: ChannelMap, step: float, file: str) -> None:

@@ -39,16 +39,16 @@ def onto_grid(time: Floats, values: Floats, grid: Floats, largest_gap: float, ho
         hold: Whether each value stands until the next sample, as a command does.
 
     Returns:
-        Values on the grid; NaN in gaps and more than half a sample beyond the ends.
+        Values on the grid; NaN in gaps and more than half a step of the grid beyond the ends.
     """
     result = np.full(len(grid), np.nan)
     if len(time) < 2 or len(grid) < 2:
         return result
     usual, step = float(np.median(np.diff(time))), float(grid[1] - grid[0])
-    reach = max(usual, step) / 2 * (1 + 1e-6)
+    reach = step / 2 * (1 + 1e-6)
     for part in segments(time, largest_gap):
         t, x = time[part], values[part]
-        first, last = np.searchsorted(grid, [t[0] - reach, t[-1] + reach + (usual / 2 if hold else 0.0)])
+        first, last = np.searchsorted(grid, [t[0] - reach, t[-1] + reach + (usual if hold else 0.0)])
         wanted = grid[first:last]
         if hold:
             result[first:last] = x[np.maximum(np.searchsorted(t, wanted + 1e-9, side="right") - 1, 0)]
