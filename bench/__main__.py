@@ -7,7 +7,7 @@ from rich.table import Table
 
 from bench import engine
 from harness.lanes import LANES
-from harness.store import _processor
+from harness.store import processor
 
 
 def main() -> None:
@@ -15,7 +15,7 @@ def main() -> None:
     console = Console()
     with console.status("measuring"):
         times, ratio, peer = engine.step_times(), engine.workers(), engine.filterpy_ukf()
-    table = Table(title=f"microseconds per step and run, one core of {_processor()}, {LANES} runs at a time")
+    table = Table(title=f"microseconds per step and run, one core of {processor()}, {LANES} runs at a time")
     table.add_column("what")
     table.add_column("us", justify="right")
     table.add_column("target", justify="right")

@@ -39,7 +39,7 @@ from types import ModuleType
 import numba
 import numpy as np
 
-from harness import dual_lanes, dual_math, lane_algebra, lane_math, lane_random, lanes
+from harness import dual_lanes, dual_math, lane_algebra, lane_gather, lane_math, lane_random, lanes
 from harness.emit import constants_kernel, kernel, matrix, vector
 from harness.equations import Equations, derive
 from harness.errors import UserError
@@ -108,7 +108,7 @@ def over_duals(source: str) -> str:
 
 @functools.cache
 def _toolchain() -> str:
-    texts = [inspect.getsource(m) for m in (lanes, lane_math, lane_algebra, lane_random)]
+    texts = [inspect.getsource(m) for m in (lanes, lane_math, lane_algebra, lane_gather, lane_random)]
     return "\n".join([numba.__version__, np.__version__, *texts])
 
 

@@ -70,11 +70,8 @@ def derive(model: Model, signals: Sequence[str] = (), parameters: Sequence[str] 
         parameters: Parameters with respect to which derivatives are wanted.
     """
     expanded = _expand(model)
-    roots = [
-        *(_substitute(d, expanded) for d in model.derivatives),
-        *(_substitute(model.outputs[name], expanded) for name in model.outputs),
-        *(_substitute(model.resolve(name), expanded) for name in signals),
-    ]
+    wanted = [*model.derivatives, *model.outputs.values(), *(model.resolve(name) for name in signals)]
+    roots = [_without_tangents(_substitute(expr, expanded)) for expr in wanted]
     shared, reduced = sp.cse(roots, symbols=sp.numbered_symbols("s_", real=True), order="none")
     assignments: dict[sp.Symbol, sp.Expr] = dict(shared)
     nx, ny = len(model.states), len(model.outputs)
@@ -82,9 +79,9 @@ def derive(model: Model, signals: Sequence[str] = (), parameters: Sequence[str] 
 
     forward = _ForwardMode(assignments)
     jacobians = {}
-    for label, wanted in (("x", model.states), ("u", model.inputs), ("p", parameters)):
+    for label, names in (("x", model.states), ("u", model.inputs), ("p", parameters)):
         for target, rows in (("f", f), ("h", h)):
-            jacobians[target + label] = forward.jacobian(rows, [symbol(n) for n in wanted])
+            jacobians[target + label] = forward.jacobian(rows, [symbol(n) for n in names])
     jacobians["sx"] = forward.jacobian(extra, [symbol(n) for n in model.states])
 
     lift = _Lift({symbol(n) for n in model.parameter_names})
@@ -127,6 +124,23 @@ def _expand(model: Model) -> dict[sp.Symbol, sp.Expr]:
 
 def _substitute(expr: sp.Expr, known: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
     return expr.xreplace({s: known[s] for s in expr.free_symbols if s in known})
+
+
+def _without_tangents(expr: sp.Expr) -> sp.Expr:
+    """Write ``tan(a + atan(b))``, a slip variable behind a steered wheel, without tangent and arc tangent.
+
+    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the dearest functions.
+    """
+
+    def fraction(angle: sp.Expr) -> sp.Expr:
+        for term in angle.args:
+            sign, inner = (-1, -term) if term.could_extract_minus_sign() else (1, term)
+            if isinstance(inner, sp.atan):
+                a, b = angle - term, sign * inner.args[0]
+                return (sp.sin(a) + b * sp.cos(a)) / (sp.cos(a) - b * sp.sin(a))
+        return sp.tan(angle)
+
+    return expr.replace(lambda e: isinstance(e, sp.tan) and e.args[0].is_Add, lambda e: fraction(e.args[0]))
 
 
 class _ForwardMode:

@@ -2,13 +2,19 @@
 
 The contract of a file in ``harness/estimators``:
 
-``Settings``                    pydantic model of its settings in a study
-``HAS_COVARIANCE``              whether it states an error covariance
-``tuning(settings, nx, ny)``    the numbers its kernel reads
-``memory_size(nx, ny)``         rows of memory it carries beside mean and covariance
 ``workspace()``                 kernel: scratch arrays of a run
 ``step(before, u_before, u, y, belief, work, after, info)``
                                 kernel: one sample; reads ``before``, writes ``after`` and ``info``
+
+and, where the default in ``DEFAULTS`` does not serve,
+
+``Settings``                    pydantic model of its settings in a study; by default it has none
+``HAS_COVARIANCE``              whether it states an error covariance
+``tuning(settings, nx, ny)``    the numbers its kernel reads
+``memory_size(nx, ny)``         rows of memory it carries beside mean and covariance
+``write_covariance(state, work)``
+                                kernel: writes the covariance of a state that ``step`` left, for an estimator that goes
+                                on without it; called only where somebody reads it
 
 and of an estimator that is made for particular signals, such as a trained network,
 
@@ -22,10 +28,10 @@ and of one whose memory depends on its settings, or begins with other than zeros
 ``first_memory(settings, nx, ny, seeds)``
                                 in place of ``memory_size``: the memory before the first step, ``(rows, LANES)``;
                                 ``seeds`` holds a ``numpy.random.SeedSequence`` per lane
-``MONTE_CARLO``                 true if its results scatter with the seed
 
-Two optional flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the textbook filter on a linear
-model) and ``LINEAR`` (holds the model for linear, so it need not follow any other).
+Three flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the textbook filter on a linear model),
+``LINEAR`` (holds the model for linear, so it need not follow any other) and ``MONTE_CARLO`` (results scatter with the
+seed).
 
 Every other function of the file is a kernel the two may call, and so is every function of a file it imports one
 from, if that file's name begins with an underscore (what several estimators share). Kernels are compiled from
@@ -41,11 +47,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 from scipy import stats
 
 from harness import loops
@@ -58,9 +65,8 @@ from models import registry
 
 Floats = NDArray[np.float64]
 
-EXPORTS = ("Settings", "HAS_COVARIANCE", "tuning", "memory_size", "workspace", "step")
+EXPORTS = ("workspace", "step")
 _NOT_KERNELS = {"tuning", "memory_size", "fit", "estimates", "first_memory"}
-_IN_PLACE_OF = {"fit": "tuning", "first_memory": "memory_size"}
 
 NEES_EVERY = 10
 """Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
@@ -98,15 +104,32 @@ class Scores:
     kept: Floats | None
 
 
-def load_estimator(kind: str) -> ModuleType:
-    """Return an estimator's file.
+class NoSettings(BaseModel):
+    """No settings beside the noise it believes in."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+DEFAULTS: dict[str, Any] = {
+    "Settings": NoSettings,
+    "HAS_COVARIANCE": True,
+    "KALMAN_TYPE": False,
+    "LINEAR": False,
+    "MONTE_CARLO": False,
+    "tuning": lambda settings, nx, ny: [0.0],
+    "memory_size": lambda nx, ny: 0,
+    "write_covariance": loops.write_covariance,
+}
+"""What a file need not export."""
+
+
+def load_estimator(kind: str) -> SimpleNamespace:
+    """Return the exports of an estimator's file, those it does not state by their defaults.
 
     Raises:
         ModelError: If there is none of that name or it lacks an export.
     """
-    found = registry.load("harness.estimators", kind)
-    replaced = {old for new, old in _IN_PLACE_OF.items() if hasattr(found, new)}
-    return registry.load("harness.estimators", kind, tuple(e for e in EXPORTS if e not in replaced))
+    return SimpleNamespace(**{**DEFAULTS, **vars(registry.load("harness.estimators", kind, EXPORTS))})
 
 
 class Estimator:
@@ -180,7 +203,9 @@ class Estimator:
         nx, ny = self.compiled.nx, self.compiled.ny
         after = State(np.empty((nx, LANES)), np.zeros((nx, nx, LANES)), np.empty_like(state.memory))
         info = Info(np.zeros((ny, LANES)), np.zeros((ny, ny, LANES)), *(np.zeros((1, LANES)) for _ in range(4)))
-        self._kernels.step(state, u_before, u, y, belief, self._kernels.workspace(), after, info)
+        work = self._kernels.workspace()
+        self._kernels.step(state, u_before, u, y, belief, work, after, info)
+        self._kernels.write_covariance(after, work)
         return after, info
 
     def belief(self, constants: Floats, process_noise: Floats, measurement_noise: Floats) -> Belief:
@@ -240,14 +265,13 @@ class Estimator:
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 
 
-def kernels_of(file: ModuleType) -> list[Any]:
+def kernels_of(file: SimpleNamespace) -> list[Any]:
     """Return the functions of an estimator's file that are compiled, after those of the files it shares."""
-    functions = [f for f in vars(file).values() if inspect.isfunction(f)]
+    functions = [f for name, f in vars(file).items() if inspect.isfunction(f) and name not in _NOT_KERNELS]
     shared = dict.fromkeys(f.__module__ for f in functions if f.__module__.startswith("harness.estimators._"))
     owned = [f for name in shared for f in vars(sys.modules[name]).values() if inspect.isfunction(f)]
-    return [
-        f for f in (*owned, *functions) if f.__module__ in (*shared, file.__name__) and f.__name__ not in _NOT_KERNELS
-    ]
+    homes = (loops.__name__, *shared, file.__name__)
+    return list(dict.fromkeys(f for f in (*owned, *functions) if f.__module__ in homes))
 
 
 def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) -> Scores:

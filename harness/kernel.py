@@ -20,13 +20,14 @@ from harness.lane_algebra import (
     sigma_mean,
     sigma_update,
 )
+from harness.lane_gather import gather
 from harness.lane_math import atan, cos, exp, log, maximum, minimum, sign, sin, tan, tanh
 from harness.lane_random import next_words, normal_pair, uniform
 from harness.lanes import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
 
 __all__ = [
     "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "Belief", "Info", "State", "absolute", "any_of",
-    "atan", "central_differences", "cholesky", "cos", "cross_covariance", "deviations", "exp", "floor", "get",
+    "atan", "central_differences", "cholesky", "cos", "cross_covariance", "deviations", "exp", "floor", "gather", "get",
     "is_nan", "log", "mahalanobis", "maximum", "minimum", "next_covariance", "next_jacobian", "next_state",
     "next_words", "normal_pair", "outer_sum", "output", "output_jacobian", "put", "scalar_updates", "select",
     "sigma_mean", "sigma_update", "sign", "signals", "signals_jacobian", "sin", "splat", "sqrt", "tan", "tanh",

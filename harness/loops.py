@@ -126,8 +126,10 @@ def estimate(u, y, truth, rows, until, belief, x0, P0, memory0, limits, options,
         score_targets(before, u[k], belief, truth[k], rows, active, s, scores)
         score_information(info, active, bounds, per_run)
         if stated and k % every == 0:
+            write_covariance(before, work)
             score_covariance(before, truth[k], rows, active, bounds, factor, error, scratch, per_run)
         if kept.shape[0] > 0:
+            write_covariance(before, work)
             keep(before, u[k], belief, s, slopes, kept[k])
 
 
@@ -194,6 +196,10 @@ def workspace():
 def step(before, u_before, u, y, belief, work, after, info):
     """Stand in for the estimator's own function of this name."""
     raise RuntimeError("defined by the estimator")
+
+
+def write_covariance(state, work):
+    """Stand for the function of an estimator whose ``step`` does not write the covariance: there is nothing to do."""
 
 
 SIMULATION = (outside, simulate)

@@ -50,6 +50,7 @@ def paste(compiled: CompiledModel, stem: str, functions: Sequence[object], const
         "from harness.kernel import Belief, Info, State\n"
         "from harness.lane_algebra import central_differences, cholesky, cross_covariance, deviations, mahalanobis\n"
         "from harness.lane_algebra import outer_sum, scalar_updates, sigma_mean, sigma_update\n"
+        "from harness.lane_gather import gather\n"
         "from harness.lane_random import next_words, normal_pair, uniform\n"
         f"{constants}\n\n\n{bodies}\n"
     )

@@ -267,7 +267,7 @@ def _root_attributes(study: Study) -> dict[str, Any]:
         ),
         "engine": engine_hash(),
         "commit": commit(),
-        "machine": f"{platform.system()} {platform.machine()}, {_processor()}",
+        "machine": f"{platform.system()} {platform.machine()}, {processor()}",
     }
 
 
@@ -305,7 +305,8 @@ def _git(*arguments: str) -> str | None:
     return done.stdout.strip()
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Return the name of the processor, for the record of a result."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))

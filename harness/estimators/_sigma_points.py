@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
-from harness.kernel import NX, get, next_state, output, put
+import numpy as np
+
+from harness.kernel import LANES, NW, NX, NY, get, next_state, output, put
+
+
+def workspace():
+    """Return the scratch arrays of a run."""
+    return (
+        np.empty((NW, LANES)),
+        np.empty((NX, LANES)),
+        np.empty((NX, NX, LANES)),
+        np.zeros((max(NX, NY), max(NX, NY), LANES)),
+        np.empty((NX, LANES)),
+        np.empty((2 * NX + 1, max(NX, NY), LANES)),
+        np.empty((NY, LANES)),
+        np.empty((NY, NX, LANES)),
+        np.empty((2 * NX, LANES)),
+    )
 
 
 def displace(mean, factor, distance, s, point):

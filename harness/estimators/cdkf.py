@@ -8,13 +8,11 @@ state, the measurement update is written in closed form, which equals the one wi
 
 from __future__ import annotations
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from harness.estimators._sigma_points import observe, propagate
+from harness.estimators._sigma_points import workspace as workspace
 from harness.kernel import (
-    LANES,
-    NW,
     NX,
     NY,
     OUTPUTS_ARE_LINEAR,
@@ -41,7 +39,6 @@ class Settings(BaseModel):
     )
 
 
-HAS_COVARIANCE = True
 KALMAN_TYPE = True
 
 
@@ -50,26 +47,6 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
     square = settings.interval_squared
     h = square**0.5
     return [h, (square - nx) / square, 0.5 / square, 0.5 / h, (square - 1) ** 0.5 / (2 * square)]
-
-
-def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries beside mean and covariance."""
-    return 0
-
-
-def workspace():
-    """Return the scratch arrays of a run."""
-    return (
-        np.empty((NW, LANES)),
-        np.empty((NX, LANES)),
-        np.empty((NX, NX, LANES)),
-        np.zeros((max(NX, NY), max(NX, NY), LANES)),
-        np.empty((NX, LANES)),
-        np.empty((2 * NX + 1, max(NX, NY), LANES)),
-        np.empty((NY, LANES)),
-        np.empty((NY, NX, LANES)),
-        np.empty((2 * NX, LANES)),
-    )
 
 
 def step(before, u_before, u, y, belief, work, after, info):

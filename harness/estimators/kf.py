@@ -9,7 +9,6 @@ On a linear model it is the textbook's filter, on any other it is what is left o
 from __future__ import annotations
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from harness.kernel import (
     LANES,
@@ -25,26 +24,8 @@ from harness.kernel import (
     splat,
 )
 
-
-class Settings(BaseModel):
-    """The filter has no settings beside the noise it believes in."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-HAS_COVARIANCE = True
 KALMAN_TYPE = True
 LINEAR = True
-
-
-def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
-    """Return the numbers the kernel reads."""
-    return [0.0]
-
-
-def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries beside mean and covariance."""
-    return 0
 
 
 def workspace():

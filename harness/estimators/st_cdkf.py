@@ -54,8 +54,7 @@ class Settings(BaseModel):
     )
 
 
-HAS_COVARIANCE = True
-KALMAN_TYPE = False  # fading departs from the Kalman filter whenever residuals are larger than expected
+# no KALMAN_TYPE: fading departs from the Kalman filter whenever residuals are larger than expected
 
 
 def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
@@ -67,7 +66,7 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
 
 
 def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries: per output its residual variance, 0 before the first sample."""
+    """Return how many rows of memory the filter carries: per output its residual variance, 0 at first."""
     return ny
 
 

@@ -7,13 +7,11 @@ the process noise (2.25 as printed) make the innovation covariance too small.
 
 from __future__ import annotations
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from harness.estimators._sigma_points import observe, propagate
+from harness.estimators._sigma_points import workspace as workspace
 from harness.kernel import (
-    LANES,
-    NW,
     NX,
     NY,
     OUTPUTS_ARE_LINEAR,
@@ -40,7 +38,6 @@ class Settings(BaseModel):
     kappa: float = Field(0.0, description="adjusts the fourth moment")
 
 
-HAS_COVARIANCE = True
 KALMAN_TYPE = True
 
 
@@ -51,26 +48,6 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
         raise ValueError(f"alpha^2 (n + kappa) = {total:g} must be positive; raise kappa above {-nx}")
     first = (total - nx) / total
     return [total**0.5, first, first + 1 - settings.alpha**2 + settings.beta, 0.5 / total]
-
-
-def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries beside mean and covariance."""
-    return 0
-
-
-def workspace():
-    """Return the scratch arrays of a run."""
-    return (
-        np.empty((NW, LANES)),
-        np.empty((NX, LANES)),
-        np.empty((NX, NX, LANES)),
-        np.zeros((max(NX, NY), max(NX, NY), LANES)),
-        np.empty((NX, LANES)),
-        np.empty((2 * NX + 1, max(NX, NY), LANES)),
-        np.empty((NY, LANES)),
-        np.empty((NY, NX, LANES)),
-        np.empty((2 * NX, LANES)),
-    )
 
 
 def step(before, u_before, u, y, belief, work, after, info):

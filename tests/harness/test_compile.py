@@ -6,6 +6,7 @@ import sympy as sp
 from small_vehicles import curved, linear
 
 from harness.compile import compile_model, load_source
+from harness.equations import derive
 from harness.errors import UserError
 from harness.lanes import LANES
 from harness.simulate import in_lanes
@@ -171,6 +172,15 @@ def test_linear_outputs_are_recognised(semitrailer):
 def test_jacobian_is_sparse(semitrailer):
     entries = semitrailer.equations.state_jacobian
     assert len(entries) < 75  # of 121; a dense one would mean that zeros are carried along
+
+
+def test_the_steered_axle_needs_no_tangent(semitrailer):
+    """Its value is that of ``test_kernels_agree_with_an_independent_evaluation``, which evaluates the tangent."""
+    eqs = derive(semitrailer.model)
+    written = [*eqs.assignments.values(), *eqs.derivatives]
+    assert any(port.has(sp.tan) for port in semitrailer.model.ports.values())
+    assert not any(expr.has(sp.tan) for expr in written)
+    assert sum(len(expr.atoms(sp.atan)) for expr in written) == 5  # one per axle, that of the tyre
 
 
 def test_unknown_integrator_is_refused():

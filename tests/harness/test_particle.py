@@ -14,6 +14,7 @@ from harness.design import Unit
 from harness.errors import UserError
 from harness.estimate import Estimator
 from harness.evaluate import Bench, Case
+from harness.lane_gather import gather
 from harness.lane_random import generator_words
 from harness.lanes import LANES, get, put
 from harness.simulate import in_lanes
@@ -104,6 +105,18 @@ def test_innovation_and_its_covariance_are_those_of_the_prediction(compiled):
     assert (np.abs(info.innovation - rest[:, None]) < 5 * std[:, None] / np.sqrt(20_000)).all()
     assert np.abs(info.innovation_covariance - S[..., None]).max() < 0.05 * S.max()
     assert info.nis[0] == pytest.approx(np.full(LANES, rest @ np.linalg.solve(S, rest)), rel=0.1, abs=0.05)
+
+
+def test_gather_reads_every_lane_from_its_own_row():
+    @njit
+    def kernel(cloud, rows, out):
+        for i in range(cloud.shape[1]):
+            put(gather(cloud, get(rows, 0), i), out, i)
+
+    cloud = np.arange(10 * 3 * LANES, dtype=float).reshape(10, 3, LANES)
+    rows, out = np.array([[9.0, 0, 3, 3, 1, 7, 2, 9]]), np.empty((3, LANES))
+    kernel(cloud, rows, out)
+    np.testing.assert_array_equal(out, cloud[rows[0].astype(int), :, np.arange(LANES)].T)
 
 
 def test_a_run_draws_the_same_alone_or_in_a_batch(compiled):
