@@ -261,7 +261,7 @@ def _scale_findings(fit: Fit, name: str, evidence: str) -> list[str]:
     if unit is not None:
         return [f"{name}: wrong unit, probably {unit} ({evidence}); correct the unit in the map"]
     off = abs(fit.slope - 1) > max(0.05, _SURE * fit.slope_std) and fit.worse_at_one > _MATTERS
-    if fit.relation.exact and off:
+    if fit.relation.exact and fit.relation.scale and off:
         return [
             f"{name}: wrong scale ({evidence}); set factor = {1 / fit.slope:.4g}, or look at what it is compared with"
         ]

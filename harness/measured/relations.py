@@ -30,6 +30,7 @@ class Relation:
         exact: Whether it holds for any motion in the plane.
         arm: What a lever arm between the sensors would add per metre, with what it means; None if nothing.
         sign_only: Whether the scale is left open (a steering ratio, a wheelbase).
+        scale: Whether slope 1 is to be expected.
         order: Derivative of the signal that is compared.
     """
 
@@ -40,6 +41,7 @@ class Relation:
     exact: bool = True
     arm: tuple[str, Callable[[Sources], Floats]] | None = None
     sign_only: bool = False
+    scale: bool = True
     order: int = 0
 
 
@@ -76,6 +78,7 @@ RELATIONS: tuple[Relation, ...] = (
         "rate of the position across the heading",
         lambda s: _course_velocity(s)[1],
         arm=("m ahead", lambda s: s.rate("heading")),
+        scale=False,  # it is small, and a heading that is off by a degree or two looks like a scale
     ),
     Relation("speed", _POSE, "rate of the position along the heading", lambda s: _course_velocity(s)[0]),
     Relation("speed", ("longitudinal_velocity",), "longitudinal velocity", lambda s: s["longitudinal_velocity"]),

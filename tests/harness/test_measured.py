@@ -528,7 +528,7 @@ def test_check_prints_and_writes_what_it_found(tmp_path):
     assert "1 gaps" in done.output
     assert "front axle" in done.output
     page = (out / "check.html").read_text()
-    assert page.count("<svg") >= 3  # agreement, axles, signals
+    assert page.count("data:image/svg") >= 3  # agreement, axles, signals
     assert "wrong sign" in page
     assert (out / "check.pdf").read_bytes().startswith(b"%PDF")
     refused = CliRunner().invoke(app, ["check", str(path), "--out", str(out), "--parameters", "ziaukas_2023"])
