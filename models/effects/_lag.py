@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-FASTEST_LAG = 0.02
+FASTEST_LAG = 0.01
 """s; a lag's pole is never faster, so that Euler's step of 10 ms follows it."""
 
 FASTEST_DELAY = 0.05

@@ -31,6 +31,8 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Reduce the lateral force by what the longitudinal one uses."""
+    if e.provides("driving_force"):
+        raise e.refuse("it computes drive and brake forces and what they take already")
     leader = e.leader
     settled = e.state("drive_speed", shared=True, start="speed")
     acceleration = (leader.speed - settled) / SETTLING

@@ -24,7 +24,7 @@ STATES: tuple[str, ...] = ()
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter("payload_shift", r"\Delta x", "m", -3.0, 3.0, "shift of the body's CoG, forward positive", neutral=0.0),
-    Parameter("payload_shift_time", "t_L", "s", 0.0, 1e5, "when the load begins to slide", per_drive=True),
+    Parameter("payload_shift_time", "t_L", "s", 0.0, 1e5, "when the load begins to slide", shared=True, per_drive=True),
 )
 
 

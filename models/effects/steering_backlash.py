@@ -44,6 +44,6 @@ def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     half, followed = e.p("steering_backlash"), e.state("steering_followed")
     edge = sp.sqrt(half**2 + NARROWEST**2)
     x = (value - followed) / edge
-    within = x / sp.sqrt(sp.sqrt(1 + x**4))  # -1 to 1
+    within = x / (1 + x**8) ** sp.Rational(1, 8)  # -1 to 1
     e.derivative("steering_followed", edge * (x - within) / PUSHING)
     return value - half * within
