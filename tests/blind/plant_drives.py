@@ -147,7 +147,8 @@ def draw(vehicle: str, rng: np.random.Generator) -> Drive:
     for kind, begin, end in zip(order, begins, ends, strict=True):
         size = rng.uniform(0.5, 1.0) * driver.hardest
         span = end - begin - 1.0
-        wanted += size * MANOEUVRES[kind](t - begin, span, driver, rng) * ((t >= begin) & (t < end))
+        there = slice(*np.searchsorted(t, [begin, end]))
+        wanted[there] = size * MANOEUVRES[kind](t[there] - begin, span, driver, rng)
         goal = rng.uniform(driver.slowest, driver.fastest)
         duration = min(max(abs(goal - v) * np.pi / 2 / driver.speeding_up, 2.0), end - begin)
         most = driver.speeding_up * duration * 2 / np.pi

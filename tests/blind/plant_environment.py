@@ -84,17 +84,20 @@ def _play(angle: Array, half_width: float) -> Array:
     return np.array(values)
 
 
-def _winding_bank(distance: Array, rng: np.random.Generator) -> Array:
-    """Return a random bank of standard deviation 1 with wavelengths of 80 to 600 m."""
-    waves = 2.0 * np.pi / np.geomspace(80.0, 600.0, 12)
-    return np.sqrt(2.0 / 12) * sum(np.sin(k * distance + rng.uniform(0.0, 2.0 * np.pi)) for k in waves)
+def _winding_bank(distance: Array, deviation: float, rng: np.random.Generator) -> Array | float:
+    """Return a random bank in rad of a standard deviation, with wavelengths of 80 to 600 m."""
+    waves, phases = 2.0 * np.pi / np.geomspace(80.0, 600.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12)
+    if deviation == 0.0:
+        return 0.0
+    return deviation * np.sqrt(2.0 / 12) * sum(np.sin(k * distance + p) for k, p in zip(waves, phases, strict=True))
 
 
 def _pulses(t: Array, rng: np.random.Generator) -> Array:
     """Return half-sine jerks of 0.3 s to either side, about one in three seconds."""
     y, begin = np.zeros_like(t), 0.0
     while (begin := begin + rng.uniform(1.5, 4.5)) < DURATION:
-        y += rng.choice([-1.0, 1.0]) * np.sin(np.pi * np.clip((t - begin) / 0.3, 0.0, 1.0))
+        there = slice(*np.searchsorted(t, [begin, begin + 0.3]))
+        y[there] = rng.choice([-1.0, 1.0]) * np.sin(np.pi * (t[there] - begin) / 0.3)
     return y
 
 
@@ -104,18 +107,21 @@ def inputs(drive: Drive, column: Column, around: Surroundings, changes: Changes,
     begin = round(2 * RUN_IN / STEP)
     distance = np.concatenate([[0.0], np.cumsum((drive.speed[1:] + drive.speed[:-1]) * STEP / 4)])
     # Both draws happen in every case: the same drive then has the same road, whatever is wrong with the vehicle.
-    bank, pulses = _winding_bank(distance, rng), _pulses(t, rng)
+    bank, pulses = _winding_bank(distance, around.bank_deviation, rng), _pulses(t, rng)
     after = np.clip(t, 0.0, None)
     columns = {
         "steering_wheel_angle": steered(drive.steering_wheel_angle, column),
         "speed": drive.speed,
         "speed_rate": drive.speed_rate,
         "gust": rise(t, changes.gust_begin, 0.5) - rise(t, changes.gust_end, 0.5),
-        "bank": around.bank + around.bank_deviation * bank,
+        "bank": around.bank + bank,
         "grip": 1.0 - around.friction_drop * rise(t, changes.friction, 1.0),
         "shift": around.payload_shift * rise(t, changes.payload, 1.0),
         "stiffness": np.exp(around.stiffness_drift * after),
         "moment": around.torque_pulse * pulses,
         "distance": distance - distance[begin],
     }
-    return np.stack([columns[name] for name in INPUTS], axis=1)
+    table = np.empty((len(t), len(INPUTS)))
+    for i, name in enumerate(INPUTS):
+        table[:, i] = columns[name]
+    return table
