@@ -214,7 +214,7 @@ def _lost(analysis: Analysis) -> str:
         if not count:
             continue
         per = [
-            f"{e} {n}{_only_on(designs, e, fate)}"
+            f"{e} {n}{_only_on(designs, e, fate) if n > 1 else ''}"
             for e in dict.fromkeys(e for d in designs for e in d.estimators)
             if (n := sum(d.count(fate, None, d.estimators.index(e)) for d in designs if e in d.estimators))
         ]

@@ -24,7 +24,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         Heading("Do the estimators know how wrong they are?"),
         Prose(_explain(findings)),
         _picture(analysis, findings),
-        *_by_drive(findings),
+        *blocks_by_drive(findings),
         _table(findings),
     ]
 
@@ -141,7 +141,7 @@ def _table(findings: Findings) -> Sheet:
     return Sheet([*header, "repairs"], rows, caption, left=2)
 
 
-def _by_drive(findings: Findings) -> list[Block]:
+def blocks_by_drive(findings: Findings) -> list[Block]:
     """Return the median NEES of each drive where plant and belief agree; nothing for a single drive."""
     design, home = findings.design, findings.design.matched
     if home is None or len(design.drives) < 2:

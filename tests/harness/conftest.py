@@ -1,0 +1,46 @@
+"""Finished studies for the tests of the report, written without running any."""
+
+from __future__ import annotations
+
+import pytest
+import synthetic
+from report_parts import ANGLE, lose_some
+
+from harness.report.analysis import Analysis
+from harness.report.store import read
+
+
+@pytest.fixture(scope="module")
+def mass_designs():
+    """The designs of the mass study, with lost runs."""
+    return {
+        "level": synthetic.design(status=lose_some),
+        "band": synthetic.design(levels=(8.0, 24.0, 32.0), band=0.05, samples=8, repeats=1, seed=2),
+    }
+
+
+@pytest.fixture(scope="module")
+def mass(tmp_path_factory, mass_designs):
+    """Folder of the mass study with a history; without a report."""
+    return synthetic.write(tmp_path_factory.mktemp("mass"), mass_designs, runs=[synthetic.history()])
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """Folder of a small study with a history in which one signal has no truth; without a report."""
+    level = synthetic.design(levels=(16.0, 24.0), drives=synthetic.DRIVES[:1], repeats=4, targets=ANGLE)
+    run = synthetic.history(extra="stiffness_factor").isel(target=[1, 3])
+    return synthetic.write(tmp_path_factory.mktemp("small"), {"level": level}, runs=[run])
+
+
+@pytest.fixture
+def one_design(tmp_path):
+    """Write a study of one small design and return its analysis."""
+
+    def make(**options) -> Analysis:
+        folder = synthetic.write(
+            tmp_path / "study", {"level": synthetic.design(**{"repeats": 3, "drives": synthetic.DRIVES[:2], **options})}
+        )
+        return Analysis(read(folder))
+
+    return make
