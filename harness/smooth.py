@@ -134,21 +134,50 @@ def _in_lanes(table: Floats, fill: float | None = None) -> Floats:
     return np.ascontiguousarray(padded.reshape(blocks, LANES, -1).transpose(0, 2, 1))
 
 
+@dataclass(frozen=True)
+class Transitions:
+    """How the particles of one run moved, given measurements, from each sample to the next (Sun 2015, 2.77).
+
+    Attributes:
+        weights: Of the particles ``(samples, N)``.
+        targets: Mean of the next state for each particle but the last sample's ``(samples - 1, N, nx)``.
+        spread: Variance of the next state about these means, summed over particles and samples ``(nx,)``.
+    """
+
+    weights: Floats
+    targets: Floats
+    spread: Floats
+
+
 def reweight(clouds: Clouds) -> Floats:
     """Return the smoothed weights of the filter's particles, ``(samples, N)`` (Sun 2015, 2.74, 2.75)."""
-    smoothed = clouds.weights.copy()
-    for t in range(len(smoothed) - 2, -1, -1):
-        log_weights = _log(clouds.weights[t])
-        _reweight(
+    return transitions(clouds).weights
+
+
+def transitions(clouds: Clouds, smoothed: bool = True) -> Transitions:
+    """Return the pairs of particles at neighbouring samples, weighted by ``p(x(t), x(t+1) | y)`` (Sun 2015, 2.77).
+
+    The N^2 pairs of a sample enter through their sum, mean and variance over the particles at ``t + 1``, from which the
+    expectation of any function that is quadratic in ``x(t+1)`` follows.
+
+    Args:
+        clouds: From ``run_filter``.
+        smoothed: Whether all measurements count, or only those up to ``t + 1``.
+    """
+    steps, count, nx = clouds.ahead.shape
+    weights, targets, spread = clouds.weights.copy(), np.empty((steps, count, nx)), np.zeros(nx)
+    for t in range(steps - 1, -1, -1):
+        _pair(
             _in_lanes(clouds.ahead[t]),
-            _in_lanes(log_weights[:, None], -np.inf)[:, 0],
+            _in_lanes(_log(clouds.weights[t])[:, None], -np.inf)[:, 0],
             clouds.particles[t + 1],
-            smoothed[t + 1],
+            weights[t + 1] if smoothed else clouds.weights[t + 1],
             0.5 / clouds.process_noise,
-            smoothed[t],
+            weights[t],
+            targets[t],
+            spread,
         )
-        smoothed[t] /= smoothed[t].sum()
-    return smoothed
+    return Transitions(weights, targets, spread)
 
 
 def simulate_backward(clouds: Clouds, trajectories: int, rng: np.random.Generator) -> Floats:
@@ -212,18 +241,37 @@ def _normalise(scratch, largest):
 
 
 @_jit
-def _reweight(ahead, log_weights, targets, target_weights, half_precision, smoothed):
-    """Write the weights ``sum_i w_i w_j p(x_i | x_j) / sum_j w_j p(x_i | x_j)`` of one sample (2.74)."""
-    blocks = ahead.shape[0]
-    scratch, result = np.empty((blocks, LANES)), np.zeros((blocks, LANES))
+def _pair(ahead, log_weights, targets, target_weights, half_precision, mass, means, spread):
+    """Write sum and mean, and add the variance, of ``w_i w_j p(x_i | x_j) / sum_j w_j p(x_i | x_j)`` over ``i`` (2.74).
+
+    Moments are taken about ``ahead``, so that no digits are lost.
+    """
+    blocks, nx = ahead.shape[0], ahead.shape[1]
+    scratch, total = np.empty((blocks, LANES)), np.zeros((blocks, LANES))
+    first, second = np.zeros((blocks, nx, LANES)), np.zeros((nx, LANES))
     for i in range(targets.shape[0]):
         if target_weights[i] > 0.0:
             largest = _log_products(ahead, log_weights, targets[i], half_precision, scratch)
             share = target_weights[i] / _normalise(scratch, largest)
             for block in range(blocks):
-                put(get(result, block) + share * get(scratch, block), result, block)
-    for j in range(smoothed.shape[0]):
-        smoothed[j] = result[j // LANES, j % LANES]
+                weight = share * get(scratch, block)
+                put(get(total, block) + weight, total, block)
+                for d in range(nx):
+                    away = targets[i, d] - get(ahead, block, d)
+                    put(get(first, block, d) + weight * away, first, block, d)
+                    put(get(second, d) + weight * (away * away), second, d)
+    everything = total.sum()
+    for d in range(nx):
+        for lane in range(LANES):
+            spread[d] += second[d, lane] / everything
+    for j in range(mass.shape[0]):
+        block, lane = j // LANES, j % LANES
+        held = total[block, lane]
+        mass[j] = held / everything
+        for d in range(nx):
+            away = first[block, d, lane] / held if held > 0.0 else 0.0
+            means[j, d] = ahead[block, d, lane] + away
+            spread[d] -= held * away * away / everything
 
 
 @_jit
