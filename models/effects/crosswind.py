@@ -1,6 +1,6 @@
 """A gust from the side: a lateral force and a yaw moment on each body, from an onset to an end.
 
-Mitschke and Wallentowitz 2014, ch. 11: the wind's force acts ahead of the CoG, so force and moment are separate. Both
+Mitschke and Wallentowitz 2014: the wind's force acts ahead of the CoG, so force and moment are separate. Both
 rise and fall within ``EDGE``. Positive pushes to the left.
 """
 

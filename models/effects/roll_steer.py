@@ -1,6 +1,6 @@
 """Body roll steers an axle through its suspension: a steer angle in proportion to the lateral acceleration.
 
-Pacejka 2012, 1.3.3. Roll is taken as quasi-steady, so the angle follows yaw rate times speed. Positive steers into the
+Pacejka 2012, 1.2.2. Roll is taken as quasi-steady, so the angle follows yaw rate times speed. Positive steers into the
 bend.
 """
 

@@ -1,4 +1,4 @@
-"""An axle pushes to one side at no slip: conicity and ply steer, or wheels out of track (Pacejka 2012, 4.1)."""
+"""An axle pushes to one side at no slip: conicity and ply steer, or wheels out of track (Pacejka 2012, ch. 4)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Torque vectoring or stability control turns the steered body towards a yaw rate that suits speed and steering.
 
-The reference is that of a steady single-track car, ``v delta / (L (1 + (v / v_ch)^2))`` (Rajamani 2012, 8.3), the
+The reference is that of a steady single-track car, ``v delta / (L (1 + (v / v_ch)^2))`` (Rajamani 2012, ch. 8), the
 moment ``K (reference - yaw rate)``, without dead band and without limit.
 """
 

@@ -188,13 +188,13 @@ def check_slope(name: str, effect: types.ModuleType) -> None:
             for p in added:
                 if p.neutral is None:
                     continue
-                size = 1e-6 * (p.upper - p.lower)
+                size = 1e-8 * (p.upper - p.lower)
                 far, near = (
                     (compare(vehicle, tyre, built, {**point, p.name: p.neutral + h})[0] - at_rest) / h
                     for h in (size, size / 2)
                 )
                 assert np.isfinite(far).all()
-                rounding = 1e-12 * np.abs(at_rest) / size
+                rounding = 1e-13 * np.abs(at_rest) / size
                 assert (np.abs(near - far) <= 0.1 * np.abs(far) + 1e-9 + rounding).all(), p.name
                 stem = next(q.name for q in effect.PARAMETERS if p.name.startswith(q.name))
                 steepest[stem] = max(steepest.get(stem, 0.0), (p.upper - p.lower) * float(np.abs(far).max()))
