@@ -142,7 +142,7 @@ def compare(relation: Relation, signals: dict[str, Floats], step: float) -> Fit 
     sources = Sources(signals, step, WINDOW)
     measured = sources.rate(relation.signal, relation.order)
     computed = relation.compute(sources)
-    arm = relation.arm[1](sources) if relation.arm is not None else None
+    arm = relation.arm(sources) if relation.arm is not None else None
     usable = np.isfinite(measured) & np.isfinite(computed)
     if usable.sum() * step < 4 * _LONGEST_DELAY or np.nanstd(computed[usable]) == 0 or np.std(measured[usable]) == 0:
         return None

@@ -28,7 +28,7 @@ class Relation:
         formula: How, in words for the report.
         compute: The function; takes smoothed signals and their derivatives.
         exact: Whether it holds for any motion in the plane.
-        arm: What a lever arm between the sensors would add per metre, with what it means; None if nothing.
+        arm: What a lever arm between the sensors, m ahead, would add per metre; None if nothing.
         sign_only: Whether the scale is left open (a steering ratio, a wheelbase).
         scale: Whether slope 1 is to be expected.
         order: Derivative of the signal that is compared.
@@ -39,7 +39,7 @@ class Relation:
     formula: str
     compute: Callable[[Sources], Floats]
     exact: bool = True
-    arm: tuple[str, Callable[[Sources], Floats]] | None = None
+    arm: Callable[[Sources], Floats] | None = None
     sign_only: bool = False
     scale: bool = True
     order: int = 0
@@ -50,8 +50,6 @@ def _course_velocity(s: Sources) -> tuple[Floats, Floats]:
 
 
 _POSE = ("position_x", "position_y", "heading")
-_AHEAD = ("m ahead", lambda s: s.rate("yaw_rate"))
-_BEHIND = ("m ahead", lambda s: -(s["yaw_rate"] ** 2))
 
 RELATIONS: tuple[Relation, ...] = (
     Relation("yaw_rate", ("heading",), "rate of the heading", lambda s: s.rate("heading")),
@@ -60,14 +58,14 @@ RELATIONS: tuple[Relation, ...] = (
         ("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
         "dv_y/dt + v_x r",
         lambda s: s.rate("lateral_velocity") + s["longitudinal_velocity"] * s["yaw_rate"],
-        arm=_AHEAD,
+        arm=lambda s: s.rate("yaw_rate"),
     ),
     Relation(
         "longitudinal_acceleration",
         ("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
         "dv_x/dt - v_y r",
         lambda s: s.rate("longitudinal_velocity") - s["lateral_velocity"] * s["yaw_rate"],
-        arm=_BEHIND,
+        arm=lambda s: -(s["yaw_rate"] ** 2),
     ),
     Relation(
         "longitudinal_velocity", _POSE, "rate of the position along the heading", lambda s: _course_velocity(s)[0]
@@ -77,7 +75,7 @@ RELATIONS: tuple[Relation, ...] = (
         _POSE,
         "rate of the position across the heading",
         lambda s: _course_velocity(s)[1],
-        arm=("m ahead", lambda s: s.rate("heading")),
+        arm=lambda s: s.rate("heading"),
         scale=False,  # it is small, and a heading that is off by a degree or two looks like a scale
     ),
     Relation("speed", _POSE, "rate of the position along the heading", lambda s: _course_velocity(s)[0]),
