@@ -124,7 +124,13 @@ def main(arguments: list[str] | None = None) -> int:
     else:
         close = difflib.get_close_matches(given.case, known, 3)
         parser.error(f"--case {given.case}: no such case; closest: {', '.join(close) or 'see --list'}")
-    write(case, repeat, given.out)
+    try:
+        write(case, repeat, given.out)
+    except (FloatingPointError, OSError) as problem:
+        print(
+            f"error: --case {given.case}: {problem}; nothing to score, take another --repeat or --out", file=sys.stderr
+        )
+        return 1
     print(f"wrote {', '.join(f'{name}.csv' for name in DRIVES)}, belief.json, sealed.json to {given.out}")
     return 0
 

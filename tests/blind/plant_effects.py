@@ -227,9 +227,9 @@ SEMITRAILER: list[Effect] = [
     ),
     Effect(
         "combined_slip",
-        {"combined_slip": (0.6, 1.0, 1.5)},
+        {"combined_slip": (0.5, 0.8, 1.1)},
         ("1",),
-        "1 is the friction ellipse with equal axes",
+        "1 is the friction ellipse with equal axes; from 1.5 on the truck jackknifes",
     ),
     Effect("yaw_moment_control", {"yaw_control": (2e4, 6e4, 2e5)}, ("N*m*s/rad",), "brakes one side of the tractor"),
     Effect(
