@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _PER_FIGURE = 6
+_TALLEST = 4.7
+"""Inches of the panels that are to stand on the first page, below the findings."""
 _POINTS = 1500
 _EXCERPT = 30.0
 """s of a comparison that are shown: those with most going on."""
@@ -93,7 +95,7 @@ def agreement(fits: Sequence[Fit]) -> list[Picture]:
 
 def _agreement(fits: Sequence[Fit]) -> Picture:
     with style.drawing():
-        fig = style.figure(0.9 + 1.05 * len(fits))
+        fig = style.figure(0.9 + min(1.05 * len(fits), _TALLEST))
         panels = fig.subplots(len(fits), 1, squeeze=False)[:, 0]
         for axes, fit in zip(panels, fits, strict=True):
             scale, unit = in_report_unit(fit, 1.0)

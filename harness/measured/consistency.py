@@ -96,7 +96,7 @@ def check(signals: dict[str, Floats], step: float, derived: Collection[str] = ()
 
     Returns:
         One fit per relation that the signals allow, the exact ones first; a signal with an exact relation is not
-        compared by an approximate one of the same kind.
+        compared by an approximate one of the same kind, and one channel under two names is compared once.
     """
     fits: list[Fit] = []
     done: set[tuple[str, bool]] = set()
@@ -106,7 +106,12 @@ def check(signals: dict[str, Floats], step: float, derived: Collection[str] = ()
         )
         if not known or (relation.signal, relation.sign_only) in done:
             continue
-        fit = compare(relation, signals, step)
+        twin = any(
+            f.relation.formula == relation.formula
+            and np.array_equal(signals[f.relation.signal], signals[relation.signal], equal_nan=True)
+            for f in fits
+        )
+        fit = None if twin else compare(relation, signals, step)
         if fit is not None:
             fits.append(fit)
             done.add((relation.signal, relation.sign_only))
