@@ -21,7 +21,9 @@ import typer.core
 from rich.console import Console
 from rich.text import Text
 
+from harness.command_line import pairs, parameter_set
 from harness.errors import UserError
+from harness.identify.command import identify
 
 if TYPE_CHECKING:
     from harness.configure import DriveSpec, ModelSpec
@@ -355,23 +357,14 @@ def _model_spec(
 ) -> ModelSpec:
     """Resolve a model given on the command line as a study's ``[plant]`` would be."""
     from harness.configure import resolve_single
-    from models import registry
 
-    registry.load("models.vehicles", vehicle)
-    if parameters is None:
-        sets = registry.names("models.parameters")
-        fit = [n for n in sets if vehicle == registry.load("models.parameters", n).VEHICLE]
-        if len(fit) != 1:
-            there = ", ".join(fit) or "none, so write one or a TOML parameter file"
-            raise UserError(f"--parameters: which set of '{vehicle}'? There are: {there}")
-        parameters = fit[0]
     table = {
         "vehicle": vehicle,
-        "parameters": parameters,
+        "parameters": parameter_set(vehicle, parameters),
         "tyre": tyre,
         "effects": effects,
         "sensors": sensors,
-        "values": _pairs(values, "--set"),
+        "values": pairs(values, "--set"),
     }
     return resolve_single(table, "command line")
 
@@ -379,21 +372,7 @@ def _model_spec(
 def _drive_spec(kind: str, options: list[str] | None) -> DriveSpec:
     from harness.configure import DriveSpec
 
-    return DriveSpec(kind, kind, _pairs(options, "--option"), f"--drive {kind}", Path())
-
-
-def _pairs(given: list[str] | None, option: str) -> dict[str, Any]:
-    """Read ``NAME=VALUE`` pairs; a value that is a number becomes one, text keeps its unit."""
-    pairs: dict[str, Any] = {}
-    for item in given or []:
-        name, equals, text = item.partition("=")
-        if not equals or not name.strip() or not text.strip():
-            raise UserError(f"{option} '{item}': write NAME=VALUE, e.g. {option} speed=\"10 m/s\"")
-        try:
-            pairs[name.strip()] = float(text)
-        except ValueError:
-            pairs[name.strip()] = text.strip()
-    return pairs
+    return DriveSpec(kind, kind, pairs(options, "--option"), f"--drive {kind}", Path())
 
 
 @app.command()
@@ -438,6 +417,9 @@ def schema(
     except OSError as error:
         raise UserError(f"{out}: cannot be written: {error.strerror}") from None
     Console().print(Text(str(out)), soft_wrap=True)
+
+
+app.command()(_answers_errors(identify))
 
 
 def main() -> None:

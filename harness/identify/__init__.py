@@ -1,0 +1,1 @@
+"""Parameters from recordings; one method per file, named by its stem. ``contract`` says what a method exports."""
