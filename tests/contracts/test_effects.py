@@ -206,9 +206,10 @@ CHECKS = [check_contract, check_reads, check_neutral, check_presence, check_slop
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-@pytest.mark.parametrize("check", CHECKS)
-def test_every_effect(name, check):
-    check(name, load("effects", name))
+def test_every_effect(name):
+    """All checks of one effect in one test, so that its models are assembled once."""
+    for check in CHECKS:
+        check(name, load("effects", name))
 
 
 @pytest.mark.parametrize("vehicle", [v for v in VEHICLES if load("vehicles", v).PARAMETERS])
