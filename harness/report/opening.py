@@ -19,6 +19,9 @@ from harness.report.style import number, with_unit
 ALIKE = 0.03
 """Estimators whose medians differ by less than this share are told in one number."""
 
+NAMED = 4
+"""Factors of a design up to which each is named."""
+
 _STEADY = 0.02
 _BOUNDS = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)  # percent
 
@@ -157,10 +160,10 @@ def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
         named = all(f.words in label for f in design.factors)
         text = f"with {label}" if named else f"at the level {label}"
     elif within:
-        text = f"with the {_varied(design)} within {label}"
+        text = f"with the {varied(design)} within {label}"
     else:
         owner = "believed to be" if design.factors[0].of == "belief" else "at"
-        text = f"with the {_varied(design)} {owner} {label}"
+        text = f"with the {varied(design)} {owner} {label}"
     if home is None or not first:
         return text
     other = words(design.bands[home])
@@ -171,9 +174,10 @@ def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
     return f"{text} instead of {other},"
 
 
-def _varied(design: Design) -> str:
+def varied(design: Design) -> str:
+    """Name the factors of a design; of more than ``NAMED`` say only how many there are."""
     names = [f.words for f in design.factors]
-    return listed(names) if len(names) <= 4 else f"{len(names)} factors of the study"
+    return listed(names) if len(names) <= NAMED else f"{len(names)} factors of the study"
 
 
 def _everyone(names: Sequence[str]) -> str:

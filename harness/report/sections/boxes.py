@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
+from harness.report.opening import NAMED, varied
 from harness.report.store import ESTIMATOR_DIVERGED, FAILED, PENDING, PLANT_DIVERGED, Design
 from harness.statistics import Summary
 
@@ -45,15 +46,16 @@ def _explain(design: Design) -> str:
 
 def heading(design: Design) -> str:
     """Return the question a design answers."""
-    varied = " and ".join(f.words for f in design.factors) or "setting"
     where = "in each band of" if design.sampled else "at each level of"
-    return f"How large is the error {where} {varied}?"
+    return f"How large is the error {where} {varied(design) if design.factors else 'setting'}?"
 
 
 def factor_label(design: Design) -> str:
     """Return the label of the axis of levels, e.g. ``trailer mass of the plant``."""
     owners = {"plant": " of the plant", "belief": " believed", "both": " of plant and belief"}
     label = ", ".join(f.words + owners.get(f.of, "") for f in design.factors) or design.name
+    if len(design.factors) > NAMED:
+        label = varied(design)
     if design.matched is not None:
         label += f" (grey: {design.matched_is})"
     return label

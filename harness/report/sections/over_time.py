@@ -56,8 +56,8 @@ class AlongDrive:
         values = data.transpose("estimator", "sample", "repeat", "window").values.astype(float)
         finished = np.where(np.isfinite(values), values, -np.inf).max(axis=(0, 1, 2))
         scored = np.where(np.isfinite(values), values, np.where(np.isfinite(finished), finished, np.nan))
-        scale = self.design.targets[self.target].scale
-        return np.asarray(scale * np.sqrt(np.mean(scored[self.estimator] ** 2, axis=1)), dtype=np.float64)
+        errors: NDArray[np.float64] = np.sqrt(np.mean(scored[self.estimator] ** 2, axis=1))
+        return errors * self.design.targets[self.target].scale
 
     @property
     def drive(self) -> str:
@@ -129,5 +129,5 @@ def _shares(axes: Axes, along: AlongDrive) -> None:
         axes.fill_between(along.time, low, high, color=_COLOURS[k], alpha=0.15, lw=0)
         axes.plot(along.time, value, color=_COLOURS[k], ls=_DASHES[k])
     axes.set_ylabel("total index")
-    axes.set_ylim(0.0, 1.05)
+    axes.set_ylim(0.0, max(1.05, 1.02 * float(np.nanmax(along.total[along.leading][:, :, 0], initial=0.0))))
     axes.grid()

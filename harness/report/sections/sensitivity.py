@@ -54,12 +54,12 @@ def _words(ranking: Ranking) -> list[str]:
     items = []
     for t, target in enumerate(design.targets):
         name = strong(target.words[:1].upper() + target.words[1:] + ".")
-        items.append(f"{name} {plain(_drivers(ranking, ranking.errors[t], ranking.order(t)) + _by_ranks(ranking, t))}")
+        items.append(f"{name} {plain(_drivers(ranking, ranking.errors[t], ranking.best(t)) + _by_ranks(ranking, t))}")
     lost = strong("Divergence.")
     if any(ranking.divergence):
-        known = [found for found in ranking.divergence if found is not None]
-        order = [int(i) for i in np.argsort(-np.mean([[i.value for i in f.total] for f in known], axis=0))]
-        items.append(f"{lost} {plain(_drivers(ranking, ranking.divergence, order, 'the share of lost runs'))}")
+        some = [e for e, found in enumerate(ranking.divergence) if found is not None]
+        most = max(some, key=lambda e: float(ranking.lost[e].mean()))
+        items.append(f"{lost} {plain(_drivers(ranking, ranking.divergence, most, 'the share of lost runs'))}")
     else:
         items.append(
             f"{lost} {plain('No estimator lost some of its runs and kept others: there is nothing to explain.')}"
@@ -67,27 +67,25 @@ def _words(ranking: Ranking) -> list[str]:
     return items
 
 
-def _drivers(
-    ranking: Ranking, indices: Sequence[Indices | None], order: Sequence[int], what: str = "the variance of the error"
-) -> str:
-    """Name the factors with a large total index, with its range over the estimators."""
-    known = [found for found in indices if found is not None]
-    if not known:
-        return "No estimator has an error that varies."
-    parts, rest = [], []
-    for i in order:
-        values = [found.total[i].value for found in known]
-        name = ranking.design.factors[i].words
-        if max(values) >= DRIVING:
-            low, high = f"{min(values):.2f}", f"{max(values):.2f}"
-            parts.append(f"{name} ({low})" if low == high else f"{name} ({low} to {high})")
-        else:
-            rest.append(max(values))
-    over = "" if len(known) == 1 else f" over the {len(known)} estimators"
-    text = f"Total share of {what} by factor{over}: {listed(parts)}" if parts else f"No factor has a share of {DRIVING}"
-    return text + (
-        f"; each of the other {len(rest)} below {max(max(rest), 0.0) + 0.005:.2f}." if parts and rest else "."
-    )
+def _drivers(ranking: Ranking, indices: Sequence[Indices | None], shown: int, what: str = "the error") -> str:
+    """Name the factors with a large total index for one estimator, and the estimators for which another one leads."""
+    design, found = ranking.design, indices[shown]
+    if found is None:
+        return f"With {design.estimators[shown]} {what} does not vary."
+    large = [i for i in found.order if found.total[i].value >= DRIVING]
+    small = [found.total[i].value for i in found.order if i not in large]
+    parts = [f"{design.factors[i].words} {_cell(found.total[i])}" for i in large]
+    text = f"With {design.estimators[shown]}, the total indices of {what} are {listed(parts)}"
+    if not parts:
+        text = f"With {design.estimators[shown]}, no factor has a total index of {what} of {DRIVING}"
+    elif small:
+        text += f"; the other {len(small)} factors have at most {max(small[0], 0.0):.2f} each"
+    other = [
+        f"{name} ({design.factors[f.order[0]].words} {f.total[f.order[0]].value:.2f})"
+        for name, f in zip(design.estimators, indices, strict=True)
+        if f is not None and f.order[0] != found.order[0]
+    ]
+    return text + (f". Another factor leads for {listed(other)}." if other else ".")
 
 
 def _by_ranks(ranking: Ranking, target: int) -> str:

@@ -1,0 +1,148 @@
+"""The report's sections on designs over all factors at once, on scores whose indices and boxes are known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import synthetic
+import zarr
+from report_parts import Page
+from test_joint import HEAD, JOINT, LIMITS, NESTED, OVER
+
+from harness.configure import load_study
+from harness.design import points
+from harness.report import write_report
+from harness.report.analysis import Analysis
+from harness.report.ranking import Ranking, tolerances
+from harness.report.sections import over_time, sensitivity, tolerance
+from harness.report.sections.over_time import AlongDrive
+from harness.report.store import read
+from harness.store import _empty
+
+WINDOWS = 4
+TARGETS = ("lateral_force_axle_21", "articulation_angle")
+
+
+def study_of(tmp_path):
+    path = tmp_path / "joint.toml"
+    estimators = '[[estimator]]\nname = "UKF"\nkind = "ukf"\n'
+    path.write_text(HEAD + estimators + JOINT.replace("samples = 4", "samples = 128") + NESTED + LIMITS + OVER)
+    return load_study(path)
+
+
+def scores(study):
+    """Designs as a run leaves them: mass makes 80 % of the variance, friction 20 %; heavy trailers lose the UKF.
+
+    In the nested boxes the error grows with the mass from 1 deg to 3 deg at the heavy edge.
+    """
+    road = SimpleNamespace(profile=SimpleNamespace(time=np.arange(0.0, 20.01, 0.01)))
+    windows = lambda design, drive: WINDOWS if (design, drive) == (0, 0) else None  # noqa: E731
+    bench = SimpleNamespace(belief=SimpleNamespace(nx=11, ny=1), roads=[road, road], windows=windows)
+    joint, nested = (_empty(study, d, bench) for d in study.designs)
+    shape = (1, 1, 1, 1, 1)
+    mass, friction, _ = (
+        (v - v.mean()) / (12**-0.5 * (v.max() - v.min())) for v in points(study, study.designs[0]).values[0].T
+    )
+    error = 10.0 + 2.0 * mass + friction
+    joint["rmse"][:] = error.reshape(1, -1, *shape[2:], 1) * np.deg2rad(0.1) * np.ones((1, 1, 2, 1, 2, 2))
+    joint["status"][:] = 0
+    joint["status"][0, mass > 1.5, :, :, 1] = 1
+    early = 10.0 + 2.0 * mass
+    late = 10.0 + 2.0 * friction
+    for k in range(WINDOWS):
+        joint["rmse_over_time"][..., k] = (early if k < 2 else late).reshape(1, -1, 1, 1, 1)
+    share = (points(study, study.designs[1]).values[:, :, 0] - 24e3) / 8e3
+    nested["status"][:] = 0
+    nested["rmse"][:] = np.deg2rad(1.0 + 2.0 * np.maximum(share, 0.0))[:, :, None, None, None, None]
+    for data in (joint, nested):
+        for name in ("nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates"):
+            data[name][:] = 1.0
+    return {"joint": joint, "nested": nested}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("joint")
+    study = study_of(path)
+    synthetic.write(path / "out", scores(study))
+    zarr.open_group(path / "out" / "scores.zarr", mode="r+").attrs["limits"] = (
+        '{"articulation_angle": 0.03490658503988659}'
+    )
+    return path / "out"
+
+
+@pytest.fixture(scope="module")
+def analysis(folder):
+    return Analysis(read(folder))
+
+
+def words(blocks):
+    return " ".join(str(vars(block)) for block in blocks)
+
+
+def test_indices_are_those_of_the_error_that_was_made(analysis):
+    ranking = Ranking(analysis.findings[0].design, seed=0)
+    found = ranking.errors[1][0]
+    np.testing.assert_allclose([t.value for t in found.total], [0.8, 0.2, 0.0], atol=0.06)
+    np.testing.assert_allclose([f.value for f in found.first], [0.8, 0.2, 0.0], atol=0.12)
+    assert ranking.divergence[0] is None  # it lost no run
+    assert ranking.divergence[1].order[0] == 0
+    assert ranking.divergence[1].total[0].value > 0.9
+    assert ranking.of_ranks[1][0].order[:2] == [0, 1]
+
+
+def test_lost_runs_score_as_much_as_the_worst_that_finished(analysis):
+    ranking = Ranking(analysis.findings[0].design, seed=0)
+    lost = ranking.lost[1] == 1.0
+    assert 0.0 < lost.mean() < 0.2
+    np.testing.assert_allclose(ranking.outcomes[1, 1, lost], ranking.outcomes[1, 0].max())
+    np.testing.assert_allclose(ranking.outcomes[1, 1, ~lost], ranking.outcomes[1, 0, ~lost])
+
+
+def test_words_name_the_leading_factor_and_count_what_was_lost(analysis):
+    told = words(sensitivity.blocks(analysis))
+    assert "the total indices of the error are trailer mass" in told
+    assert "UKF, the total indices of the share of lost runs are trailer mass" in told
+    lost = int((analysis.findings[0].design.status[:, 1] == 1).sum())
+    assert f"UKF {lost} + 0" in told
+    assert "128 base samples, 3 factors, hence 640 points, on 2 drives: 1280 runs" in told
+
+
+def test_the_box_is_where_the_error_reaches_the_limit(analysis):
+    """1 deg + 2 deg times the share of the way to 32 t is 2 deg at half of it, 28 t."""
+    limit = {"articulation_angle": np.deg2rad(2.0)}
+    found = tolerances(analysis.findings[1].design, limit)
+    assert set(found) == {(1, 0), (1, 1)}
+    assert found[1, 0].first == (0, True)
+    assert found[1, 0].upper[0] == pytest.approx(0.5)
+    assert 0.5 <= found[1, 0].box <= 0.75
+    told = words(tolerance.blocks(analysis))
+    assert "trailer mass above 28.0 t" in told
+    assert "2.00°" in told
+
+
+def test_sensitivity_over_time_changes_with_the_cause(analysis):
+    along = AlongDrive(Ranking(analysis.findings[0].design, seed=0), 1)
+    assert along.total.shape == (3, WINDOWS, 3)
+    np.testing.assert_allclose(along.total[0, :, 0], [1.0, 1.0, 0.0, 0.0], atol=0.06)
+    np.testing.assert_allclose(along.total[1, :, 0], [0.0, 0.0, 1.0, 1.0], atol=0.06)
+    assert len(over_time.blocks(analysis)) == 2 + len(TARGETS)
+
+
+def test_unfinished_designs_have_no_indices(tmp_path):
+    study = study_of(tmp_path)
+    made = scores(study)
+    made["joint"]["status"][0, 3, 0] = -1
+    synthetic.write(tmp_path / "out", made)
+    analysis = Analysis(read(tmp_path / "out"))
+    assert "is not finished" in words(sensitivity.blocks(analysis))
+    assert over_time.blocks(analysis) == []
+
+
+def test_a_whole_report_is_written(folder):
+    html = Page(write_report(folder)[0].read_text(encoding="utf-8")).text
+    for question in ("Which parameter drives the error?", "How far may the vehicle drift in everything at once?",
+                     "When does which parameter make the error?"):  # fmt: skip
+        assert question in html
