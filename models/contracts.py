@@ -13,8 +13,9 @@ folder          exports
 ``drives``      ``OPTIONS``, ``generate(options, context)``
 ==============  =========================================================================================
 
-A vehicle with inputs that no drive states exports ``drive_inputs(profile, context)``, their values on a drive by name, and
-one whose estimators begin with another variance than the process noise of a step, ``START_VARIANCE`` by state.
+A vehicle with inputs that no drive states exports ``drive_inputs(profile, context)``, their values on a drive by
+name, and one whose estimators begin with another variance than the process noise of a step, ``START_VARIANCE`` by
+state.
 
 Beside these a vehicle may export ``wheelbase(values)`` for the limits of the drives, ``check(values)`` for
 values that are impossible together, and ``START``: the first value of a state that does not start at zero, as a
