@@ -12,6 +12,9 @@ from harness.rank import Indices
 from harness.report.store import OK, Design
 from harness.tolerance import Tolerance, tolerance
 
+FEWEST_POINTS = 20
+"""Points that differ from the others in the share of lost runs, below which that share is not explained by factors."""
+
 Floats = NDArray[np.float64]
 
 
@@ -49,8 +52,8 @@ class Ranking:
 
     @cached_property
     def divergence(self) -> list[Indices | None]:
-        """Indices of the share of lost runs by estimator; None where none or all were lost."""
-        return [self._indices(y) for y in self.lost]
+        """Indices of the share of lost runs by estimator; None where too few points differ in it from the others."""
+        return [self._indices(y) if np.sum(y != np.median(y)) >= FEWEST_POINTS else None for y in self.lost]
 
     def converging(self, target: int, estimator: int) -> list[Indices]:
         """Return the indices of the error from ever more of the points."""
