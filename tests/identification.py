@@ -11,7 +11,12 @@ from harness.simulate import simulate_drive
 from models import registry
 from models.contracts import DriveContext
 
-CAR = {"vehicle": "car_reference_point", "parameters": "sun_2015", "sensors": "car_reference"}
+CAR = {
+    "vehicle": "car_reference_point",
+    "parameters": "sun_2015",
+    "sensors": "car_reference",
+    "noise": {"process_scale": 0.01},  # Sun's is as large as the measurement noise and hides the inertia
+}
 TRUCK = {
     "vehicle": "semitrailer",
     "parameters": "ziaukas_2023",

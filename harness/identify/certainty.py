@@ -255,5 +255,6 @@ def _partners(space: Space, knowledge: Knowledge, i: int) -> str:
     """Name the other coordinates that nearly move together with one, the strongest first."""
     strength = np.abs(knowledge.correlation[i])
     strength[i] = 0.0
-    order = [int(k) for k in np.argsort(-strength) if strength[k] >= CONFOUNDED]
-    return ", ".join(f"{space.coordinates[k].name} ({knowledge.correlation[i, k]:+.2f})" for k in order[:3])
+    order = [int(k) for k in np.argsort(-strength) if strength[k] >= CONFOUNDED][:3]
+    names = [space.coordinates[k].name.replace("_", " ") for k in order]
+    return ", ".join(f"{name} ({knowledge.correlation[i, k]:+.2f})" for name, k in zip(names, order, strict=True))

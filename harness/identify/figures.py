@@ -49,7 +49,7 @@ def over_time(judged: Judged, outputs: list[str]) -> bytes:
 
 
 def periodograms(judged: list[Judged], outputs: list[str]) -> bytes:
-    """Return the cumulative periodograms, a panel per recording and a line per output."""
+    """Return the cumulative periodograms less that of white noise, a panel per recording and a line per output."""
     chosen = style.looks(outputs)
     panel = min(1.9, (style.TALLEST - 1.6) / len(judged))
     with style.drawing():
@@ -60,15 +60,14 @@ def periodograms(judged: list[Judged], outputs: list[str]) -> bytes:
                 if not len(w.frequency):
                     continue
                 some = slice(None, None, max(1, len(w.frequency) // _POINTS))
-                axes.fill_between(
-                    w.frequency, 2 * w.frequency - w.band, 2 * w.frequency + w.band, color=style.SHADE, lw=0
-                )
                 look = chosen[name]
-                axes.plot(w.frequency[some], w.cumulative[some], color=look.line, ls=look.dashes)
-            axes.set_ylim(-0.02, 1.02)
+                away = w.cumulative - 2.0 * w.frequency
+                axes.plot(w.frequency[some], away[some], color=look.line, ls=look.dashes)
+                for side in (-w.band, w.band):
+                    axes.axhline(side, color=style.TRUTH, ls=":", lw=0.8)
             axes.set_xlim(0.0, 0.5)
             axes.set_title(f"{j.drive.name}{', kept from the fit' if j.held_out else ''}", loc="left")
-            axes.set_ylabel("share of power")
+            axes.set_ylabel("share of power\nless white")
         panels[-1].set_xlabel("frequency over sampling frequency")
         handles = [Line2D([], [], color=chosen[n].line, ls=chosen[n].dashes, label=words(n)) for n in outputs]
         style.head(fig, "Are the innovations white?", handles)

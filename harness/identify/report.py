@@ -88,6 +88,15 @@ def _parameters(fit: Fit) -> list[Block]:
     parameters = [e for e in fit.estimates if e.name in fit.spec.values]
     noise = [e for e in fit.estimates if e.name not in fit.spec.values]
     blocks: list[Block] = [Heading("Which values?"), _sheet(parameters, "Parameters before and after the fit")]
+    if any(e.profile is not None for e in parameters):
+        blocks.append(
+            Picture(
+                figures.profiles(fit),
+                "How far the log-likelihood falls along each parameter, everything else refitted; what lies below the "
+                "dotted line is outside the 95 % interval, dashed is the parabola of the standard error.",
+                "Profile likelihood of each parameter in standard errors from its estimate.",
+            )
+        )
     if noise:
         caption = "Noise before and after; process noise as a factor on the variances of all states of that unit"
         blocks.append(_sheet(noise, caption))
@@ -176,34 +185,23 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
         Prose(strong(said)),
         Picture(
             figures.periodograms(judged, outputs),
-            "Cumulative periodogram of the whitened innovations; white noise stays within the band 95 times of 100.",
-            "Cumulative share of power over frequency for each output, with the band of white noise.",
+            "Cumulative periodogram of the whitened innovations less that of white noise, which stays between the "
+            "dotted lines 95 times of 100.",
+            "Share of power below each frequency less that of white noise, for each output, with the 95 % band.",
         ),
         Sheet(header, rows, caption, left=2),
     ]
 
 
 def _certainty(fit: Fit) -> list[Block]:
-    blocks: list[Block] = []
-    if any(e.profile is not None for e in fit.estimates):
-        blocks.append(
-            Picture(
-                figures.profiles(fit),
-                "How far the log-likelihood falls along each parameter, everything else refitted; below the dotted "
-                "line lies outside the 95 % interval, dashed is the parabola of the standard error.",
-                "Profile likelihood of each parameter in standard errors from its estimate.",
-            )
-        )
-    if fit.correlation.size:
-        blocks.append(
-            Picture(
-                figures.correlation(fit),
-                "Correlation of the estimates. A pair near 1 or -1 is confounded: the recordings tell one combination "
-                "of the two and not each.",
-                "Matrix of correlations between the estimates.",
-            )
-        )
-    return [Heading("Which parameters hang together?"), *blocks] if blocks else []
+    if not fit.correlation.size:
+        return []
+    caption = (
+        "Correlation of the estimates. A pair near 1 or -1 is confounded: the recordings tell one combination of the "
+        "two and not each."
+    )
+    picture = Picture(figures.correlation(fit), caption, "Matrix of correlations between the estimates.")
+    return [Heading("Which estimates hang together?"), picture]
 
 
 def _made(fit: Fit, command: str) -> list[Block]:
