@@ -175,11 +175,14 @@ def compile_model(
         raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(INTEGRATORS)}")
     if model.discrete:
         integrator, substeps = "euler", 1
-    eqs = derive(model, signals, parameters)
+    eqs = _derived(model, signals, parameters)
     source = model_source(eqs, step, integrator, substeps)
     if duals:
         source = over_duals(source)
     return CompiledModel(model, eqs, load_source(f"model_{model.name.replace('+', '_')}", source), step)
+
+
+_derived = functools.lru_cache(maxsize=8)(derive)  # the same for kernels over lanes and over duals
 
 
 def model_source(eqs: Equations, step: float, integrator: str, substeps: int) -> str:

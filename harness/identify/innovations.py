@@ -182,7 +182,7 @@ class Innovations:
         states, outputs = np.empty((samples, self.compiled.nx, LANES)), np.empty((samples, self.compiled.ny, LANES))
         left = np.empty((1, LANES))
         constants, first = self.compiled.constants(filled.values), self._first(drive, filled)
-        self._plain.run_free(drive.inputs, constants, first, self._limits, states, outputs, left)
+        self._plain.run_free(drive.inputs, drive.between, constants, first, self._limits, states, outputs, left)
         n = candidates.count
         return FreeRun(states[:, :, :n], outputs[:, :, :n], left[0, :n])
 
@@ -274,7 +274,9 @@ class Innovations:
             slopes = np.zeros((*drive.measurements.shape, LANES))
             first = self._first(drive, held)
             constants = self.duals.constants(held.values)
-            self._slopes.follow(drive.inputs, drive.measurements, constants, first, kept.gain, kept.whitening, slopes)
+            self._slopes.follow(
+                drive.inputs, drive.between, drive.measurements, constants, first, kept.gain, kept.whitening, slopes
+            )
             return slopes
 
         parts = self._share(follow, range(0, directions.count, LANES))
@@ -289,6 +291,7 @@ class Innovations:
         memory = np.zeros((0, compiled.lanes))
         module.innovate(
             drive.inputs,
+            drive.between,
             drive.measurements,
             belief,
             self._first(drive, held),

@@ -30,11 +30,12 @@ from harness.kernel import (
 from harness.loops import outside, step, workspace
 
 
-def innovate(u, y, belief, x0, P0, memory0, limits, total, notes):
+def innovate(u, between, y, belief, x0, P0, memory0, limits, total, notes):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
         u: Inputs ``(samples, nu)``.
+        between: Inputs during the step behind each sample ``(samples, nu)``.
         y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
         belief: ``harness.kernel.Belief``.
         x0: First mean ``(nx, LANES)``.
@@ -56,9 +57,8 @@ def innovate(u, y, belief, x0, P0, memory0, limits, total, notes):
     u_before, u_now, y_now = np.empty((nu, LANES)), np.empty((nu, LANES)), np.empty((NY, LANES))
     put(splat(0.0), total, 0)
     put(splat(1.0 * samples), total, 1)
-    fill(u[0], u_now)
     for k in range(1, samples):
-        u_before, u_now = u_now, u_before
+        fill(between[k - 1], u_before)
         fill(u[k], u_now)
         fill(y[k], y_now)
         step(before, u_before, u_now, y_now, belief, work, after, info)
@@ -162,11 +162,12 @@ def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
             row += 1
 
 
-def follow(u, y, constants, x0, gain, whitening, slopes):
+def follow(u, between, y, constants, x0, gain, whitening, slopes):
     """Run the mean alone, with the gains and the whitening of an earlier pass; over dual numbers only.
 
     Args:
         u: Inputs ``(samples, nu)``.
+        between: Inputs during the step behind each sample ``(samples, nu)``.
         y: Measurements ``(samples, ny)``, NaN where missing.
         constants: ``(nc, LANES)``.
         x0: First mean ``(nx, LANES)``.
@@ -179,8 +180,8 @@ def follow(u, y, constants, x0, gain, whitening, slopes):
     e, u_now = np.empty((NY, LANES)), np.empty((nu, LANES))
     for i in range(NX):
         put(get(x0, i), x, i)
-    fill(u[0], u_now)
     for k in range(1, samples):
+        fill(between[k - 1], u_now)
         next_state(x, u_now, constants, x_prior, w)
         fill(u[k], u_now)
         output(x_prior, u_now, constants, e)
@@ -201,11 +202,12 @@ def follow(u, y, constants, x0, gain, whitening, slopes):
             plain.put(total, slopes, k, a)
 
 
-def run_free(u, constants, x0, limits, states, outputs, left_at):
+def run_free(u, between, constants, x0, limits, states, outputs, left_at):
     """Run the model alone over the inputs of a recording, without noise and without measurements.
 
     Args:
         u: Inputs ``(samples, nu)``.
+        between: Inputs during the step behind each sample ``(samples, nu)``.
         constants: ``(nc, LANES)``.
         x0: First state ``(nx, LANES)``.
         limits: Largest magnitude of each state ``(nx,)``.
@@ -224,6 +226,7 @@ def run_free(u, constants, x0, limits, states, outputs, left_at):
         left = get(left_at, 0)
         put(select((outside(states[k], limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
         if k + 1 < samples:
+            fill(between[k], u_now)
             next_state(states[k], u_now, constants, states[k + 1], w)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -26,6 +26,8 @@ class Drive:
         name: In reports.
         time: s ``(samples,)``, equidistant from 0.
         inputs: ``(samples, nu)``, finite.
+        between: Inputs during the step behind each sample ``(samples, nu)``: those of the sample, held as in a
+            simulation; ``joined`` takes the mean of both ends.
         measurements: ``(samples, ny)``, NaN where missing.
         first_mean: First state ``(nx,)``: a measured one as measured, others as the vehicle's ``START``, else zero.
         first_variance: Its variances ``(nx,)``; ``Innovations.drive`` knows them.
@@ -34,6 +36,7 @@ class Drive:
     name: str
     time: Floats
     inputs: Floats
+    between: Floats
     measurements: Floats
     first_mean: Floats
     first_variance: Floats
@@ -75,7 +78,19 @@ def drive_from(recording: xr.Dataset, model: Model, name: str) -> Drive:
             raise UserError(f"{name}: '{output}' holds no number; choose sensors without it")
     found[~np.isfinite(found)] = np.nan
     first = _first_mean(model, recording, found)
-    return Drive(name, time - time[0], table, found, first, np.zeros_like(first))
+    return Drive(name, time - time[0], table, table, found, first, np.zeros_like(first))
+
+
+def joined(drive: Drive, model: Model) -> Drive:
+    """Return a recording whose inputs run straight from sample to sample, as measured ones do.
+
+    Held inputs would come half a sample late, which a fit takes for a lag of the steering. Rates are those of the step
+    already.
+    """
+    varying = [i for i, name in enumerate(model.inputs) if name not in model.rates]
+    between = drive.inputs.copy()
+    between[:-1, varying] = 0.5 * (drive.inputs[:-1, varying] + drive.inputs[1:, varying])
+    return replace(drive, between=between)
 
 
 def _first_mean(model: Model, recording: xr.Dataset, found: Floats) -> Floats:
