@@ -68,7 +68,7 @@ class AlongDrive:
     def time(self) -> NDArray[np.float64]:
         """Middle of each window in s."""
         window = float(self.design.data.attrs["over_time_window"])
-        return window * (np.arange(self.errors.shape[1]) + 0.5)
+        return np.asarray(window * (np.arange(self.errors.shape[1]) + 0.5), dtype=np.float64)
 
     @cached_property
     def total(self) -> NDArray[np.float64]:
