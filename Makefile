@@ -35,7 +35,8 @@ study-narx-architecture: $(VENV)/run.stamp ## choose delays and size of the NARX
 study-%:
 	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2
 
-studies: $(STUDIES) ## run every study
+studies: $(STUDIES) ## run every study, gather them in results/campaign/report.html and .pdf
+	$(BIN)/harness campaign results --out results/campaign
 
 report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done

@@ -149,6 +149,23 @@ def report(folder: Annotated[Path, typer.Argument(help="Result folder of a finis
         console.print(Text(str(path)), soft_wrap=True)
 
 
+@app.command()
+@_answers_errors
+def campaign(
+    results: Annotated[Path, typer.Argument(help="Folder with the results of the studies.")] = RESULTS,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")] = RESULTS / "campaign",
+) -> None:
+    """Gather the finished studies into one report.
+
+    Which estimator, inside which envelope, how often it fails, what drives its error; what of the dissertation holds.
+    """
+    from harness.campaign import write_campaign
+
+    console = Console()
+    for path in write_campaign(results, out):
+        console.print(Text(str(path)), soft_wrap=True)
+
+
 def _study_path(study: str) -> Path:
     """Return the file of a study given by path or by its name in ``studies/``.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +69,12 @@ class Ranking:
         """Return the factors by their mean total index over the estimators, largest first."""
         known = [[t.value for t in found.total] for found in self.errors[target] if found is not None]
         return [int(i) for i in np.argsort(-np.mean(known, axis=0), kind="stable")] if known else []
+
+
+def limits_of(attributes: dict[str, Any]) -> dict[str, float]:
+    """Return the largest tolerable error of each target, SI, by the attributes of a store; empty if it has none."""
+    stored = attributes.get("limits", {})
+    return dict(json.loads(stored) if isinstance(stored, str) else stored)
 
 
 def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int], Tolerance]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -12,7 +9,7 @@ from matplotlib.lines import Line2D
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
-from harness.report.ranking import tolerances
+from harness.report.ranking import limits_of, tolerances
 from harness.report.store import OK, PENDING, Design, Factor, Quantity
 from harness.report.style import number, with_unit
 from harness.tolerance import Tolerance
@@ -23,7 +20,7 @@ _ROW = 0.34
 def blocks(analysis: Analysis) -> list[Block]:
     """Return words, a figure per target and tables for each ``tolerance`` design; else nothing."""
     found: list[Block] = []
-    limits = _limits(analysis.store.attributes)
+    limits = limits_of(analysis.store.attributes)
     for findings in analysis.findings:
         design = findings.design
         if design.sampling != "tolerance":
@@ -41,11 +38,6 @@ def blocks(analysis: Analysis) -> list[Block]:
     return [Heading("How far may the vehicle drift in everything at once?"), *found] if found else []
 
 
-def _limits(attributes: dict[str, Any]) -> dict[str, float]:
-    stored = attributes.get("limits", {})
-    return dict(json.loads(stored) if isinstance(stored, str) else stored)
-
-
 def value_at(factor: Factor, share: float) -> float:
     """Return a factor's value at a share of the way to an edge of the whole box, negative towards the lower one."""
     edge = float(factor.upper[-1] if share > 0 else factor.lower[-1])
@@ -54,8 +46,8 @@ def value_at(factor: Factor, share: float) -> float:
     return factor.nominal + abs(share) * (edge - factor.nominal)
 
 
-def _breaks_first(design: Design, borne: Tolerance) -> str:
-    """Say which factor alone breaks the limit first, and where."""
+def breaks_first(design: Design, borne: Tolerance) -> str:
+    """Name the factor that alone breaks the limit first, and where."""
     if borne.first is None:
         return "no factor alone" if borne.nominal <= 1.0 else "broken as believed"
     i, upwards = borne.first
@@ -71,7 +63,7 @@ def _words(design: Design, limits: dict[str, float], borne: dict[tuple[int, int]
             continue
         limit = with_unit(limits[target.name] * target.scale, target.unit)
         best = max(range(len(design.estimators)), key=lambda e: (borne[t, e].box, borne[t, e].typical))
-        items.append(f"{strong(_capital(target))} {plain(_sentence(design, limit, best, borne[t, best]))}")
+        items.append(f"{strong(_capital(target))} {plain(sentence(design, limit, best, borne[t, best]))}")
     return items
 
 
@@ -79,7 +71,8 @@ def _capital(target: Quantity) -> str:
     return f"{target.words[:1].upper()}{target.words[1:]}."
 
 
-def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
+def sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
+    """Say within how large a box an estimator stays below a limit, and which factor alone breaks it first."""
     name = design.estimators[e]
     if borne.nominal > 1.0:
         times = "in a lost run" if np.isinf(borne.nominal) else f"{number(borne.nominal, 2)} times as large"
@@ -87,7 +80,7 @@ def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
             f"No estimator stays below {limit} even where the vehicle is as believed: the best, {name}, has an "
             f"error {times} on the worst drive. No box bears this limit."
         )
-    alone = _breaks_first(design, borne)
+    alone = breaks_first(design, borne)
     text = f"{name} bears most: its error stays below {limit} on every drive"
     text += f" while all factors together stay within {100 * borne.box:.0f} % of the way to the edges of the box."
     return f"{text} Alone, {alone} breaks it{' first' if borne.first else ''}."
@@ -162,7 +155,7 @@ def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], To
     for e, name in enumerate(design.estimators):
         one = borne[t, e]
         nominal = "lost" if np.isinf(one.nominal) else f"{100 * one.nominal:.0f} %"
-        rows.append([name, _breaks_first(design, one), nominal, f"{100 * one.box:.0f} %", f"{100 * one.typical:.0f} %"])
+        rows.append([name, breaks_first(design, one), nominal, f"{100 * one.box:.0f} %", f"{100 * one.typical:.0f} %"])
     caption = (
         f"What the estimators bear until the RMSE of {design.targets[t].words} exceeds {limit}. As believed: error "
         "on the worst drive over the limit. Box: of the way to the edges, all factors at once; half of the points "

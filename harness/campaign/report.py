@@ -1,0 +1,115 @@
+"""The report of the campaign: the answer, the findings of the dissertation on our data, its figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from harness.campaign.answer import answer
+from harness.campaign.claims import Finding, findings
+from harness.campaign.evidence import Evidence, Verdict
+from harness.campaign.results import Results
+from harness.report.analysis import Analysis
+from harness.report.document import Block, Document, Heading, Prose, Sheet, plain, write
+from harness.report.sections import boxes, drives
+from harness.report.style import number
+
+FIGURES = {
+    "ideal": "5.6",
+    "process-noise": "5.8",
+    "mass": "5.9",
+    "cog": "5.11",
+    "friction": "5.12",
+    "tyre": "5.13",
+}
+"""Figures of the dissertation, by the study that repeats them."""
+
+
+def write_campaign(results: Path, out: Path) -> list[Path]:
+    """Write the report of the campaign.
+
+    Args:
+        results: Folder with the results of the studies.
+        out: Where ``report.html`` and ``report.pdf`` go.
+
+    Returns:
+        The files written.
+
+    Raises:
+        UserError: If a study is missing.
+    """
+    campaign = Results(Path(results))
+    found = findings(campaign)
+    blocks: list[Block] = [*answer(campaign, found), *_findings(found)]
+    for study, figure in FIGURES.items():
+        analysis = Analysis(campaign.stores[study])
+        blocks.append(Heading(f"Bild {figure}: {study.replace('-', ' ')}"))
+        blocks += boxes.pictures(analysis, analysis.findings[0])
+    blocks += drives.blocks(Analysis(campaign.stores["ideal"]))
+    blocks += _made(campaign)
+    title = "Which estimator can be trusted, within which envelope, and what drives its error?"
+    return write(Document(title, blocks), Path(out))
+
+
+def _findings(found: list[Finding]) -> list[Block]:
+    """Return the table of verdicts, the reasons, and the numbers behind every verdict."""
+    rows = [
+        [str(k), f.claim.text, f.claim.place, f.verdict.value, _in_short(f.evidence)] for k, f in enumerate(found, 1)
+    ]
+    counts = {v: sum(f.verdict is v for f in found) for v in Verdict}
+    opening = (
+        f"Of {len(found)} findings, {counts[Verdict.REPRODUCED]} are reproduced, {counts[Verdict.NOT_REPRODUCED]} are "
+        f"not, {counts[Verdict.UNDECIDED]} cannot be decided. A finding is reproduced if every number behind it lies, "
+        "with its whole 95 % interval, where the finding puts it; one number that lies outside with its whole interval "
+        "refutes it. The dissertation says “marginal”, “hardly”, “clearly”; what is taken for that stands below."
+    )
+    blocks: list[Block] = [
+        Heading("What the dissertation found, tested on our data"),
+        Prose(plain(opening)),
+        Sheet(["", "finding", "Ziaukas 2023", "verdict", "ours"], rows, "Findings and verdicts.", left=4),
+        Heading("Why a finding is not reproduced", 2),
+    ]
+    for k, f in enumerate(found, 1):
+        if f.verdict is not Verdict.REPRODUCED:
+            blocks.append(Prose(plain(f"{k}. {f.claim.reason}")))
+    blocks.append(Heading("The numbers behind the verdicts", 2))
+    rows = [
+        ["" if i else str(k), e.what, str(e.n), number(e.value.value), _interval(e), number(e.theirs), _wanted(e)]
+        for k, f in enumerate(found, 1)
+        for i, e in enumerate(f.evidence)
+    ]
+    header = ["", "ratio of medians", "n", "ours", "95 % interval", "theirs", "claim holds in"]
+    caption = (
+        "Ratios of median errors with percentile bootstrap intervals: drives kept, runs that share drive and noise "
+        "drawn together. Shares have exact intervals. n: runs behind a number; a run that diverged has no error."
+    )
+    blocks.append(Sheet(header, rows, caption, left=2))
+    return blocks
+
+
+def _in_short(evidence: list[Evidence]) -> str:
+    """Return the range of the numbers behind a claim."""
+    values = sorted(e.value.value for e in evidence if e.n)
+    if not values:
+        return "–"
+    return number(values[0]) if len(values) == 1 else f"{number(values[0])} to {number(values[-1])}"
+
+
+def _interval(e: Evidence) -> str:
+    return f"{number(e.value.lower)} to {number(e.value.upper)}"
+
+
+def _wanted(e: Evidence) -> str:
+    low, high = e.region
+    return f"{number(low)} to {number(high)}" if high < 1e6 else f"above {number(low)}"
+
+
+def _made(campaign: Results) -> list[Block]:
+    rows = []
+    for name, store in campaign.stores.items():
+        runs = sum(d.status.size for d in store.designs)
+        rows.append([name, str(store.attributes.get("study_hash", "–"))[:12], str(store.seed), str(runs)])
+    return [
+        Heading("How it was made"),
+        Prose(plain("Every study has a report of its own beside its scores; this one only compares them.")),
+        Sheet(["study", "hash of its text", "seed", "runs"], rows, "Studies of the campaign."),
+    ]

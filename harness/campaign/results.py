@@ -1,0 +1,81 @@
+"""What the studies of a campaign wrote, read once and asked for by names."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UserError
+from harness.report.store import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, Design, Store, read
+
+STUDIES = ("ideal", "process-noise", "mass", "cog", "friction", "tyre", "joint")
+"""Studies of the campaign: those of the dissertation, on which its findings are tested, and the joint one."""
+
+
+class Results:
+    """The finished studies below a folder.
+
+    Args:
+        folder: Holds one result folder per study, named like it.
+
+    Raises:
+        UserError: If a study that the claims need is not there.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        missing = [name for name in STUDIES if not (folder / name / "scores.zarr").is_dir()]
+        if missing:
+            made = " ".join(f"study-{name}" for name in missing)
+            raise UserError(f"{folder}: no finished study {', '.join(missing)}; make them with 'make {made}'")
+
+    @cached_property
+    def stores(self) -> dict[str, Store]:
+        """The stores of the campaign, by the name of their study."""
+        found = {name: read(self.folder / name) for name in STUDIES}
+        for name, store in found.items():
+            pending = sum(d.count(PENDING) for d in store.designs)
+            if pending:
+                raise UserError(
+                    f"{self.folder / name}: {pending} runs are still to come; finish them with 'make study-{name}'"
+                )
+        return found
+
+    def errors(self, study: str, band: str | None, estimator: str, target: str) -> NDArray[np.float64]:
+        """Return the RMSE of a group of runs in report units, ``(stratum, sample, repeat)``; NaN where a run has none.
+
+        Args:
+            study: Its first design is meant, which is the dissertation's.
+            band: Label of the level; None for all levels, each with strata of its own.
+            estimator: Name.
+            target: Signal name.
+
+        Raises:
+            UserError: If the study has no such level, estimator or target.
+        """
+        found = self.design(study)
+        t = _index(study, "target", target, [q.name for q in found.targets])
+        e = _index(study, "estimator", estimator, found.estimators)
+        chosen = range(len(found.bands)) if band is None else [_index(study, "level", band, found.bands)]
+        return np.concatenate([found.rmse[t, b, e] for b in chosen])
+
+    def diverged(self, study: str, band: str, estimator: str) -> tuple[int, int]:
+        """Return how many runs of a group diverged, be it the estimator or the plant, and how many there are."""
+        found = self.design(study)
+        b, e = _index(study, "level", band, found.bands), _index(study, "estimator", estimator, found.estimators)
+        return found.count(ESTIMATOR_DIVERGED, b, e) + found.count(PLANT_DIVERGED, b, e), found.planned
+
+    def design(self, study: str) -> Design:
+        """Return the first design of a study."""
+        return self.stores[study].designs[0]
+
+
+def _index(study: str, kind: str, name: str, there: list[str]) -> int:
+    if name not in there:
+        raise UserError(
+            f"study '{study}' has no {kind} '{name}', which the campaign compares; it has: {', '.join(there)}"
+        )
+    return there.index(name)
