@@ -66,7 +66,9 @@ def limits_of_knowledge(space: Space, z: Floats, information: Floats) -> Knowled
     side = np.where(z - space.lower < _AT_BOUND * np.minimum(reach, 1.0), -1, 0)
     side = np.where(space.upper - z < _AT_BOUND * np.minimum(reach, 1.0), 1, side)
     n, scale = len(space), np.sqrt(np.diagonal(information))
-    known = (side == 0) & (scale > 1e-9)
+    silent = scale * reach < 2.0 * NORMAL  # even with all else known, the interval would be the whole range
+    side[silent] = 0
+    known = (side == 0) & ~silent
     error, correlation = np.full(n, np.inf), np.eye(n)
     error[side != 0] = np.nan
     if known.any():

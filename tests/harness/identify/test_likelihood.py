@@ -69,34 +69,33 @@ def test_the_search_ends_where_the_gradient_vanishes():
 
 def test_a_drive_straight_ahead_determines_nothing_and_says_so():
     innovations = Innovations(model_of(CAR, **WRONG), jobs=1)
-    straight = recorded(model_of(CAR), 3, duration=20.0, speed=15.0, amplitude=1e-9)
+    calm = dataclasses.replace(model_of(CAR), process_noise={})  # or the noise would shake the car
+    straight = recorded(calm, 3, duration=10.0, speed=15.0, amplitude=1e-9)
     fit = identify(Problem(innovations, (innovations.drive(straight, "straight"),), FREE), Settings())
     verdicts = {fit.estimate(n).verdict for n in FREE}
     assert "determined" not in verdicts
     assert "not determined" in verdicts
 
 
-def test_a_parameter_without_any_effect_is_not_determined_and_stays():
-    """The height of the CoG acts through the longitudinal acceleration alone: at rest there is none."""
+def test_a_parameter_without_any_effect_is_not_determined():
+    """The height of the CoG acts through the longitudinal acceleration alone; straight ahead there is none."""
     innovations = Innovations(model_of(CAR), jobs=1)
-    drive = innovations.drive(recorded(model_of(CAR), 4, duration=5.0, speed=15.0, amplitude=1e-9), "straight")
-    drive.inputs[:, innovations.model.inputs.index("steering_wheel_angle")] = 0.0
-    drive.measurements[:] = 0.0
+    calm = dataclasses.replace(model_of(CAR), process_noise={})
+    drive = innovations.drive(recorded(calm, 4, duration=5.0, speed=15.0, amplitude=1e-9), "straight")
     fit = identify(Problem(innovations, (drive,), ("cog_height",)), QUICK)
     height = fit.estimate("cog_height")
     assert height.verdict == "not determined"
-    assert height.value == pytest.approx(0.5)
     assert np.isinf(height.error)
 
 
 def test_confounded_parameters_name_each_other():
     """Place of the CoG and yaw inertia enter as products at a nearly steady speed."""
     fit = identify(problem_of(5, ("mass_over_inertia", "cog_to_front_axle", "steering_ratio"), 5.0), QUICK)
-    inertia, place, ratio = fit.estimates[:3]
+    inertia, place, _ = fit.estimates[:3]
     assert abs(fit.correlation[0, 1]) > 0.9
+    assert abs(fit.correlation[0, 2]) < abs(fit.correlation[0, 1])
     assert "confounded with cog to front axle" in inertia.reason
     assert "confounded with mass over inertia" in place.reason
-    assert "cog to front axle" not in ratio.reason
 
 
 def test_a_parameter_driven_to_its_bound_is_said_to_be_there():
