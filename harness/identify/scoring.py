@@ -126,7 +126,7 @@ def bounded_step(gradient: Floats, information: Floats, damping: float, lower: F
     free = vectors @ (target / roots)
     low, high = lower[known] * s, upper[known] * s
     if np.any(free < low) or np.any(free > high):
-        gap = np.maximum(high - low, 1e-12)  # lsq_linear wants room between the bounds
-        free = np.clip(optimize.lsq_linear(matrix, target, (low, low + gap), method="bvls").x, low, high)
+        room = np.maximum(high, low + 1e-12)  # lsq_linear wants some between the bounds
+        free = np.clip(optimize.lsq_linear(matrix, target, (low, room), method="bvls").x, low, high)
     step[known] = free / s
     return step
