@@ -138,8 +138,6 @@ class Findings:
         """All paired comparisons: by target and pair, every band and then all bands together."""
         d = self.design
         rows: list[tuple[int, int, int, int | None, statistics.Comparison, float]] = []
-        band = np.arange(len(d.bands)).reshape(-1, 1, 1, 1)
-        everywhere = d.strata + band * len(d.drives)
         for t in range(len(d.targets)):
             for first, second in self.pairs:
                 values = d.rmse[t]
@@ -148,8 +146,8 @@ class Findings:
                     result = statistics.compare(one, other, d.strata, seed=self.seed)
                     rows.append((t, first, second, b, result, _relative(result, one, other)))
                 if len(d.bands) > 1:
-                    one, other = values[:, first], values[:, second]
-                    result = statistics.compare(one, other, everywhere, seed=self.seed)
+                    one, other = _over_bands(values[:, first], values[:, second])
+                    result = statistics.compare(one, other, d.strata, seed=self.seed)
                     rows.append((t, first, second, None, result, _relative(result, one, other)))
         corrected = statistics.holm([row[4].p_value for row in rows])
         return [Paired(*row, float(p)) for row, p in zip(rows, corrected, strict=True)]
@@ -210,6 +208,20 @@ class Findings:
         """Return the smallest and largest number of scored runs over the estimators of a band."""
         counts = [self.design.count(OK, band, e) for e in range(len(self.design.estimators))]
         return min(counts), max(counts)
+
+
+def _over_bands(
+    first: NDArray[np.float64], second: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean errors of each run over the bands in which both estimators have one.
+
+    Bands share the noise of a run: to count it once for each would make an interval too narrow and a p-value too small.
+    """
+    both = np.isfinite(first) & np.isfinite(second)
+    count = both.sum(axis=0)
+    means = (np.where(both, x, 0.0).sum(axis=0) / np.maximum(count, 1) for x in (first, second))
+    one, other = (np.where(count > 0, mean, np.nan) for mean in means)
+    return one, other
 
 
 def _relative(result: statistics.Comparison, first: NDArray[np.float64], second: NDArray[np.float64]) -> float:

@@ -28,13 +28,13 @@ def blocks(analysis: Analysis) -> list[Block]:
 def _explain(findings: Findings) -> str:
     names = findings.design.estimators
     text = (
-        "Each difference is taken within one run, so what the runs have in common (drive, noise, factor) "
-        "cancels. "
-        "The p-value is that of a two-sided Wilcoxon signed-rank test, corrected by Holm for all "
-        "comparisons of "
-        "the design. The drives are chosen, not drawn at random: interval and p-value speak of these drives "
-        "with other noise, not of driving at large."
+        "Each difference is taken within one run, so what the runs have in common (drive, noise, factor) cancels. The "
+        "p-value is that of a two-sided Wilcoxon signed-rank test, corrected by Holm for all comparisons of the design. "
+        "The drives are chosen, not drawn at random: interval and p-value speak of these drives with other noise, not "
+        "of driving at large."
     )
+    if len(findings.design.bands) > 1:
+        text += " All levels: the mean error of a run over the levels, which share its noise."
     if len(names) > 2:
         text += f" With {len(names)} estimators, each is compared with the best, {names[findings.reference]}."
     return plain(text)
