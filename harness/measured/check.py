@@ -19,7 +19,7 @@ from harness.measured.axles import Axles, Car, Slope, axle_curves, cornering_slo
 from harness.measured.consistency import Fit, check, in_report_unit
 from harness.measured.derive import DERIVED, Sources
 from harness.measured.load import load_recording
-from harness.report.document import Block, Bullets, Document, Heading, Prose, Sheet, plain, render
+from harness.report.document import Block, Bullets, Document, Heading, Prose, Sheet, plain, write
 from harness.report.store import print_unit, quantity, words
 from harness.report.style import number
 from models import registry
@@ -242,16 +242,7 @@ def write_check(findings: Findings, out: Path) -> list[Path]:
         *check_figures.signals(findings.recording),
         Sheet(CONTENT, content_rows(findings.recording), _CONTENT_CAPTION, left=3),
     ]
-    html, pdf = render(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", blocks))
-    written = []
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for name, content in (("check.html", html), ("check.pdf", pdf)):
-            (out / name).write_bytes(content)
-            written.append(out / name)
-    except OSError as error:
-        raise UserError(f"{out}: cannot be written: {error.strerror or error}") from None
-    return written
+    return write(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", blocks), out, "check")
 
 
 _AGREEMENT_CAPTION = (
