@@ -185,8 +185,8 @@ class Search:
         notes = []
         if not best.converged:
             notes.append(
-                f"The search ended before a further step promised less than nothing ({best.predicted:.2g} units of "
-                "log-likelihood are left): more iterations or another start may do better."
+                f"The search stopped early: a further step still promises {best.predicted:.2g} units of "
+                "log-likelihood. More iterations or another start may do better."
             )
         if self.diverged:
             notes.append(f"{self.diverged} candidates diverged and were passed over.")
@@ -212,11 +212,11 @@ def first_noise(problem: Problem) -> Floats:
     resolved to show its noise, the variance of the model at hand stays.
     """
     given = np.array([problem.spec.measurement_noise[n] for n in problem.spec.model().outputs])
-    found = np.array([_fourth_differences(problem.drives, a) for a in range(len(given))])
+    found = np.array([white_noise(problem.drives, a) for a in range(len(given))])
     return np.where(found > 1e-12 * given, found, given)
 
 
-def _fourth_differences(drives: tuple[Drive, ...], output: int) -> float:
+def white_noise(drives: tuple[Drive, ...], output: int) -> float:
     rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
     rest = rest[np.isfinite(rest)]
     # The median is deaf to spikes; 0.6745 is the median magnitude of a standard normal number.
