@@ -6,7 +6,7 @@ JOBS   ?=
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies report test lint bench lock clean study-narx-architecture $(STUDIES)
+.PHONY: help setup studies report test lint bench lock clean study-narx-architecture study-identify-swarm study-identify-em $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -31,6 +31,12 @@ $(STUDIES): study-%: studies/%.toml $(VENV)/run.stamp
 
 study-narx-architecture: $(VENV)/run.stamp ## choose delays and size of the NARX network (20 minutes), as Ziaukas 5.2.2
 	$(BIN)/python -m harness.narx.search --out results/narx-architecture
+
+study-identify-swarm: $(VENV)/run.stamp ## find the semitrailer's parameters by swarm, REPEATS=10 times (Ziaukas 4.2, 4.3)
+	$(BIN)/python -m harness.identify.studies.swarm $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-swarm
+
+study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with particles, REPEATS=50 times (Sun 3.2)
+	$(BIN)/python -m harness.identify.studies.em $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-em
 
 study-%:
 	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2

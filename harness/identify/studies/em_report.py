@@ -59,8 +59,8 @@ def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Flo
         Picture(
             convergence(runs, truth),
             f"Iterates of {main} over their true values (figure 3.11 of Sun), {len(runs)} recordings, the first in "
-            "orange. The process covariance, which Sun sets beforehand, is estimated as well and falls, because the plant "
-            "has none: bottom, its standard deviation for the lateral velocity.",
+            "orange. The process covariance, which Sun sets beforehand, is estimated as well and falls, because "
+            "the plant has none: bottom, its standard deviation for the lateral velocity.",
             "Relative error of four parameters and the process noise over the iterations",
         ),
         Heading("What is identified?"),
@@ -68,18 +68,18 @@ def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Flo
         Heading("Does Q point to the right value at the first iteration?"),
         Picture(
             profiles(*q, truth),
-            "Q over each parameter, the other three at their wrong start, less its value at the start (figure 3.10 of Sun). "
-            "Its maximum (dot) need not lie at the truth (dashed) while the others are wrong.",
+            "Q over each parameter, the other three at their wrong start, less its value at the start (figure 3.10 of "
+            "Sun). Its maximum (dot) need not lie at the truth (dashed) while the others are wrong.",
             "Q over four parameters",
         ),
         Heading("What do smoother, filter, search and likelihood differ in?"),
         _comparison(found, truth),
         Prose(
             plain(
-                "The filter's E-step weighs pairs of neighbouring samples by the measurements up to the later one, the "
-                "smoother's by all. One at a time is Sun's search, with an E-step after each parameter; as the stiffnesses are "
-                "strongly correlated, it moves along a narrow ridge in small steps. The likelihood method works "
-                "with the extended Kalman filter in place of particles."
+                "The filter's E-step weighs pairs of neighbouring samples by the measurements up to the later one, "
+                "the smoother's by all. One at a time is Sun's search, with an E-step after each parameter; the "
+                "stiffnesses are strongly correlated, so it moves along a narrow ridge in small steps. The likelihood "
+                "method works with the extended Kalman filter in place of particles."
             )
         ),
         Heading("How it was made"),

@@ -12,7 +12,7 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import joblib
@@ -31,7 +31,8 @@ from harness.identify.recordings import Drive
 from harness.identify.studies.simulated import record
 from harness.identify.studies.swarm_report import document
 from harness.report.document import write
-from models.contracts import ModelError
+from harness.simulate import simulate_drive
+from models.contracts import ModelError, Profile
 
 Floats = NDArray[np.float64]
 
@@ -65,11 +66,28 @@ class Setup:
         fit: Cost on the drives to fit.
         judge: The same on the drives to judge.
         hidden: The plant's values of the free parameters ``(free,)``.
+        plants: The hidden plant by the name of the drive.
+        profiles: What the driver does by the name of the drive.
     """
 
     fit: Misfit
     judge: Misfit
     hidden: Floats
+    plants: dict[str, ModelSpec]
+    profiles: dict[str, Profile]
+
+    def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
+        """Return the outputs of the model alone on a drive to judge, by name, without noise.
+
+        Raises:
+            UserError: If the candidate leaves the range in which the equations hold.
+        """
+        number = [d.name for d in self.judge.drives].index(drive)
+        found = self.judge.parameters(number, candidate[None])[:, 0]
+        spec = self.plants[drive]
+        spec = replace(spec, values=dict(zip(spec.model().parameter_names, map(float, found), strict=True)))
+        dataset = simulate_drive(spec, self.profiles[drive])
+        return {name: dataset[name].to_numpy() for name in spec.model().outputs}
 
 
 def plant(load: str) -> ModelSpec:
@@ -86,14 +104,15 @@ def setup(path: Path, seed: int, jobs: int) -> Setup:
     """
     drives: dict[str, list[Drive]] = {"fit": [], "judge": []}
     loads: dict[str, str] = {}
+    profiles: dict[str, Profile] = {}
     for number, (name, (kind, options)) in enumerate(read_drives(path).items()):
         part, _, rest = name.partition("-")
         load = rest.partition("-")[0]
         if part not in drives or load not in LOADS:
             raise UserError(f"{path}, drive '{name}': the name must begin with fit- or judge-, then empty- or laden-")
         spec = plant(load)
-        profile = profile_of(spec, DriveSpec(name, kind, options, f"{path}, drive '{name}'", path.parent))
-        drives[part].append(record(spec, profile, name, seed + number))
+        profiles[name] = profile_of(spec, DriveSpec(name, kind, options, f"{path}, drive '{name}'", path.parent))
+        drives[part].append(record(spec, profiles[name], name, seed + number))
         loads[name] = load
     for part, some in drives.items():
         for load in LOADS:
@@ -111,7 +130,8 @@ def setup(path: Path, seed: int, jobs: int) -> Setup:
         names = [d.name for d in some]
         own = [Free(f.parameter, f.lower, f.upper, tuple(n for n in f.drives if n in names)) for f in free]
         costs[part] = Misfit(compiled, spec.values, own, some, known, jobs)
-    return Setup(costs["fit"], costs["judge"], np.array(hidden))
+    plants = {name: specs[load] for name, load in loads.items()}
+    return Setup(costs["fit"], costs["judge"], np.array(hidden), plants, profiles)
 
 
 def evolve(cost: Misfit, seed: int, settings: Settings) -> Found:
