@@ -217,6 +217,7 @@ def first_noise(problem: Problem) -> Floats:
 
 
 def white_noise(drives: tuple[Drive, ...], output: int) -> float:
+    """Return the variance of the white noise on an output, from its fourth differences; 0 if there are none."""
     rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
     rest = rest[np.isfinite(rest)]
     # The median is deaf to spikes; 0.6745 is the median magnitude of a standard normal number.
