@@ -10,7 +10,7 @@ both; at last it forces the process noise down and refits, for as long as that g
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,7 +216,8 @@ def first_noise(problem: Problem) -> Floats:
     return np.where(found > 1e-12 * given, found, given)
 
 
-def white_noise(drives: tuple[Drive, ...], output: int) -> float:
+def white_noise(drives: Sequence[Drive], output: int) -> float:
+    """Return the variance of an output's white noise, from its fourth differences; zero without samples."""
     """Return the variance of the white noise on an output, from its fourth differences; 0 if there are none."""
     rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
     rest = rest[np.isfinite(rest)]

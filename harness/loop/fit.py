@@ -1,0 +1,298 @@
+"""Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
+
+Parameters move by Gauss-Newton steps with the gains held as they are (``Whole.sensitivities``); the log-variances of
+the noise by Newton steps from differences, of which eight cost one run. Both are judged by the likelihood itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.configure import ModelSpec
+from harness.configure.limits import broken_relations
+from harness.identify.recordings import Drive
+from harness.identify.scoring import Objective, maximise
+from harness.identify.space import NOISE_RANGE, PROCESS_PRIOR
+from harness.loop.hypotheses import Coordinate
+from harness.loop.whole import Noise, Pass, Whole
+from models.signals import SIGNALS
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ENOUGH = 0.05
+"""Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
+
+_DIFFERENCE = 0.1
+"""Step of the differences in the logarithm of a variance."""
+
+_COOLING = np.log(100.0)
+"""How far the logarithm of every process-noise variance is forced down at once."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Values of everything, for each drive.
+
+    Attributes:
+        values: Parameters of the whole model ``(np, drives)``; they differ in moments only.
+        process: Logarithm of a factor on the first process-noise variances, by unit ``(groups,)``.
+        measurement: Logarithm of the measurement-noise variances ``(ny,)``.
+    """
+
+    values: Floats
+    process: Floats
+    measurement: Floats
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A hypothesis fitted.
+
+    Attributes:
+        coordinates: What was moved, noise apart.
+        point: Where the fit ended.
+        log_likelihood: Of all drives there.
+        objective: The same with the weak prior on the process noise.
+    """
+
+    coordinates: tuple[Coordinate, ...]
+    point: Point
+    log_likelihood: float
+    objective: float
+
+
+class Fitting:
+    """The likelihood of recordings under the whole model.
+
+    Args:
+        whole: The compiled filter.
+        drives: The recordings.
+        variances: First measurement variance of each output ``(ny,)``.
+    """
+
+    def __init__(self, whole: Whole, drives: Sequence[Drive], variances: Floats) -> None:
+        self.whole, self.drives = whole, tuple(drives)
+        self._groups, self._first_process = process_groups(whole.spec)
+        self._prior = PROCESS_PRIOR**-2
+        self._centre = np.log(variances)
+
+    @property
+    def samples(self) -> int:
+        """Number of measured values."""
+        return int(sum(np.isfinite(d.measurements[1:]).sum() for d in self.drives))
+
+    def first(self) -> Point:
+        """Return the nominal model with its first noise."""
+        values = np.repeat(self.whole.neutral()[:, None], len(self.drives), axis=1)
+        return Point(values, np.zeros(len(self._groups)), self._centre.copy())
+
+    def noise(self, process: Floats, measurement: Floats) -> Noise:
+        """Return the variances of candidates ``(groups, n)`` and ``(ny, n)``."""
+        return noise_of(self._groups, self._first_process, process, measurement)
+
+    def noise_at(self, point: Point) -> Noise:
+        """Return the variances of a point."""
+        return self.noise(point.process[:, None], point.measurement[:, None])
+
+    def passes(self, point: Point) -> list[Pass]:
+        """Run the filter over every drive."""
+        noise = self.noise_at(point)
+        return self.whole.share(lambda i: self.whole.run(self.drives[i], point.values[:, i], noise), self._range)
+
+    @property
+    def _range(self) -> range:
+        return range(len(self.drives))
+
+    def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, anneal: int = 2) -> Fitted:
+        """Fit parameters, then noise, then both; at last force the process noise down and refit while that gains."""
+        objective, z, parts = self._objective(coordinates, start)
+        parameters, noise = parts
+        everything = parameters | noise
+        found = maximise(objective, z, parameters, iterations, ENOUGH)
+        found = maximise(objective, found.z, noise, iterations, ENOUGH)
+        found = maximise(objective, found.z, everything, iterations, ENOUGH)
+        process = np.zeros_like(noise)
+        process[len(coordinates) : len(coordinates) + len(self._groups)] = True
+        for _ in range(anneal):
+            cold = found.z.copy()
+            cold[process] = np.maximum(cold[process] - _COOLING, objective.lower[process])
+            rough = maximise(objective, cold, parameters, 4, ENOUGH)
+            again = maximise(objective, rough.z, everything, iterations, ENOUGH)
+            gained = again.value - found.value
+            found = again if gained > 0 else found
+            if gained < 1.0:
+                break
+        point = self._point(coordinates, start, found.z)
+        return Fitted(coordinates, point, found.value + self._penalty(found.z[process]), found.value)
+
+    def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
+        """Fit some parameters and leave the noise as it is."""
+        objective, z, (parameters, _) = self._objective(coordinates, start)
+        found = maximise(objective, z, parameters, iterations, ENOUGH)
+        point = self._point(coordinates, start, found.z)
+        penalty = self._penalty(point.process)
+        return Fitted(coordinates, point, found.value + penalty, found.value)
+
+    def log_likelihood(self, point: Point) -> float:
+        """Return the log-likelihood of all drives at a point."""
+        noise = self.noise_at(point)
+        found = self.whole.share(
+            lambda i: self.whole.likelihoods(self.drives[i], point.values[:, [i]], noise), self._range
+        )
+        return float(sum(f[0] for f in found))
+
+    def best(self, points: Sequence[Point]) -> Point:
+        """Return the likeliest of several points."""
+        if len(points) == 1:
+            return points[0]
+        noise = self.noise(
+            np.column_stack([p.process for p in points]), np.column_stack([p.measurement for p in points])
+        )
+        found = self.whole.share(
+            lambda i: self.whole.likelihoods(
+                self.drives[i], np.column_stack([p.values[:, i] for p in points]), noise
+            ),
+            self._range,
+        )
+        return points[int(np.argmax(sum(found)))]
+
+    def _penalty(self, process: Floats) -> float:
+        return 0.5 * self._prior * float(process @ process)
+
+    def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[Objective, Floats, tuple[Mask, Mask]]:
+        n, groups = len(coordinates), len(self._groups)
+        z = np.concatenate(
+            [
+                [c.coordinate(start.values[c.row, c.drives[0]]) for c in coordinates],
+                start.process,
+                start.measurement,
+            ]
+        )
+        reach = np.log(NOISE_RANGE)
+        bounds = np.array([c.bounds for c in coordinates]).reshape(-1, 2)
+        noise_bounds = np.concatenate([np.zeros(groups), self._centre])
+        lower = np.concatenate([bounds[:, 0], noise_bounds - reach])
+        upper = np.concatenate([bounds[:, 1], noise_bounds + reach])
+        for j, c in enumerate(coordinates):  # a moment lies within its drive
+            if c.parameter.per_drive:
+                upper[j] = min(upper[j], self.drives[c.drives[0]].time[-1])
+        z = np.clip(z, lower, upper)
+        objective = Objective(
+            lambda many: self._values(coordinates, start, many),
+            lambda at, moved: self._slopes(coordinates, start, at, moved),
+            lower,
+            upper,
+        )
+        parameters = np.arange(len(z)) < n
+        return objective, z, (parameters, ~parameters)
+
+    def _table(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats, drive: int) -> Floats:
+        """Return the parameters of candidates ``(coordinates, n)`` for one drive ``(np, n)``."""
+        values = np.repeat(start.values[:, [drive]], z.shape[1], axis=1)
+        for c, row in zip(coordinates, z, strict=False):
+            if drive in c.drives:
+                values[c.row] = c.value(row)
+        return values
+
+    def _point(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats) -> Point:
+        n, groups = len(coordinates), len(self._groups)
+        values = np.column_stack([self._table(coordinates, start, z[:, None], i)[:, 0] for i in self._range])
+        return Point(values, z[n : n + groups].copy(), z[n + groups :].copy())
+
+    def _values(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats) -> Floats:
+        n, groups = len(coordinates), len(self._groups)
+        noise = self.noise(z[n : n + groups], z[n + groups :])
+        found = np.sum(
+            self.whole.share(
+                lambda i: self.whole.likelihoods(self.drives[i], self._table(coordinates, start, z, i), noise),
+                self._range,
+            ),
+            axis=0,
+        )
+        possible = np.array([self._possible(coordinates, start, column) for column in z.T])
+        penalty = 0.5 * self._prior * np.sum(z[n : n + groups] ** 2, axis=0)
+        return np.where(possible, found - penalty, -np.inf)
+
+    def _possible(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats) -> bool:
+        values = self._table(coordinates, start, z[:, None], 0)[:, 0]
+        known = {n: float(values[self.whole.row(n)]) for n in self.whole.nominal.parameter_names}
+        return not broken_relations(self.whole.spec.vehicle, known)
+
+    def _slopes(
+        self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats, moved: Mask
+    ) -> tuple[float, Floats, Floats]:
+        """Return value, gradient and information; parameters and noise do not share information."""
+        n = len(coordinates)
+        gradient, information = np.zeros(len(z)), np.zeros((len(z), len(z)))
+        value = -np.inf
+        if moved[:n].any():
+            value, gradient[:n], information[:n, :n] = self._mean_slopes(coordinates, start, z)
+        if moved[n:].any():
+            value, gradient[n:], information[n:, n:] = self._noise_slopes(coordinates, start, z)
+        return value, gradient[moved], information[np.ix_(moved, moved)]
+
+    def _mean_slopes(
+        self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats
+    ) -> tuple[float, Floats, Floats]:
+        point = self._point(coordinates, start, z)
+        kept = self.passes(point)
+
+        def of_drive(i: int) -> tuple[Floats, Floats]:
+            columns = self.columns(coordinates, point, i, kept[i])
+            residual = np.nan_to_num(kept[i].whitened)
+            return -np.einsum("kan,ka->n", columns, residual), np.tensordot(columns, columns, ((0, 1), (0, 1)))
+
+        found = self.whole.share(of_drive, self._range)
+        value = sum(k.log_likelihood for k in kept) - self._penalty(point.process)
+        return value, sum(g for g, _ in found), sum(f for _, f in found)
+
+    def columns(self, coordinates: Sequence[Coordinate], point: Point, drive: int, kept: Pass) -> Floats:
+        """Return the derivatives of a drive's whitened innovations to the coordinates ``(samples, ny, n)``."""
+        directions = np.zeros((len(self.whole.names), len(coordinates)))
+        for j, c in enumerate(coordinates):
+            if drive in c.drives:
+                directions[c.row, j] = c.slope(c.coordinate(point.values[c.row, drive]))
+        values = np.repeat(point.values[:, [drive]], len(coordinates), axis=1)
+        return self.whole.sensitivities(self.drives[drive], values, directions, kept)
+
+    def _noise_slopes(
+        self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats
+    ) -> tuple[float, Floats, Floats]:
+        n, count = len(coordinates), len(z) - len(coordinates)
+        many = np.repeat(z[:, None], 2 * count + 1, axis=1)
+        for j in range(count):
+            many[n + j, 1 + 2 * j] += _DIFFERENCE
+            many[n + j, 2 + 2 * j] -= _DIFFERENCE
+        found = self._values(coordinates, start, many)
+        up, down = found[1::2], found[2::2]
+        curvature = -(up - 2 * found[0] + down) / _DIFFERENCE**2
+        return float(found[0]), (up - down) / (2 * _DIFFERENCE), np.diag(np.abs(curvature) + self._prior)
+
+
+def process_groups(spec: ModelSpec) -> tuple[list[list[int]], Floats]:
+    """Return the states whose process noise shares a factor, by unit, and the first variances ``(nx,)``."""
+    states = spec.model().states
+    first = np.array([spec.process_noise[s] for s in states])
+    groups: dict[str, list[int]] = {}
+    for i, state in enumerate(states):
+        if first[i] > 0:
+            groups.setdefault(SIGNALS[state].unit if state in SIGNALS else state, []).append(i)
+    return list(groups.values()), first
+
+
+def noise_of(groups: list[list[int]], first: Floats, process: Floats, measurement: Floats) -> Noise:
+    """Return the variances of candidates from logarithms of factors by group and of measurement variances."""
+    variances = np.repeat(first[:, None], process.shape[1], axis=1)
+    for rows, factors in zip(groups, process, strict=True):
+        variances[rows] *= np.exp(factors)
+    return Noise(variances, np.exp(measurement))
+
+
+def moved_to(point: Point, drives: int) -> Point:
+    """Return a point of some drives for others: what drives share, with the moments of the first."""
+    return replace(point, values=np.repeat(point.values[:, [0]], drives, axis=1))
