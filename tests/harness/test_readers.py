@@ -97,7 +97,7 @@ def test_csv_dialects(tmp_path, text, expected):
         ("a.csv", b"driver\nA\nB\nC\n", "holds no numeric column"),
         ("a.csv", b"\xff\xfe\x00t,v\n", "UTF-8"),
         ("a.csv.gz", b"t,v\n0,1\n", "damaged"),
-        ("a.csv.gz", gzip.compress(b"t,v\n" + b"0,1\n" * 999)[:-12], "damaged"),
+        ("a.csv.gz", gzip.compress(b"t,v\n" + b"0,1\n" * 999, mtime=0)[:-12], "damaged"),
         ("a.mat", b"no matlab", "no readable MATLAB file"),
         ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "no readable MATLAB file"),
         ("a.parquet", b"PAR1", "no readable Parquet file"),
