@@ -71,6 +71,7 @@ class Parameter:
         grid: Values to start from where the likelihood says nothing about the parameter at the neutral value of
             the effect, or has several maxima.
         per_drive: A moment in a drive: each drive has its own, to be looked for over its duration.
+        numerical: Of how the equations are solved, not of the vehicle: no measurement has a say in it.
     """
 
     name: str
@@ -83,6 +84,7 @@ class Parameter:
     shared: bool = False
     grid: tuple[float, ...] = ()
     per_drive: bool = False
+    numerical: bool = False
 
 
 @dataclass(frozen=True)

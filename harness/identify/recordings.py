@@ -84,13 +84,16 @@ def drive_from(recording: xr.Dataset, model: Model, name: str) -> Drive:
 def joined(drive: Drive, model: Model) -> Drive:
     """Return a recording whose inputs run straight from sample to sample, as measured ones do.
 
-    Held inputs would come half a sample late, which a fit takes for a lag of the steering. Rates are those of the step
-    already.
+    Held inputs would come half a sample late, which a fit takes for a lag of the steering. A rate is constant over the
+    step behind a sample; at the sample itself it is the mean of both sides.
     """
-    varying = [i for i, name in enumerate(model.inputs) if name not in model.rates]
-    between = drive.inputs.copy()
-    between[:-1, varying] = 0.5 * (drive.inputs[:-1, varying] + drive.inputs[1:, varying])
-    return replace(drive, between=between)
+    between, inputs = drive.inputs.copy(), drive.inputs.copy()
+    for i, name in enumerate(model.inputs):
+        if name in model.rates:
+            inputs[1:, i] = 0.5 * (drive.inputs[:-1, i] + drive.inputs[1:, i])
+        else:
+            between[:-1, i] = 0.5 * (drive.inputs[:-1, i] + drive.inputs[1:, i])
+    return replace(drive, inputs=inputs, between=between)
 
 
 def _first_mean(model: Model, recording: xr.Dataset, found: Floats) -> Floats:

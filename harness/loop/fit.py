@@ -57,7 +57,7 @@ class Fitted:
         coordinates: What was moved, noise apart.
         point: Where the fit ended.
         log_likelihood: Of all drives there.
-        objective: The same with the weak prior on the process noise.
+        objective: The same with the priors.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -128,15 +128,14 @@ class Fitting:
             if gained < 1.0:
                 break
         point = self._point(coordinates, start, found.z)
-        return Fitted(coordinates, point, found.value + self._penalty(found.z[process]), found.value)
+        return Fitted(coordinates, point, self.log_likelihood(point), found.value)
 
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit some parameters and leave the noise as it is."""
         objective, z, (parameters, _) = self._objective(coordinates, start)
         found = maximise(objective, z, parameters, iterations, ENOUGH)
         point = self._point(coordinates, start, found.z)
-        penalty = self._penalty(point.process)
-        return Fitted(coordinates, point, found.value + penalty, found.value)
+        return Fitted(coordinates, point, self.log_likelihood(point), found.value)
 
     def log_likelihood(self, point: Point) -> float:
         """Return the log-likelihood of all drives at a point."""
@@ -154,17 +153,21 @@ class Fitting:
             np.column_stack([p.process for p in points]), np.column_stack([p.measurement for p in points])
         )
         found = self.whole.share(
-            lambda i: self.whole.likelihoods(
-                self.drives[i], np.column_stack([p.values[:, i] for p in points]), noise
-            ),
+            lambda i: self.whole.likelihoods(self.drives[i], np.column_stack([p.values[:, i] for p in points]), noise),
             self._range,
         )
         return points[int(np.argmax(sum(found)))]
 
-    def _penalty(self, process: Floats) -> float:
-        return 0.5 * self._prior * float(process @ process)
+    def _penalty(self, coordinates: tuple[Coordinate, ...], z: Floats) -> Floats:
+        """Return what the priors take from candidates ``(coordinates + noise, n)``."""
+        n = len(coordinates)
+        away = z[:n] - np.array([c.centre for c in coordinates]).reshape(-1, 1)
+        weight = np.array([c.prior**-2 for c in coordinates])
+        return 0.5 * (weight @ away**2 + self._prior * np.sum(z[n : n + len(self._groups)] ** 2, axis=0))
 
-    def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[Objective, Floats, tuple[Mask, Mask]]:
+    def _objective(
+        self, coordinates: tuple[Coordinate, ...], start: Point
+    ) -> tuple[Objective, Floats, tuple[Mask, Mask]]:
         n, groups = len(coordinates), len(self._groups)
         z = np.concatenate(
             [
@@ -215,8 +218,7 @@ class Fitting:
             axis=0,
         )
         possible = np.array([self._possible(coordinates, start, column) for column in z.T])
-        penalty = 0.5 * self._prior * np.sum(z[n : n + groups] ** 2, axis=0)
-        return np.where(possible, found - penalty, -np.inf)
+        return np.where(possible, found - self._penalty(coordinates, z), -np.inf)
 
     def _possible(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats) -> bool:
         values = self._table(coordinates, start, z[:, None], 0)[:, 0]
@@ -248,8 +250,10 @@ class Fitting:
             return -np.einsum("kan,ka->n", columns, residual), np.tensordot(columns, columns, ((0, 1), (0, 1)))
 
         found = self.whole.share(of_drive, self._range)
-        value = sum(k.log_likelihood for k in kept) - self._penalty(point.process)
-        return value, sum(g for g, _ in found), sum(f for _, f in found)
+        value = sum(k.log_likelihood for k in kept) - float(self._penalty(coordinates, z[:, None])[0])
+        weight = np.array([c.prior**-2 for c in coordinates])
+        away = z[: len(coordinates)] - np.array([c.centre for c in coordinates])
+        return value, sum(g for g, _ in found) - weight * away, sum(f for _, f in found) + np.diag(weight)
 
     def columns(self, coordinates: Sequence[Coordinate], point: Point, drive: int, kept: Pass) -> Floats:
         """Return the derivatives of a drive's whitened innovations to the coordinates ``(samples, ny, n)``."""

@@ -18,6 +18,13 @@ from models.placement import load_effect, parameter_at, place_of, split
 Floats = NDArray[np.float64]
 
 
+ALL_PARAMETERS = "parameters"
+"""Name of the hypothesis that many parameters are wrong at once, each a little."""
+
+PRIOR = 0.2
+"""Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once."""
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """Something that a model may lack.
@@ -54,8 +61,9 @@ def hypotheses(whole: Whole, free: Sequence[str]) -> tuple[Hypothesis, ...]:
     found = [
         Hypothesis(p.name, "parameter", (p.name,))
         for p in whole.nominal.parameters
-        if p.name not in free and p.lower < p.upper
+        if p.name not in free and p.lower < p.upper and not p.numerical
     ]
+    found.append(Hypothesis(ALL_PARAMETERS, "parameter", tuple(h.name for h in found)))
     everywhere: dict[str, list[Hypothesis]] = {}
     for name in whole.placements:
         one = _effect(whole, name)
@@ -96,14 +104,16 @@ class Coordinate:
         drives: Drives in which it acts: all, or one for a moment.
         logarithmic: Whether the coordinate is the logarithm.
         scale: Otherwise the parameter is the coordinate times this.
-        prior: Standard deviation of a normal prior about the first value; infinite without one.
+        centre: Stated value, as a coordinate.
+        prior: Standard deviation of a normal prior about it; infinite without one.
     """
 
     parameter: Parameter
     row: int
     drives: tuple[int, ...]
     logarithmic: bool
-    scale: float = 1.0
+    scale: float
+    centre: float
     prior: float = math.inf
 
     @property
@@ -127,15 +137,21 @@ class Coordinate:
 def coordinates(whole: Whole, free: Sequence[str], added: Sequence[Hypothesis], drives: int) -> tuple[Coordinate, ...]:
     """Return what a fit moves: the free parameters of the nominal model and those of the hypotheses added to it."""
     everywhere = tuple(range(drives))
-    shared = dict.fromkeys([*free, *(n for h in added for n in h.shared)])
+    alone = dict.fromkeys([*free, *(n for h in added if h.name != ALL_PARAMETERS for n in h.shared)])
+    many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
     moments = dict.fromkeys(n for h in added for n in h.moments)
-    found = [_coordinate(whole, name, everywhere) for name in shared]
-    return (*found, *(_coordinate(whole, name, (i,)) for name in moments for i in everywhere))
+    return (
+        *(_coordinate(whole, name, everywhere) for name in alone),
+        *(_coordinate(whole, name, everywhere, PRIOR) for name in many),
+        *(_coordinate(whole, name, (i,)) for name in moments for i in everywhere),
+    )
 
 
-def _coordinate(whole: Whole, name: str, drives: tuple[int, ...]) -> Coordinate:
+def _coordinate(whole: Whole, name: str, drives: tuple[int, ...], prior: float = math.inf) -> Coordinate:
     row = whole.row(name)
     p = whole.model.parameters[row]
     logarithmic = p.lower > 0 and not p.per_drive
     scale = 1.0 if p.per_drive else 0.1 * max(abs(p.lower), abs(p.upper))
-    return Coordinate(p, row, drives, logarithmic, scale)
+    value = whole.spec.values.get(name, p.lower)
+    centre = math.log(value) if logarithmic else value / scale
+    return Coordinate(p, row, drives, logarithmic, scale, centre, prior)

@@ -1,8 +1,8 @@
 """A nominal model together with every effect of the library that fits it: one filter for all hypotheses.
 
-A hypothesis (which effect is there, how large, which parameters are wrong) is a vector of parameter values of the *whole*
-model, in which all effects act and are neutral unless stated. So every hypothesis is a point of one space, its likelihood
-one run of one compiled filter, and trying an effect compiles nothing.
+A hypothesis (which effect is there, how large, which parameters are wrong) is a vector of parameter values of the
+*whole* model, in which all effects act and are neutral unless stated. So every hypothesis is a point of one space, its
+likelihood one run of one compiled filter, and trying an effect compiles nothing.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Pass:
         whitened: Whitened innovations ``(samples, ny)``, NaN where missing and at the first sample.
         whitening: Inverse Cholesky factor of the innovation covariance ``(samples, ny, ny)``.
         gain: ``(samples, nx of the whole model, ny)``; zero for the effects' own states.
-        state: Corrected mean of the whole model ``(samples, nx)``.
+        state: Corrected mean of the whole model ``(samples, nx)``, zero at the first sample.
     """
 
     log_likelihood: float
@@ -198,7 +198,9 @@ class Whole:
         valid = (total[1] >= len(drive.inputs)) & np.isfinite(total[0])
         return np.where(valid, total[0], -np.inf)[: len(columns)]
 
-    def sensitivities(self, drive: Drive, values: Floats, directions: Floats, kept: Pass) -> Floats:
+    def sensitivities(
+        self, drive: Drive, values: Floats, directions: Floats, kept: Pass, starts: Sequence[int] | None = None
+    ) -> Floats:
         """Return derivatives of the whitened innovations, gains and whitening held fixed ``(samples, ny, n)``.
 
         Args:
@@ -206,18 +208,24 @@ class Whole:
             values: A candidate for each direction ``(np, n)``; they may differ in what has no effect at ``kept``.
             directions: ``(np, n)``.
             kept: From ``run``.
+            starts: Sample up to which each direction has no effect ``(n,)``; no time is spent before it.
         """
         n, slopes = directions.shape[1], []
         for s in range(0, n, LANES):
             columns = [min(k, n - 1) for k in range(s, s + LANES)]
             both = np.concatenate([values[:, columns], directions[:, columns]], axis=1)
             found = np.zeros((*drive.measurements.shape, LANES))
+            start = 0 if starts is None else min(starts[k] for k in columns)
+            first = self._first(drive, both)
+            if start > 0:
+                first[:, :LANES] = kept.state[start][:, None]
             self._follow.follow(
                 drive.inputs,
                 drive.between,
                 drive.measurements,
                 self._duals.constants(both),
-                self._first(drive, both),
+                first,
+                start,
                 kept.gain,
                 kept.whitening,
                 found,

@@ -85,7 +85,15 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("relaxation_length_12", r"\ell_{R12}", "m", 0.01, 2.0, "relaxation length, tractor rear"),
     Parameter("relaxation_length_2", r"\ell_{R2}", "m", 0.01, 2.0, "relaxation length, trailer axles"),
     Parameter("steering_ratio", r"i_\mathrm{L}", "dimensionless", 5.0, 40.0, "steering wheel over road wheel angle"),
-    Parameter("constraint_rate", r"\kappa", "1/s", 0.0, 50.0, "rate that restores the kingpin tie; 0 as printed"),
+    Parameter(
+        "constraint_rate",
+        r"\kappa",
+        "1/s",
+        0.0,
+        50.0,
+        "rate that restores the kingpin tie; 0 as printed",
+        numerical=True,
+    ),
 )
 
 LOADING: tuple[Parameter, ...] = (
