@@ -6,7 +6,7 @@ JOBS   ?=
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies report test lint bench lock clean study-narx-architecture study-identify-swarm study-identify-em $(STUDIES)
+.PHONY: help setup studies report test lint bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -38,10 +38,13 @@ study-identify-swarm: $(VENV)/run.stamp ## find the semitrailer's parameters by 
 study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with particles, REPEATS=50 times (Sun 3.2)
 	$(BIN)/python -m harness.identify.studies.em $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-em
 
+study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
+	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime
+
 study-%:
 	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2
 
-studies: $(STUDIES) ## run every study, gather them in results/campaign/report.html and .pdf
+studies: $(STUDIES) study-realtime ## run every study, gather them in results/campaign/report.html and .pdf
 	$(BIN)/harness campaign results --out results/campaign
 
 report: $(VENV)/run.stamp ## rewrite the reports of all finished studies

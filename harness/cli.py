@@ -1,4 +1,4 @@
-"""The command line: run, report, list, simulate, check, observability, cache, schema.
+"""The command line: run, report, campaign, list, simulate, check, identify, observability, realtime, cache, schema.
 
 Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
 mend it); 130: interrupted, and the next run goes on from there. Everything heavy is imported inside the
@@ -7,6 +7,7 @@ commands, so that help appears at once.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import re
@@ -14,23 +15,22 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 import typer.core
 from rich.console import Console
 from rich.text import Text
 
-from harness.command_line import pairs, parameter_set
+from harness.command_line import RESULTS, STUDIES, pairs, parameter_set, study_path
 from harness.errors import UserError
 from harness.identify.command import identify
+from harness.realtime.command import realtime
 
 if TYPE_CHECKING:
     from harness.configure import DriveSpec, ModelSpec
 
 FAILED, WRONG, INTERRUPTED = 1, 2, 130
-STUDIES = Path("studies")
-RESULTS = Path("results")
 _state = {"debug": False}
 
 
@@ -107,10 +107,17 @@ def _fail(title: str, message: str, status: int) -> NoReturn:
 def run(
     study: Annotated[str, typer.Argument(help="Study file, or the name of one in studies/.")],
     jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, help="Worker threads; all cores if absent.")
+        int | None,
+        typer.Option("--jobs", "-j", min=1, help="Worker threads, or processes of --dask local; all cores if absent."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Result folder; results/<name of the study> if absent.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="Run on the workers of this Dask scheduler: tcp://HOST:PORT.")
+    ] = None,
+    dask: Annotated[
+        Literal["local"] | None, typer.Option("--dask", help="Run on Dask worker processes of this machine.")
     ] = None,
 ) -> None:
     """Run a study and write its report.
@@ -118,13 +125,22 @@ def run(
     An interrupted run goes on where it stopped.
     The scores are the same bits whatever the number of workers.
     """
+    if scheduler is not None and (dask is not None or jobs is not None):
+        raise UserError("--scheduler says which workers run the study; leave out --dask and --jobs")
     from harness.configure import load_study
 
-    loaded = load_study(_study_path(study))
+    path = study_path(study)
+    loaded = load_study(path.resolve() if scheduler is not None else path)  # workers start in other folders
     from harness.run import run_study
 
     console = Console()
-    folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console)
+    with contextlib.ExitStack() as stack:
+        client = None
+        if scheduler is not None or dask is not None:
+            from harness.cluster import connected
+
+            client = stack.enter_context(connected(scheduler, jobs))
+        folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console, client)
     from harness.report import headline
 
     console.print(Text(headline(folder), style="bold"), soft_wrap=True)
@@ -166,21 +182,6 @@ def campaign(
         console.print(Text(str(path)), soft_wrap=True)
 
 
-def _study_path(study: str) -> Path:
-    """Return the file of a study given by path or by its name in ``studies/``.
-
-    Raises:
-        UserError: If there is neither, with the closest names.
-    """
-    path, named = Path(study), STUDIES / f"{study}.toml"
-    if path.is_file() or path.suffix == ".toml":
-        return path
-    if named.is_file():
-        return named
-    there = sorted(p.stem for p in STUDIES.glob("*.toml"))
-    raise UserError(f"there is no study file '{study}' and no {named}{_closest(study, there)}")
-
-
 def _closest(word: str, choices: list[str]) -> str:
     from models.registry import closest
 
@@ -209,7 +210,7 @@ def tune(
     from harness.tune import tune as search
     from harness.tune import write_tuning
 
-    loaded = load_study(_study_path(study))
+    loaded = load_study(study_path(study))
     training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
     console = Console(stderr=True)
     with console.status("tuning") as status:
@@ -437,6 +438,7 @@ def schema(
 
 
 app.command()(_answers_errors(identify))
+app.command()(_answers_errors(realtime))
 
 
 def main() -> None:

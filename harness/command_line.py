@@ -1,10 +1,31 @@
-"""What the commands share: pairs of name and value, and the parameter set that a vehicle has."""
+"""What the commands share: where studies and results are, pairs of name and value, a vehicle's parameter set."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from harness.errors import UserError
+
+STUDIES = Path("studies")
+RESULTS = Path("results")
+
+
+def study_path(study: str) -> Path:
+    """Return the file of a study given by path or by its name in ``studies/``.
+
+    Raises:
+        UserError: If there is neither, with the closest names.
+    """
+    from models.registry import closest
+
+    path, named = Path(study), STUDIES / f"{study}.toml"
+    if path.is_file() or path.suffix == ".toml":
+        return path
+    if named.is_file():
+        return named
+    there = sorted(p.stem for p in STUDIES.glob("*.toml"))
+    raise UserError(f"there is no study file '{study}' and no {named}{closest(study, there)}")
 
 
 def pairs(given: list[str] | None, option: str) -> dict[str, Any]:

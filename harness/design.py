@@ -18,8 +18,7 @@ estimator sees the same runs.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,6 +27,8 @@ from numpy.typing import NDArray
 
 from harness.configure import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Study
 from harness.configure.limits import settled
+
+RUNS_PER_UNIT = 64
 
 
 @dataclass(frozen=True)
@@ -87,11 +88,6 @@ class Unit:
     def samples(self) -> slice:
         """The samples as a slice."""
         return slice(self.first, self.stop)
-
-    @property
-    def key(self) -> str:
-        """A name that is the same in every run of the study, for resuming."""
-        return f"{self.design}-{self.band}-{self.drive}-{self.first}-{self.stop}"
 
     def runs(self, study: Study) -> int:
         """Return the number of runs, samples times repeats."""
@@ -230,33 +226,27 @@ def scale_noise(held: Lanes, belief: ModelSpec, factors: Mapping[str, float]) ->
     )
 
 
-def units(study: Study, design: DesignSpec, target: int = 64) -> list[Unit]:
-    """Cut a design into units of about ``target`` runs, in an order that depends on the study alone.
-
-    The repeats of a sample stay together, so a unit has more than ``target`` runs where a design has more
-    repeats. The cuts do not depend on the number of workers.
+def units(study: Study, design: DesignSpec) -> list[Unit]:
+    """Cut a design into units, in an order that depends on the study alone, not on the number of workers.
 
     Args:
         study: The study.
         design: One of its designs.
-        target: Runs per unit to aim at, e.g. the lanes of a kernel.
-
-    Raises:
-        ValueError: If ``target`` is not positive.
     """
-    if target < 1:
-        raise ValueError(f"target must be at least 1, got {target}")
-    index = study.designs.index(design)
+    index, size = study.designs.index(design), samples_per_unit(design)
     return [
-        Unit(index, band, drive, first, stop)
+        Unit(index, band, drive, first, min(first + size, design.samples))
         for band in range(design.bands)
         for drive in range(len(study.drives))
-        for first, stop in _pieces(design.samples, max(target // design.repeats, 1))
+        for first in range(0, design.samples, size)
     ]
 
 
-def _pieces(total: int, size: int) -> Iterator[tuple[int, int]]:
-    """Cut ``range(total)`` into as few pieces of at most ``size`` as possible, as even as possible."""
-    count = -(-total // size)
-    edges = [total * i // count for i in range(count + 1)]
-    return itertools.pairwise(edges)
+def samples_per_unit(design: DesignSpec) -> int:
+    """Return how many samples a unit has; the last one along a band may have fewer.
+
+    A unit has at most ``RUNS_PER_UNIT`` runs. The repeats of a sample stay together, so it has more where a sample
+    alone has. Pieces are as few as that allows, and then as even as equal chunks of the store allow.
+    """
+    largest = max(RUNS_PER_UNIT // design.repeats, 1)
+    return -(-design.samples // -(-design.samples // largest))

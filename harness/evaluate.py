@@ -15,6 +15,7 @@ from harness.configure import HistorySpec, ModelSpec, Study
 from harness.design import Lanes, Unit, lanes, points, scale_noise
 from harness.drives import profile_of
 from harness.estimate import Estimator, Scores
+from harness.kernel import Belief, State
 from harness.lanes import LANES
 from harness.simulate import Batch, Simulator, first_state, in_lanes, input_table
 from models.assemble import Model
@@ -261,21 +262,10 @@ class Bench:
         self, index: int, unit: Unit, group: list[Case], batch: Batch, held: Lanes, keep: bool = False
     ) -> Scores:
         """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
-        estimator, road = self.estimators[index], self.roads[unit.drive]
-        held = scale_noise(held, self.study.belief, self.study.estimators[index].noise)
-        process = np.ascontiguousarray(held.process_noise.T)
-        belief = estimator.belief(
-            self.belief.constants(held.values.T), process, np.ascontiguousarray(held.measurement_noise.T)
-        )
-        seeds = self._seeds(unit, group, self.study.estimators[index].name)
-        first = estimator.init(
-            first_state(self.belief.model, held.values.T, road.profile), self._first_variance(process), seeds
-        )
-        measurements = batch.measurements
-        if self._measured != list(range(self.plant.ny)):
-            measurements = np.ascontiguousarray(measurements[:, self._measured])
-        return estimator.run(
-            self._known(road, batch),
+        belief, first = self.begin(index, unit, group, held)
+        inputs, measurements = self.seen(unit.drive, batch)
+        return self.estimators[index].run(
+            inputs,
             measurements,
             batch.truth,
             self.plant.signal_names,
@@ -284,6 +274,25 @@ class Bench:
             first,
             keep,
         )
+
+    def begin(self, index: int, unit: Unit, group: list[Case], held: Lanes) -> tuple[Belief, State]:
+        """Return what an estimator believes and its first state, for what the belief holds in each lane."""
+        estimator = self.estimators[index]
+        held = scale_noise(held, self.study.belief, self.study.estimators[index].noise)
+        process = np.ascontiguousarray(held.process_noise.T)
+        belief = estimator.belief(
+            self.belief.constants(held.values.T), process, np.ascontiguousarray(held.measurement_noise.T)
+        )
+        mean = first_state(self.belief.model, held.values.T, self.roads[unit.drive].profile)
+        seeds = self._seeds(unit, group, self.study.estimators[index].name)
+        return belief, estimator.init(mean, self._first_variance(process), seeds)
+
+    def seen(self, drive: int, batch: Batch) -> tuple[Floats, Floats]:
+        """Return what an estimator sees of a simulated batch: inputs ``(samples, nu, LANES)`` and measurements."""
+        measurements = batch.measurements
+        if self._measured != list(range(self.plant.ny)):
+            measurements = np.ascontiguousarray(measurements[:, self._measured])
+        return self._known(self.roads[drive], batch), measurements
 
     def _first_variance(self, process: Floats) -> Floats:
         """Return the first covariance ``(nx, LANES)``: the process noise (Ziaukas 2023, 5.1 and 6.1) if not stated."""

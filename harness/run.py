@@ -1,7 +1,8 @@
 """Run a study: compile, evaluate the units that are not in the store yet, report.
 
-Units run in threads, because the kernels release the GIL; scores are entered in the order in which units end
-and land at their own place, so neither the number of workers nor an interruption changes a bit of the store.
+Units run in threads, because the kernels release the GIL, or on the workers of a cluster (``harness.cluster``).
+Whoever evaluates a unit writes its scores, each unit to chunks of its own, so neither the number of workers nor an
+interruption changes a bit of the store.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ from __future__ import annotations
 import json
 import resource
 import time
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import joblib
 from rich.console import Console
@@ -32,8 +34,10 @@ from harness.design import Unit, units
 from harness.evaluate import Bench
 from harness.store import Store
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 RUN_FILE = "run.json"
-_FLUSH_EVERY = 5.0  # s
 
 
 class _Rate(ProgressColumn):
@@ -48,7 +52,13 @@ class _Rate(ProgressColumn):
         return Text(f"{done / elapsed:.0f} runs/s" if done and elapsed else "", style="progress.data.speed")
 
 
-def run_study(study: Study, out: Path, jobs: int | None = None, console: Console | None = None) -> Path:
+def run_study(
+    study: Study,
+    out: Path,
+    jobs: int | None = None,
+    console: Console | None = None,
+    client: Client | None = None,
+) -> Path:
     """Run a study to the end and write its reports.
 
     Args:
@@ -56,31 +66,41 @@ def run_study(study: Study, out: Path, jobs: int | None = None, console: Console
         out: Result folder. A result of the same study there is continued; another study's is left alone.
         jobs: Worker threads; by default one per core.
         console: Where progress is shown.
+        client: Of the Dask cluster whose workers run the study in place of threads.
 
     Returns:
         The result folder.
 
     Raises:
-        UserError: If the folder holds another study's result.
+        UserError: If the folder holds another study's result, or a worker of the cluster does not fit.
+        ClusterFailure: If the cluster gives up.
     """
     from harness.report import write_report
 
     console = console or Console(stderr=True)
-    jobs = jobs or joblib.cpu_count()
     started = datetime.now(UTC)
     begin = time.perf_counter()
     with console.status("building models and drives"):
         bench = Bench(study)
         store = Store(study, bench, out)
-    todo = [u for d in study.designs for u in units(study, d) if not store.is_done(u)]
-    total = sum(u.runs(study) for d in study.designs for u in units(study, d))
-    left = sum(u.runs(study) for u in todo)
+    everything = [u for d in study.designs for u in units(study, d)]
+    todo = [u for u in everything if not store.was_done(u)]
+    total, left = (sum(u.runs(study) for u in some) for some in (everything, todo))
     if left < total:
         console.print(f"{total - left} of {total} runs are in {store.path} already")
     if todo:
         _warm_up(bench, console)
         compiled = time.perf_counter()
-        _evaluate(bench, store, todo, jobs, total, left, console)
+        if client is None:
+            jobs = jobs or joblib.cpu_count()
+            finished = _in_threads(bench, store, todo, jobs)
+        else:
+            from harness import cluster
+
+            cluster.check_workers(client, out, console)
+            jobs = sum(client.ncores().values())
+            finished = cluster.evaluate(client, study, out, todo, console)
+        _show_progress(study, finished, total, left, console)
         seconds = time.perf_counter() - compiled
         record = {
             "started": started.isoformat(timespec="seconds"),
@@ -106,24 +126,24 @@ def _warm_up(bench: Bench, console: Console) -> None:
             status.update(f"compiled {bench.warm_up(i)}; {bench.kernels - 1 - i} to go")
 
 
-def _evaluate(bench: Bench, store: Store, todo: list[Unit], jobs: int, total: int, left: int, console: Console) -> None:
-    def work(unit: Unit) -> tuple[Unit, dict[str, Any]]:
-        return unit, bench.evaluate(unit)
+def _in_threads(bench: Bench, store: Store, todo: Sequence[Unit], jobs: int) -> Iterator[Unit]:
+    """Evaluate units in threads; return each when it is in the store."""
 
+    def work(unit: Unit) -> Unit:
+        store.write(unit, bench.evaluate(unit))
+        return unit
+
+    parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1)
+    finished: Iterator[Unit] = parallel(joblib.delayed(work)(unit) for unit in todo)
+    return finished
+
+
+def _show_progress(study: Study, finished: Iterable[Unit], total: int, left: int, console: Console) -> None:
     columns = (
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
         TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
-    parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1)
-    flushed = time.monotonic()
-    try:
-        with Progress(*columns, console=console) as progress:
-            task = progress.add_task(bench.study.name, total=total, completed=total - left)
-            for unit, result in parallel(joblib.delayed(work)(unit) for unit in todo):
-                store.enter(unit, result)
-                progress.advance(task, unit.runs(bench.study))
-                if time.monotonic() - flushed > _FLUSH_EVERY:
-                    store.flush()
-                    flushed = time.monotonic()
-    finally:
-        store.flush()  # an interruption keeps what is done
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task(study.name, total=total, completed=total - left)
+        for unit in finished:
+            progress.advance(task, unit.runs(study))

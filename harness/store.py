@@ -1,12 +1,14 @@
 """The store of a study's scores: Zarr through xarray, resumable, and the same bits however it was filled.
 
-One group per design, with the plain dimensions ``band, sample, drive, repeat, estimator, target``. ``status``
-is written after everything else of a unit, so a unit whose status is pending counts as not done. Nothing that
-depends on the number of workers or on the clock is in the store; ``run.json`` beside it tells that.
+One group per design, with the plain dimensions ``band, sample, drive, repeat, estimator, target``. Every unit has
+chunks of its own, so threads and processes write without knowing of each other. ``status`` is written after
+everything else of a unit, so a unit whose status is pending counts as not done. Nothing that depends on the number
+of workers or on the clock is in the store; ``run.json`` beside it tells that.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import json
@@ -23,7 +25,7 @@ import zarr
 from numpy.typing import NDArray
 
 from harness.configure import DesignSpec, Study
-from harness.design import Unit, points
+from harness.design import Unit, points, samples_per_unit
 from harness.errors import UserError
 from harness.evaluate import OVER_TIME, PENDING, PER_RUN, PER_TARGET, Bench
 from models.signals import SIGNALS
@@ -64,7 +66,6 @@ class Store:
     def __init__(self, study: Study, bench: Bench, folder: Path) -> None:
         self.study, self.folder, self.path = study, folder, folder / STORE
         self._attributes = _root_attributes(study)
-        self._dirty: list[Unit] = []
         if self.path.exists():
             self._check_same_study()
             self._renew_words()
@@ -74,32 +75,19 @@ class Store:
             except OSError as error:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
             self._create(bench)
-        self._groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
-        names = (*PER_TARGET, *PER_RUN, OVER_TIME, "status")
-        self._arrays: list[dict[str, NDArray[Any]]] = [
-            {n: np.asarray(g[n][...]) for n in names if n in g} for g in self._groups
-        ]
+        groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
+        self._arrays: list[dict[str, Any]] = [dict(group.arrays()) for group in groups]
+        self._pending = [np.asarray(arrays["status"][...]) == PENDING for arrays in self._arrays]
 
-    def is_done(self, unit: Unit) -> bool:
-        """Return whether a unit's scores are in the store."""
-        status = self._arrays[unit.design]["status"]
-        return bool(np.all(status[unit.band, unit.samples, unit.drive] != PENDING))
+    def was_done(self, unit: Unit) -> bool:
+        """Return whether a unit's scores were in the store when it was opened."""
+        return not np.any(self._pending[unit.design][unit.band, unit.samples, unit.drive])
 
-    def enter(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:
-        """Take a unit's scores; they reach the disk with the next ``flush``."""
-        for name, values in result.items():
+    def write(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:
+        """Write a unit's scores, from any thread or process; the status comes last."""
+        for name in sorted(result, key=lambda name: name == "status"):
             drive = () if name == OVER_TIME else (unit.drive,)  # kept along one drive only
-            self._arrays[unit.design][name][unit.band, unit.samples, *drive] = values
-        self._dirty.append(unit)
-
-    def flush(self) -> None:
-        """Write what was entered since the last flush, the status last."""
-        for index in sorted({u.design for u in self._dirty}):
-            bands = sorted({u.band for u in self._dirty if u.design == index})
-            for name, values in self._arrays[index].items():  # "status" is the last
-                for band in bands:
-                    self._groups[index][name][band] = values[band]
-        self._dirty.clear()
+            self._arrays[unit.design][name][unit.band, unit.samples, *drive] = result[name]
 
     @property
     def has_histories(self) -> bool:
@@ -150,11 +138,21 @@ class Store:
         root.attrs.update(self._attributes)
         for design in self.study.designs:
             dataset = _empty(self.study, design, bench)
-            chunks = {
-                name: {"chunks": (1, *array.shape[1:])} for name, array in dataset.data_vars.items() if array.ndim > 2
-            }
-            dataset.to_zarr(temporary, group=design.name, mode="w", consolidated=False, zarr_format=3, encoding=chunks)
+            encoding = {
+                name: {"chunks": _chunks(design, array), "fill_value": PENDING if name == "status" else np.nan}
+                for name, array in dataset.data_vars.items()
+                if array.ndim > 2
+            }  # a chunk that holds nothing but the fill value takes no file
+            dataset.to_zarr(
+                temporary, group=design.name, mode="w", consolidated=False, zarr_format=3, encoding=encoding
+            )
         temporary.rename(self.path)
+
+
+def _chunks(design: DesignSpec, array: xr.DataArray) -> tuple[int, ...]:
+    """Return the shape of the chunks of an array of scores: those of one unit."""
+    own = {"band": 1, "sample": samples_per_unit(design), "drive": 1}
+    return tuple(min(own.get(str(dim), size), size) for dim, size in array.sizes.items())
 
 
 def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
@@ -262,10 +260,7 @@ def _root_attributes(study: Study) -> dict[str, Any]:
         "step": study.plant.step,
         "designs": json.dumps([d.name for d in study.designs]),
         "description": json.dumps(description, sort_keys=True),
-        "versions": json.dumps(
-            {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
-        ),
-        "engine": engine_hash(),
+        **code_state(),
         "commit": commit(),
         "machine": f"{platform.system()} {platform.machine()}, {processor()}",
     }
@@ -276,10 +271,20 @@ def _words(study: Study) -> dict[str, Any]:
     return {"study": study.text, "title": study.title, "limits": json.dumps(study.limits)}
 
 
+def code_state() -> dict[str, str]:
+    """Return what the bits of a score depend on beside the study: ``engine`` and ``versions`` of the packages."""
+    versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
+    return {"versions": json.dumps(versions), "engine": engine_hash()}
+
+
+@functools.cache  # of the code that this process runs, whatever becomes of the files
 def engine_hash() -> str:
     """Return a hash of what numbers depend on: models, committed networks, the harness but for report and CLI."""
     root = Path(__file__).resolve().parents[1]
-    skipped = ("harness/report", "harness/cli.py", "harness/run.py", "harness/statistics.py")
+    skipped = (
+        *("harness/report", "harness/realtime", "harness/cli.py", "harness/cluster.py"),
+        *("harness/run.py", "harness/statistics.py"),
+    )
     digest = hashlib.sha256()
     for path in sorted(
         p for pattern in ("models/**/*.py", "harness/**/*.py", "harness/networks/*.npz") for p in root.glob(pattern)

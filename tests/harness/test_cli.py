@@ -46,7 +46,7 @@ def small_study(tmp_path):
 def test_help_of_every_command(harness):
     status, out, _ = harness("--help")
     assert status == 0
-    for command in ("run", "report", "list", "simulate", "observability", "cache", "schema"):
+    for command in ("run", "report", "list", "simulate", "observability", "realtime", "cache", "schema"):
         assert command in out
         assert harness(command, "--help")[0] == 0
 
@@ -75,7 +75,7 @@ def test_version(harness):
 def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, monkeypatch):
     seen = {}
 
-    def run_study(study, out, jobs, console):
+    def run_study(study, out, jobs, console, client):
         seen.update(study=study, out=out, jobs=jobs)
         out.mkdir()
         for name in ("report.html", "report.pdf"):
@@ -91,6 +91,46 @@ def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, m
     assert status == 0
     assert (seen["study"].name, seen["out"], seen["jobs"]) == ("mass", out, 2)
     assert printed.splitlines() == ["The answer of out.", str(out / "report.html"), str(out / "report.pdf")]
+
+
+def test_run_on_a_cluster_takes_its_client_from_the_options(harness, small_study, tmp_path, monkeypatch):
+    import contextlib
+
+    import harness.cluster as cluster
+    import harness.run as stage
+
+    asked, seen = [], []
+
+    @contextlib.contextmanager
+    def connected(scheduler, workers):
+        asked.append((scheduler, workers))
+        yield f"client of {scheduler}"
+
+    def run_study(study, out, jobs, console, client):
+        seen.append((client, study.path.is_absolute()))
+        return out
+
+    monkeypatch.setattr(cluster, "connected", connected)
+    monkeypatch.setattr(stage, "run_study", run_study)
+    monkeypatch.setattr("harness.report.headline", lambda folder: "")
+    for options in (["--scheduler", "tcp://there:8786"], ["--dask", "local", "--jobs", 2]):
+        assert harness("run", small_study, "--out", tmp_path / "out", *options)[0] == 0
+    assert asked == [("tcp://there:8786", None), (None, 2)]
+    assert seen == [("client of tcp://there:8786", True), ("client of None", True)]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scheduler", "tcp://there:8786", "--jobs", 2], "leave out --dask and --jobs"),
+        (["--scheduler", "tcp://there:8786", "--dask", "local"], "leave out --dask and --jobs"),
+        (["--dask", "remote"], "'remote' is not"),
+    ],
+)
+def test_cluster_options_that_do_not_fit(harness, small_study, options, message):
+    status, _, err = harness("run", small_study, *options)
+    assert status == 2
+    assert message in " ".join(err.replace("│", " ").split())
 
 
 @pytest.mark.parametrize(

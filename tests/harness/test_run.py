@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from probe_study import STUDY, bits
 
 from harness.configure import load_study
 from harness.design import Unit, units
@@ -13,57 +14,6 @@ from harness.errors import UserError
 from harness.evaluate import ESTIMATOR_DIVERGED, OK, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED, Bench, Case
 from harness.run import run_study
 from harness.store import STORE, Store
-
-STUDY = """
-name = "probe"
-title = "Does the runner keep its promises?"
-seed = 0
-targets = ["lateral_force_axle_21", "articulation_angle"]
-[plant]
-vehicle = "semitrailer"
-parameters = "ziaukas_2023"
-tyre = "magic_formula"
-sensors = "series"
-[belief]
-unknown_inputs = ["steering_wheel_angle"]
-[[estimator]]
-name = "EKF"
-kind = "ekf"
-[[drive]]
-name = "weave"
-kind = "sine"
-duration = 20
-speed = 12
-[[drive]]
-name = "weave-fast"
-kind = "sine"
-duration = 20
-speed = 18
-frequency = "0.3 Hz"
-[[design]]
-name = "level"
-repeats = 5
-[[design.factor]]
-parameter = "trailer_mass"
-levels = ["8 t", "24 t"]
-[[design]]
-name = "band"
-samples = 4
-[[design.factor]]
-parameter = "trailer_mass"
-levels = ["24 t"]
-band = "5 %"
-[[history]]
-design = "level"
-levels = { trailer_mass = "8 t" }
-drive = "weave"
-[[history]]
-name = "as believed"
-design = "level"
-levels = { trailer_mass = "24 t" }
-drive = "weave"
-signals = ["yaw_rate_tractor"]
-"""
 
 
 @pytest.fixture(scope="module")
@@ -96,10 +46,6 @@ def same_checkout():
 @pytest.fixture(scope="module")
 def finished(study, tmp_path_factory, same_checkout):
     return run_study(study, tmp_path_factory.mktemp("one"), jobs=1)
-
-
-def bits(folder):
-    return {p.relative_to(folder / STORE): p.read_bytes() for p in sorted((folder / STORE).rglob("*")) if p.is_file()}
 
 
 def test_store_has_the_contracts_dimensions_units_and_provenance(study, finished):

@@ -1,0 +1,226 @@
+"""Time single steps of every estimator of a study, called once per cycle as on a controller."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import inspect
+import os
+import resource
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.compile import CompiledModel, load_source
+from harness.configure import DesignSpec, Study
+from harness.design import Unit
+from harness.errors import UserError
+from harness.estimate import kernels_of, load_estimator
+from harness.evaluate import Bench, Case
+from harness.kernel import Belief, Info, State
+from harness.realtime import clock, loop
+from harness.realtime.one_lane import in_one_lane, narrow_model
+from harness.simulate import paste
+from models.registry import closest
+
+Floats = NDArray[np.float64]
+
+PACES = ("back to back", "every cycle")
+_WARM_UP = 20  # steps before the first that counts
+
+
+class Contestant:
+    """An estimator about to be timed on one run.
+
+    Args:
+        kind: File in ``harness/estimators``.
+        compiled: What it believes, as studies compile it.
+        belief, first: Constants, noise and first state; the first lane counts.
+        inputs, measurements: What it sees ``(samples, nu | ny, LANES)``; the first lane counts.
+    """
+
+    def __init__(
+        self, kind: str, compiled: CompiledModel, belief: Belief, first: State, inputs: Floats, measurements: Floats
+    ) -> None:
+        self._kernels = _kernels(kind, compiled)
+        constants, process, measurement = map(
+            _first_lane, (belief.constants, belief.process_noise, belief.measurement_noise)
+        )
+        self._belief = Belief(constants, process, measurement, belief.tuning)
+        self._first = State(*map(_first_lane, first))
+        self._u, self._y = _first_lane(inputs), _first_lane(measurements)
+        ny = compiled.ny
+        self._info = Info(np.zeros((ny, 1)), np.zeros((ny, ny, 1)), *(np.zeros((1, 1)) for _ in range(4)))
+        self._work = self._kernels.workspace()
+        self.restart()
+
+    def restart(self) -> None:
+        """Go back to the first sample."""
+        self._before = State(*(a.copy() for a in self._first))
+        self._after = State(*(a.copy() for a in self._first))
+
+    @property
+    def mean(self) -> Floats:
+        """The estimate ``(nx,)`` after the last step."""
+        return self._before.mean[:, 0]
+
+    def run(self, first: int, stop: int) -> Floats:
+        """Take the samples from ``first`` to before ``stop``; return what each took in ns, the clock included."""
+        ticks = np.zeros((stop - first, 2), dtype=np.int64)
+        seen, before, after = slice(first - 1, stop), self._before, self._after
+        self._kernels.timed_steps(
+            before, self._u[seen], self._y[seen], self._belief, self._work, after, self._info, ticks
+        )
+        if len(ticks) % 2:
+            self._before, self._after = after, before
+        return (ticks[:, 1] - ticks[:, 0]).astype(float)
+
+    def look(self, times: int) -> Floats:
+        """Return how long nothing takes in ns, so many times: what the clock adds to a step."""
+        ticks = np.zeros((times, 2), dtype=np.int64)
+        self._kernels.timed_nothing(ticks)
+        return (ticks[:, 1] - ticks[:, 0]).astype(float)
+
+
+def _kernels(kind: str, compiled: CompiledModel) -> Any:
+    digest = hashlib.sha256(inspect.getsource(clock).encode()).hexdigest()[:16]
+    constants = f"from {clock.__name__} import nanoseconds  # {digest}"
+    functions = [*kernels_of(load_estimator(kind)), loop.timed_steps, loop.timed_nothing]
+    wide, narrow = compiled.kernels.__name__, narrow_model(compiled.kernels).__name__
+    source = paste(compiled, kind, functions, constants).replace(f"from {wide} import", f"from {narrow} import")
+    return load_source(f"time_{kind}", in_one_lane(source))
+
+
+def _first_lane(array: Floats) -> Floats:
+    return np.ascontiguousarray(array[..., :1])
+
+
+def contestants(study: Study, drive: str, duration: float) -> dict[str, Contestant]:
+    """Return the estimators of a study at the beginning of one run in which plant and belief are as stated.
+
+    Args:
+        study: The study; its designs do not matter.
+        drive: Name of one of its drives.
+        duration: s of it.
+
+    Raises:
+        UserError: If there is no such drive, or it is shorter.
+    """
+    names = [d.name for d in study.drives]
+    if drive not in names:
+        raise UserError(f"--drive {drive}: study '{study.name}' has no such drive{closest(drive, names)}")
+    chosen = study.drives[names.index(drive)]
+    bench = Bench(
+        dataclasses.replace(study, drives=(chosen,), designs=(DesignSpec("timed", ()),), history=(), over_time=None)
+    )
+    samples, there = round(duration / study.belief.step) + 1, len(bench.roads[0].profile.time)
+    if samples > there or samples < 2:
+        raise UserError(
+            f"--duration {duration:g} s: give at least one step of {study.belief.step:g} s and no more than the "
+            f"{(there - 1) * study.belief.step:g} s of drive '{drive}'"
+        )
+    unit, case = Unit(0, 0, 0, 0, 1), [Case(0, 0)]
+    batch, held = bench.simulate(unit, case, samples), bench.held(unit, case, "belief")
+    inputs, measurements = bench.seen(0, batch)
+    return {
+        spec.name: Contestant(spec.kind, bench.belief, *bench.begin(i, unit, case, held), inputs, measurements)
+        for i, spec in enumerate(study.estimators)
+    }
+
+
+def measure(
+    field: dict[str, Contestant], samples: int, cycle: float, progress: Callable[[str], None] = lambda _: None
+) -> xr.Dataset:
+    """Time every step of a run, first without a pause and then one per cycle.
+
+    In a cycle all estimators take the same sample, in turn and beginning with another one each time. The time between
+    is slept away, so caches and the processor's clock are as a task finds them that is woken up every cycle.
+
+    Args:
+        field: By name, from ``contestants``.
+        samples: Of the run; the first is where estimators start and takes no step.
+        cycle: Sample time in s.
+        progress: Told what is going on.
+
+    Returns:
+        ``step_time`` over ``(pace, estimator, time)`` and ``clock`` over ``(pace, time)``: times in s, what the clock
+        itself takes (its median at that pace) subtracted. ``interrupted`` over ``(estimator, time)``: whether the
+        operating system took the core away around a step of the second pace.
+
+    Raises:
+        UserError: If an estimator does not give numbers to the end.
+    """
+    names, steps = list(field), samples - 1
+    taken = np.empty((len(PACES), len(names) + 1, steps))
+    with _one_core():
+        progress("compiling")
+        for contestant in field.values():
+            contestant.run(1, min(_WARM_UP, samples))
+            contestant.look(1)
+            contestant.restart()
+        progress(f"timing {steps} steps {PACES[0]}")
+        for e, name in enumerate(names):
+            taken[0, e] = field[name].run(1, samples)
+            _refuse_divergence(name, field[name])
+            field[name].restart()
+        taken[0, -1] = field[names[0]].look(steps)
+        progress(f"timing {steps} steps, one {PACES[1]} of {cycle:g} s")
+        interrupted = _every_cycle(list(field.values()), samples, cycle, taken[1])
+    taken *= 1e-9
+    overhead = np.median(taken[:, -1:], axis=2, keepdims=True)
+    return xr.Dataset(
+        {
+            "step_time": (("pace", "estimator", "time"), taken[:, :-1] - overhead, {"units": "s"}),
+            "clock": (("pace", "time"), taken[:, -1], {"units": "s", "long_name": "between two looks at the clock"}),
+            "interrupted": (("estimator", "time"), interrupted, {"long_name": "core taken away around the step"}),
+        },
+        coords={
+            "pace": np.array(PACES, dtype=object),
+            "estimator": np.array(names, dtype=object),
+            "time": ("time", cycle * np.arange(1, samples), {"units": "s"}),
+        },
+    )
+
+
+def _every_cycle(field: Sequence[Contestant], samples: int, cycle: float, taken: Floats) -> NDArray[np.bool_]:
+    """Let all take one sample per cycle; write the times in ns, the clock's last, and return who was interrupted."""
+    interrupted = np.zeros((len(field), samples - 1), dtype=bool)
+    begin = time.perf_counter()
+    for k in range(1, samples):
+        time.sleep(max(begin + k * cycle - time.perf_counter(), 0.0))
+        for e in ((k + i) % len(field) for i in range(len(field))):
+            switches = _switches()
+            taken[e, k - 1] = field[e].run(k, k + 1)[0]
+            interrupted[e, k - 1] = _switches() > switches
+        taken[-1, k - 1] = field[0].look(1)[0]
+    return interrupted
+
+
+def _refuse_divergence(name: str, contestant: Contestant) -> None:
+    if not np.all(np.isfinite(contestant.mean)):
+        raise UserError(f"estimator '{name}' diverges on this drive, so its time means nothing; choose another one")
+
+
+def _switches() -> int:
+    """Return how often this thread lost its core against its will; 0 where the system does not tell."""
+    thread = getattr(resource, "RUSAGE_THREAD", None)
+    return 0 if thread is None else resource.getrusage(thread).ru_nivcsw
+
+
+@contextlib.contextmanager
+def _one_core() -> Iterator[None]:
+    """Keep to one core, where the system lets choose."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(allowed)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)

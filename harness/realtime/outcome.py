@@ -1,0 +1,117 @@
+"""What the times say: quantiles, load of the cycle, and ratios with intervals; kept in ``times.zarr``."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.configure import Study
+from harness.errors import UserError
+from harness.store import code_state, commit, processor
+
+Floats = NDArray[np.float64]
+
+STORE = "times.zarr"
+
+QUANTILES = (0.5, 0.999, 1.0)
+"""Median, what one step in a thousand exceeds, and the longest."""
+
+PUBLISHED = {"ekf": 1.65, "ukf": 5.61, "narx": 0.67}
+"""Mean load in percent of a cycle of 10 ms on an ETAS ES910, by kind of estimator (Ziaukas 2023, Bild 6.9)."""
+
+_RESAMPLES = 2000
+_BLOCK = 1.0  # s: neighbouring steps share the state of the machine, so blocks of them are resampled
+
+
+def judge(times: xr.Dataset, study: Study, drive: str) -> xr.Dataset:
+    """Return the times with their statistics and where they come from.
+
+    Args:
+        times: From ``harness.realtime.measure.measure``.
+        study: The study.
+        drive: Name of the drive.
+
+    Returns:
+        The times, with ``quantile`` over ``(pace, estimator, share)`` and ``mean`` over ``(pace, estimator)`` in s,
+        and ``ratio`` over ``(pace, estimator, end)``: median over that of the reference estimator, with its 95 %
+        interval (bootstrap over blocks of a second, the same for all estimators).
+    """
+    kinds = {e.name: e.kind for e in study.estimators}
+    reference = next((name for name, kind in kinds.items() if kind == "ekf"), study.estimators[0].name)
+    values, names = times["step_time"].values, list(kinds)
+    cycle = study.belief.step
+    ratio = _ratios(values, names.index(reference), max(1, round(_BLOCK / cycle)), study.seed)
+    found = times.assign(
+        quantile=(("pace", "estimator", "share"), np.moveaxis(np.quantile(values, QUANTILES, axis=2), 0, -1)),
+        mean=(("pace", "estimator"), values.mean(axis=2)),
+        ratio=(("pace", "estimator", "end"), ratio),
+    ).assign_coords(share=list(QUANTILES), end=np.array(["median", "lower", "upper"], dtype=object))
+    for name in ("quantile", "mean"):
+        found[name].attrs["units"] = "s"
+    return found.assign_attrs(
+        study_name=study.name,
+        study_hash=study.hash,
+        study=study.text,
+        drive=drive,
+        cycle=cycle,
+        reference=reference,
+        kinds=json.dumps(kinds),
+        load_average=os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan"),
+        cores=os.cpu_count() or 1,
+        machine=processor(),
+        commit=commit(),
+        **code_state(),
+    )
+
+
+def _ratios(values: Floats, reference: int, block: int, seed: int) -> Floats:
+    """Return median ratios and their 95 % intervals ``(pace, estimator, 3)`` of times ``(pace, estimator, step)``."""
+    paces, estimators, steps = values.shape
+    count = -(-steps // block)
+    rng = np.random.default_rng(seed)
+    drawn = np.empty((_RESAMPLES, paces, estimators))
+    for i in range(_RESAMPLES):
+        starts = rng.integers(0, max(steps - block, 0) + 1, size=count)
+        rows = (starts[:, None] + np.arange(min(block, steps))).ravel()
+        drawn[i] = np.median(values[..., rows], axis=2)
+    drawn /= drawn[..., reference, None]
+    median = np.median(values, axis=2)
+    low, high = np.quantile(drawn, (0.025, 0.975), axis=0)
+    return np.stack([median / median[:, reference, None], low, high], axis=-1)
+
+
+def published_ratio(kind: str, reference: str) -> float | None:
+    """Return the ratio of mean loads in the dissertation between two kinds; ``None`` where it has none."""
+    if kind not in PUBLISHED or reference not in PUBLISHED:
+        return None
+    return PUBLISHED[kind] / PUBLISHED[reference]
+
+
+def write(outcome: xr.Dataset, folder: Path) -> Path:
+    """Write the times into a folder as ``times.zarr``, in place of older ones, and return its path.
+
+    Raises:
+        UserError: If the folder cannot be written.
+    """
+    path, unfinished = folder / STORE, folder / (STORE + ".new")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in (unfinished, path):
+            if old.exists():
+                shutil.rmtree(old)
+        outcome.to_zarr(unfinished, mode="w", consolidated=False, zarr_format=3)
+        unfinished.rename(path)
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def read(folder: Path) -> xr.Dataset:
+    """Return the times that ``write`` left in a folder."""
+    return xr.open_zarr(folder / STORE, consolidated=False, chunks=None).load()
