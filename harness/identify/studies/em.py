@@ -54,7 +54,7 @@ DRIVE = {
 """Lane changes while braking: at constant speed the drive hardly tells l_f from m/J, because m/J l_f l_r is near 1."""
 
 PROFILE_POINTS = 41
-PROFILE_REACH = 0.12
+PROFILE_REACH = 0.4
 
 VARIANTS: dict[str, tuple[str, dict[str, object]]] = {
     "EM, smoother": ("em", {}),

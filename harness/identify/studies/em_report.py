@@ -66,6 +66,7 @@ def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Flo
         Heading("What is identified?"),
         _table(runs, truth),
         Heading("Does Q point to the right value at the first iteration?"),
+        Prose(plain(_directions(*q, truth))),
         Picture(
             profiles(*q, truth),
             "Q over each parameter, the other three at their wrong start, less its value at the start (figure 3.10 of "
@@ -86,6 +87,12 @@ def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Flo
         Listing(command),
     ]
     return Document("Does EM with particles find the parameters of the car of Sun 2015?", blocks)
+
+
+def _directions(values: Floats, q: Floats, truth: Floats) -> str:
+    largest = values[np.arange(len(truth)), q.argmax(axis=1)]
+    shares = (f"{s.split()[0]} {100 * (v / t - 1):+.0f} %" for s, v, t in zip(SYMBOLS, largest, truth, strict=True))
+    return f"With the other three at their wrong start, Q is largest off the truth by {', '.join(shares)}."
 
 
 def _table(runs: Sequence[Outcome], truth: Floats) -> Sheet:

@@ -12,7 +12,7 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import joblib
@@ -30,8 +30,9 @@ from harness.identify.misfit import Free, Misfit
 from harness.identify.recordings import Drive
 from harness.identify.studies.simulated import record
 from harness.identify.studies.swarm_report import document
+from harness.lanes import LANES
 from harness.report.document import write
-from harness.simulate import simulate_drive
+from harness.simulate import Simulator, in_lanes
 from models.contracts import ModelError, Profile
 
 Floats = NDArray[np.float64]
@@ -77,17 +78,24 @@ class Setup:
     profiles: dict[str, Profile]
 
     def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
-        """Return the outputs of the model alone on a drive to judge, by name, without noise.
-
-        Raises:
-            UserError: If the candidate leaves the range in which the equations hold.
-        """
+        """Return the outputs of the model alone on a drive to judge, by name; NaN from where it diverges on."""
         number = [d.name for d in self.judge.drives].index(drive)
-        found = self.judge.parameters(number, candidate[None])[:, 0]
+        one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
         spec = self.plants[drive]
-        spec = replace(spec, values=dict(zip(spec.model().parameter_names, map(float, found), strict=True)))
-        dataset = simulate_drive(spec, self.profiles[drive])
-        return {name: dataset[name].to_numpy() for name in spec.model().outputs}
+        names = tuple(spec.model().outputs)
+        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
+        nx, ny = compiled.nx, compiled.ny
+        noise = np.zeros((len(one.time), nx + ny, LANES))
+        batch = Simulator(compiled).run(
+            in_lanes(one.inputs),
+            compiled.constants(values),
+            np.zeros((nx, LANES)),
+            np.zeros((ny, LANES)),
+            noise,
+            in_lanes(one.first_mean),
+        )
+        batch.truth[int(batch.left_at[0]) :] = np.nan
+        return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
 
 
 def plant(load: str) -> ModelSpec:

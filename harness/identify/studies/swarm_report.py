@@ -163,6 +163,9 @@ def _validation(problem: Setup, best: Found) -> list[Block]:
                 " Noise: RMSE of the hidden parameters. The thesis measured a real vehicle, which no model fits; here "
                 "the model has the plant's equations."
             )
+        followed = int(np.sum(np.isfinite(model["yaw_rate_tractor"])))
+        if followed < len(drive.time):
+            caption += f" The model left its range of validity at {drive.time[followed]:.1f} s; errors up to then."
         header = ["signal", "RMSE", "largest", "noise", "thesis: RMSE", "largest"]
         sheets.append(Sheet(header, rows, caption))
     return sheets
