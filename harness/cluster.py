@@ -70,7 +70,10 @@ def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Cli
             processes = workers or os.cpu_count()
             cluster = stack.enter_context(
                 distributed.LocalCluster(
-                    n_workers=processes, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+                    n_workers=processes,
+                    threads_per_worker=1,
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
                 )
             )
             yield stack.enter_context(distributed.Client(cluster, set_as_default=False))
@@ -160,8 +163,8 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
     from distributed.comm import CommClosedError
 
     expected, place = code_state(), folder.resolve()
-    submitted = [client.submit(_evaluate_there, study, place, unit, expected, pure=False) for unit in todo]
-    pending, workers = set(submitted), set(client.ncores())
+    pending = {client.submit(_evaluate_there, study, place, unit, expected, pure=False) for unit in todo}
+    workers = set(client.ncores())
     try:
         while pending:
             with contextlib.suppress(TimeoutError):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import resource
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,27 +91,19 @@ def run_study(
     if todo:
         _warm_up(bench, console)
         compiled = time.perf_counter()
-        if client is None:
-            jobs = jobs or joblib.cpu_count()
-            finished = _in_threads(bench, store, todo, jobs)
-        else:
-            from harness import cluster
-
-            cluster.check_workers(client, out, console)
-            jobs = sum(client.ncores().values())
-            finished = cluster.evaluate(client, study, out, todo, console)
-        _show_progress(study, finished, total, left, console)
+        workers = _evaluate(bench, store, todo, total, jobs or joblib.cpu_count(), console, client)
         seconds = time.perf_counter() - compiled
         record = {
             "started": started.isoformat(timespec="seconds"),
-            "jobs": jobs,
+            "jobs": workers,
             "runs": left,
             "resumed": total - left,
             "compile_s": round(compiled - begin, 2),
             "duration_s": round(seconds, 2),
             "runs_per_s": round(left / seconds, 1),
-            "peak_memory_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         }
+        if client is None:
+            record["peak_memory_mib"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
         (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n")
     if todo or not store.has_histories:
         store.write_histories(bench.histories())
@@ -126,6 +118,30 @@ def _warm_up(bench: Bench, console: Console) -> None:
             status.update(f"compiled {bench.warm_up(i)}; {bench.kernels - 1 - i} to go")
 
 
+def _evaluate(
+    bench: Bench, store: Store, todo: Sequence[Unit], total: int, jobs: int, console: Console, client: Client | None
+) -> int:
+    """Evaluate units in threads or on a cluster, show progress, and return how many were at work at a time."""
+    study, left = bench.study, sum(u.runs(bench.study) for u in todo)
+    if client is None:
+        finished = _in_threads(bench, store, todo, jobs)
+    else:
+        from harness import cluster
+
+        cluster.check_workers(client, store.folder, console)
+        jobs = sum(client.ncores().values())
+        finished = cluster.evaluate(client, study, store.folder, todo, console)
+    columns = (
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
+        TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task(study.name, total=total, completed=total - left)
+        for unit in finished:
+            progress.advance(task, unit.runs(study))
+    return jobs
+
+
 def _in_threads(bench: Bench, store: Store, todo: Sequence[Unit], jobs: int) -> Iterator[Unit]:
     """Evaluate units in threads; return each when it is in the store."""
 
@@ -136,14 +152,3 @@ def _in_threads(bench: Bench, store: Store, todo: Sequence[Unit], jobs: int) -> 
     parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1)
     finished: Iterator[Unit] = parallel(joblib.delayed(work)(unit) for unit in todo)
     return finished
-
-
-def _show_progress(study: Study, finished: Iterable[Unit], total: int, left: int, console: Console) -> None:
-    columns = (
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
-        TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task(study.name, total=total, completed=total - left)
-        for unit in finished:
-            progress.advance(task, unit.runs(study))

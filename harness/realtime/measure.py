@@ -31,6 +31,9 @@ from models.registry import closest
 Floats = NDArray[np.float64]
 
 PACES = ("back to back", "every cycle")
+TURN = 100
+"""Steps that an estimator takes without a pause before the next one's turn, so that all meet the same machine."""
+
 _WARM_UP = 20  # steps before the first that counts
 
 
@@ -136,10 +139,10 @@ def contestants(study: Study, drive: str, duration: float) -> dict[str, Contesta
 def measure(
     field: dict[str, Contestant], samples: int, cycle: float, progress: Callable[[str], None] = lambda _: None
 ) -> xr.Dataset:
-    """Time every step of a run, first without a pause and then one per cycle.
+    """Time every step of a run, first without a pause, in turns of ``TURN`` steps, and then one per cycle.
 
-    In a cycle all estimators take the same sample, in turn and beginning with another one each time. The time between
-    is slept away, so caches and the processor's clock are as a task finds them that is woken up every cycle.
+    In a cycle all estimators take the same sample, each in a slot of its own and in an order drawn anew. The time
+    between is slept away, so caches and the processor's clock are as a task finds them that is woken up every cycle.
 
     Args:
         field: By name, from ``contestants``.
@@ -157,17 +160,20 @@ def measure(
     """
     names, steps = list(field), samples - 1
     taken = np.empty((len(PACES), len(names) + 1, steps))
+    for name, contestant in field.items():
+        progress(f"compiling {name}")
+        contestant.run(1, min(_WARM_UP, samples))
+        contestant.look(1)
+        contestant.restart()
     with _one_core():
-        progress("compiling")
-        for contestant in field.values():
-            contestant.run(1, min(_WARM_UP, samples))
-            contestant.look(1)
-            contestant.restart()
         progress(f"timing {steps} steps {PACES[0]}")
-        for e, name in enumerate(names):
-            taken[0, e] = field[name].run(1, samples)
-            _refuse_divergence(name, field[name])
-            field[name].restart()
+        for first in range(1, samples, TURN):
+            stop = min(first + TURN, samples)
+            for e, name in enumerate(names):
+                taken[0, e, first - 1 : stop - 1] = field[name].run(first, stop)
+        for name, contestant in field.items():
+            _refuse_divergence(name, contestant)
+            contestant.restart()
         taken[0, -1] = field[names[0]].look(steps)
         progress(f"timing {steps} steps, one {PACES[1]} of {cycle:g} s")
         interrupted = _every_cycle(list(field.values()), samples, cycle, taken[1])
@@ -190,14 +196,16 @@ def measure(
 def _every_cycle(field: Sequence[Contestant], samples: int, cycle: float, taken: Floats) -> NDArray[np.bool_]:
     """Let all take one sample per cycle; write the times in ns, the clock's last, and return who was interrupted."""
     interrupted = np.zeros((len(field), samples - 1), dtype=bool)
-    begin = time.perf_counter()
+    begin, slots, rng = time.perf_counter() + cycle, len(field) + 1, np.random.default_rng(0)
     for k in range(1, samples):
-        time.sleep(max(begin + k * cycle - time.perf_counter(), 0.0))
-        for e in ((k + i) % len(field) for i in range(len(field))):
+        for slot, e in enumerate(rng.permutation(slots)):
+            time.sleep(max(begin + (k - 1 + slot / slots) * cycle - time.perf_counter(), 0.0))
+            if e == len(field):
+                taken[e, k - 1] = field[0].look(1)[0]
+                continue
             switches = _switches()
             taken[e, k - 1] = field[e].run(k, k + 1)[0]
             interrupted[e, k - 1] = _switches() > switches
-        taken[-1, k - 1] = field[0].look(1)[0]
     return interrupted
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from harness.realtime.measure import PACES
+from harness.realtime.measure import PACES, TURN
 from harness.realtime.outcome import PUBLISHED, STORE, published_ratio
 from harness.report import style
 from harness.report.document import Block, Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, write
@@ -29,16 +29,23 @@ def headline(outcome: xr.Dataset) -> str:
     quantile = outcome["quantile"].sel(pace=_CYCLE)
     typical, rare, longest = (quantile.sel(share=share) for share in (0.5, 0.999, 1.0))
     slowest = str(outcome["estimator"].values[int(np.argmax(typical.values))])
-    late = int((outcome["step_time"].sel(pace=_CYCLE) > cycle).sum())
-    load = float(typical.max()) / cycle
-    verdict = "fits" if late == 0 else "fits but for the steps the table counts" if load < 1.0 else "does not fit"
-    subject = "Every estimator" if verdict != "does not fit" else f"{slowest}, the slowest,"
-    room = "with room to spare" if load < _OF_THE_CYCLE and late == 0 else "on this core"
+    late = outcome["step_time"].sel(pace=_CYCLE) > cycle
+    load, ms = float(typical.max()) / cycle, f"{1e3 * cycle:g} ms"
+    if load >= 1.0:
+        verdict = f"{slowest}, the slowest, does not fit into the cycle of {ms} on this core"
+    elif late.any():
+        taken_away = int((late & outcome["interrupted"]).sum())
+        verdict = (
+            f"In the median every estimator fits into the cycle of {ms}, but {int(late.sum())} of {late.size} steps "
+            f"took longer, {taken_away} of them interrupted by the operating system"
+        )
+    else:
+        room = "with room to spare" if load < _OF_THE_CYCLE else "on this core"
+        verdict = f"Every estimator fits into the cycle of {ms} {room}"
     return (
-        f"{subject} {verdict} into the cycle of {1e3 * cycle:g} ms {room}: the slowest, {slowest}, takes "
-        f"{_micro(float(typical.sel(estimator=slowest)))} in the median ({percent(load)} of the cycle), one step in a "
-        f"thousand takes more than {_micro(float(rare.sel(estimator=slowest)))}, and the longest step of any estimator "
-        f"took {_micro(float(longest.max()))}."
+        f"{verdict}: the slowest, {slowest}, takes {_micro(float(typical.max()))} in the median ({percent(load)} of "
+        f"the cycle), one step in a thousand takes more than {_micro(float(rare.sel(estimator=slowest)))}, and the "
+        f"longest step of any estimator took {_micro(float(longest.max()))}."
     )
 
 
@@ -208,9 +215,10 @@ def _meaning(outcome: xr.Dataset) -> Sequence[str]:
         "A study computes eight runs at once in the lanes of a SIMD register; a controller has one run. So the kernels "
         "were made anew from the same source for a single lane: scalar double-precision code that takes the same steps "
         "and gives the same estimates. What eight lanes save a study, a controller does not get.",
-        "Once per cycle, all estimators take the same sample in turn, another one first each time, and the rest of the "
-        "cycle is slept away. Other work of the machine empties the caches meanwhile, as other tasks of a controller "
-        "would. The ratios without a pause compare arithmetic, those per cycle what this machine makes of it.",
+        "Once per cycle, all estimators take the same sample, each in a slot of its own, in an order drawn anew; the "
+        "rest of the cycle is slept away. Other work of the machine empties the caches meanwhile, as other tasks of a "
+        f"controller would. Without a pause, estimators take turns of {TURN} steps. Those ratios compare arithmetic, "
+        "those per cycle what this machine makes of it.",
         f"The clock is read in compiled code directly before and after a step. Two looks without a step between take "
         f"{1e9 * clock[_WARM]:.0f} ns without a pause and {1e9 * clock[_CYCLE]:.0f} ns per cycle in the median, which "
         "is subtracted. Compilation, reading of signals and writing of results are not part of a step.",

@@ -168,7 +168,7 @@ def empty():
     """A scheduler without workers."""
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as made:
+    with LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0") as made:
         yield made
 
 

@@ -156,14 +156,15 @@ def test_outcome_comes_back_from_its_store(outcome, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("slowdown", "words"),
+    ("slowdown", "spike", "words"),
     [
-        (1.0, "Every estimator fits into the cycle of 10 ms with room to spare"),
-        (500.0, "Every estimator fits into the cycle of 10 ms on this core"),
-        (2000.0, "UKF, the slowest, does not fit into the cycle of 10 ms on this core"),
+        (1.0, 0.0, "Every estimator fits into the cycle of 10 ms with room to spare"),
+        (500.0, 0.0, "Every estimator fits into the cycle of 10 ms on this core"),
+        (2000.0, 0.0, "UKF, the slowest, does not fit into the cycle of 10 ms on this core"),
+        (1.0, 0.02, "fits into the cycle of 10 ms, but 3 of 120 steps took longer, 1 of them interrupted"),
     ],
 )
-def test_the_report_answers_with_its_numbers(outcome, slowdown, words, tmp_path):
+def test_the_report_answers_with_its_numbers(outcome, slowdown, spike, words, tmp_path):
     steps = outcome.step_time.isel(estimator=0, drop=True) * 0 + 5e-6
     three = {"EKF": (1.0, "ekf"), "UKF": (2.0, "ukf"), "net": (0.5, "narx")}
     times = xr.Dataset(
@@ -174,6 +175,8 @@ def test_the_report_answers_with_its_numbers(outcome, slowdown, words, tmp_path)
         }
     ).transpose("pace", "estimator", "time")
     times = times.assign_coords(estimator=np.array(list(three), dtype=object))
+    times["step_time"][1, :, 7] += spike  # once per cycle, at the eighth step of all
+    times["interrupted"][0, 7] = True
     study = _with_estimators(three)
     found = judge(times, study, "step")
     assert words in headline(found)
