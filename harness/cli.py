@@ -1,4 +1,4 @@
-"""The command line: run, report, campaign, list, simulate, check, identify, observability, realtime, cache, schema.
+"""The command line: run, report, campaign, list, simulate, check, identify, trace, observability, realtime, ...
 
 Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
 mend it); 130: interrupted, and the next run goes on from there. Everything heavy is imported inside the
@@ -25,6 +25,7 @@ from rich.text import Text
 from harness.command_line import RESULTS, STUDIES, pairs, parameter_set, study_path
 from harness.errors import UserError
 from harness.identify.command import identify
+from harness.loop.command import trace
 from harness.realtime.command import realtime
 
 if TYPE_CHECKING:
@@ -438,6 +439,7 @@ def schema(
 
 
 app.command()(_answers_errors(identify))
+app.command()(_answers_errors(trace))
 app.command()(_answers_errors(realtime))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.identify.contract import Estimate, Fit, Problem
 from harness.identify.innovations import Innovations, hold
@@ -84,15 +86,18 @@ def _rms(errors: Floats) -> Floats:
 
 def parameter_file(fit: Fit, source: str) -> str:
     """Return the text of a parameter set with what was found, which studies load by its path."""
-    spec = fit.spec
-    found = {e.name: e for e in fit.estimates}
+    return parameter_text(fit.spec, source, {e.name: _comment(e) for e in fit.estimates})
+
+
+def parameter_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
+    """Return the text of a parameter set that holds a model's values, with comments by parameter."""
     lines = [
         f"vehicle = {json.dumps(spec.vehicle)}",
         f"source = {json.dumps(source)}",
         f"noise_step = {spec.step!r}",
         "",
         "[values]",
-        *(f"{name} = {value!r}{_comment(found.get(name))}" for name, value in spec.values.items()),
+        *(f"{name} = {value!r}{comments.get(name, '')}" for name, value in spec.values.items()),
         "",
         "[process_noise]",
         *(f"{name} = {value!r}" for name, value in spec.process_noise.items() if name in SIGNALS),
@@ -103,9 +108,7 @@ def parameter_file(fit: Fit, source: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _comment(estimate: Estimate | None) -> str:
-    if estimate is None:
-        return ""
+def _comment(estimate: Estimate) -> str:
     error = "" if not math.isfinite(estimate.error) else f" +- {estimate.error:.3g}"
     verdict = "" if estimate.verdict is None else f"; {estimate.verdict}"
     return f"  # {estimate.unit}{error}{verdict}"

@@ -1,7 +1,8 @@
 """Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
 
-Parameters move by Gauss-Newton steps with the gains held as they are (``Whole.sensitivities``); the log-variances of
-the noise by Newton steps from differences, of which eight cost one run. Both are judged by the likelihood itself.
+Parameters move by Gauss-Newton steps with the gains held as they are (``Whole.sensitivities``). Variances are searched
+one after the other, eight values at the cost of one run, far down first: process noise left too large hides what the
+model lacks, and afterwards looks like an effect. Both are judged by the likelihood itself.
 """
 
 from __future__ import annotations
@@ -27,11 +28,9 @@ Mask = NDArray[np.bool_]
 ENOUGH = 0.05
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
 
-_DIFFERENCE = 0.1
-"""Step of the differences in the logarithm of a variance."""
-
-_COOLING = np.log(100.0)
-"""How far the logarithm of every process-noise variance is forced down at once."""
+_COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
+_FINE = (-1.2, -0.5, -0.2, -0.07, 0.07, 0.2, 0.7)
+"""Steps of the logarithm of a variance, tried together; with the point itself they are the lanes of one run."""
 
 
 @dataclass(frozen=True)
@@ -108,31 +107,24 @@ class Fitting:
     def _range(self) -> range:
         return range(len(self.drives))
 
-    def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, anneal: int = 2) -> Fitted:
-        """Fit parameters, then noise, then both; at last force the process noise down and refit while that gains."""
-        objective, z, parts = self._objective(coordinates, start)
-        parameters, noise = parts
-        everything = parameters | noise
+    def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
+        """Fit parameters and noise in turns."""
+        objective, z, parameters = self._objective(coordinates, start)
+        n, groups = len(coordinates), len(self._groups)
+        process = [list(range(n, n + groups)), *([j] for j in range(n, n + groups))]
+        outputs = [[j] for j in range(n + groups, len(z))]
         found = maximise(objective, z, parameters, iterations, ENOUGH)
-        found = maximise(objective, found.z, noise, iterations, ENOUGH)
-        found = maximise(objective, found.z, everything, iterations, ENOUGH)
-        process = np.zeros_like(noise)
-        process[len(coordinates) : len(coordinates) + len(self._groups)] = True
-        for _ in range(anneal):
-            cold = found.z.copy()
-            cold[process] = np.maximum(cold[process] - _COOLING, objective.lower[process])
-            rough = maximise(objective, cold, parameters, 4, ENOUGH)
-            again = maximise(objective, rough.z, everything, iterations, ENOUGH)
-            gained = again.value - found.value
-            found = again if gained > 0 else found
-            if gained < 1.0:
-                break
+        for steps in (_COARSE, _FINE):
+            z = found.z
+            for together in (*outputs, *process) if steps is _FINE else process:
+                z = _along(objective, z, together, steps)
+            found = maximise(objective, z, parameters, iterations, ENOUGH)
         point = self._point(coordinates, start, found.z)
         return Fitted(coordinates, point, self.log_likelihood(point), found.value)
 
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit some parameters and leave the noise as it is."""
-        objective, z, (parameters, _) = self._objective(coordinates, start)
+        objective, z, parameters = self._objective(coordinates, start)
         found = maximise(objective, z, parameters, iterations, ENOUGH)
         point = self._point(coordinates, start, found.z)
         return Fitted(coordinates, point, self.log_likelihood(point), found.value)
@@ -165,9 +157,7 @@ class Fitting:
         weight = np.array([c.prior**-2 for c in coordinates])
         return 0.5 * (weight @ away**2 + self._prior * np.sum(z[n : n + len(self._groups)] ** 2, axis=0))
 
-    def _objective(
-        self, coordinates: tuple[Coordinate, ...], start: Point
-    ) -> tuple[Objective, Floats, tuple[Mask, Mask]]:
+    def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[Objective, Floats, Mask]:
         n, groups = len(coordinates), len(self._groups)
         z = np.concatenate(
             [
@@ -191,8 +181,7 @@ class Fitting:
             lower,
             upper,
         )
-        parameters = np.arange(len(z)) < n
-        return objective, z, (parameters, ~parameters)
+        return objective, z, np.arange(len(z)) < n
 
     def _table(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats, drive: int) -> Floats:
         """Return the parameters of candidates ``(coordinates, n)`` for one drive ``(np, n)``."""
@@ -228,19 +217,7 @@ class Fitting:
     def _slopes(
         self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats, moved: Mask
     ) -> tuple[float, Floats, Floats]:
-        """Return value, gradient and information; parameters and noise do not share information."""
-        n = len(coordinates)
-        gradient, information = np.zeros(len(z)), np.zeros((len(z), len(z)))
-        value = -np.inf
-        if moved[:n].any():
-            value, gradient[:n], information[:n, :n] = self._mean_slopes(coordinates, start, z)
-        if moved[n:].any():
-            value, gradient[n:], information[n:, n:] = self._noise_slopes(coordinates, start, z)
-        return value, gradient[moved], information[np.ix_(moved, moved)]
-
-    def _mean_slopes(
-        self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats
-    ) -> tuple[float, Floats, Floats]:
+        """Return value, gradient and information of the parameters that move; the noise does not."""
         point = self._point(coordinates, start, z)
         kept = self.passes(point)
 
@@ -253,7 +230,10 @@ class Fitting:
         value = sum(k.log_likelihood for k in kept) - float(self._penalty(coordinates, z[:, None])[0])
         weight = np.array([c.prior**-2 for c in coordinates])
         away = z[: len(coordinates)] - np.array([c.centre for c in coordinates])
-        return value, sum(g for g, _ in found) - weight * away, sum(f for _, f in found) + np.diag(weight)
+        gradient = np.sum([g for g, _ in found], axis=0) - weight * away
+        information = np.sum([f for _, f in found], axis=0) + np.diag(weight)
+        chosen = moved[: len(coordinates)]
+        return value, gradient[chosen], information[np.ix_(chosen, chosen)]
 
     def columns(self, coordinates: Sequence[Coordinate], point: Point, drive: int, kept: Pass) -> Floats:
         """Return the derivatives of a drive's whitened innovations to the coordinates ``(samples, ny, n)``."""
@@ -264,18 +244,13 @@ class Fitting:
         values = np.repeat(point.values[:, [drive]], len(coordinates), axis=1)
         return self.whole.sensitivities(self.drives[drive], values, directions, kept)
 
-    def _noise_slopes(
-        self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats
-    ) -> tuple[float, Floats, Floats]:
-        n, count = len(coordinates), len(z) - len(coordinates)
-        many = np.repeat(z[:, None], 2 * count + 1, axis=1)
-        for j in range(count):
-            many[n + j, 1 + 2 * j] += _DIFFERENCE
-            many[n + j, 2 + 2 * j] -= _DIFFERENCE
-        found = self._values(coordinates, start, many)
-        up, down = found[1::2], found[2::2]
-        curvature = -(up - 2 * found[0] + down) / _DIFFERENCE**2
-        return float(found[0]), (up - down) / (2 * _DIFFERENCE), np.diag(np.abs(curvature) + self._prior)
+
+def _along(objective: Objective, z: Floats, together: Sequence[int], steps: Sequence[float]) -> Floats:
+    """Return the best of a point and points with some coordinates moved by one of several steps."""
+    many = np.repeat(z[:, None], len(steps) + 1, axis=1)
+    many[list(together), 1:] += np.array(steps)
+    many = np.clip(many, objective.lower[:, None], objective.upper[:, None])
+    return many[:, int(np.argmax(objective.values(many)))]
 
 
 def process_groups(spec: ModelSpec) -> tuple[list[list[int]], Floats]:

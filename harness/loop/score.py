@@ -21,6 +21,8 @@ from harness.loop.fit import Fitted, Fitting
 from harness.loop.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
 
 Floats = NDArray[np.float64]
+Columns = NDArray[np.float32]
+"""Many responses at once; they only choose where to look closer."""
 
 SPACING = 2.0
 """s between the moments at which a change is tried."""
@@ -38,6 +40,7 @@ class Score:
         gain: Promised gain in log-likelihood.
         amplitudes: With these values.
         error: Standard error that the drives would leave of each amplitude, infinite if they say nothing of it.
+        freedom: Numbers that it adds to the fit; under a prior, as many as the drives know better than the prior.
         shapes: Values of the grid.
         moments: By drive and moment ``(drives, moments)``, in s.
         response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``.
@@ -47,6 +50,7 @@ class Score:
     gain: float
     amplitudes: Floats
     error: Floats
+    freedom: float
     shapes: Floats
     moments: Floats
     response: tuple[Floats, ...]
@@ -59,11 +63,14 @@ class Score:
 
 @dataclass(frozen=True)
 class _Choice:
-    """One choice of moments, for some drives: sums of ``b`` and ``G`` over them, and the moments."""
+    """One choice of moments for some drives: sums of ``b`` and ``G`` over them.
+
+    ``moments`` are indices into the grid of each drive, of the beginning and the end; -1 for never.
+    """
 
     b: Floats
     G: Floats
-    moments: tuple[int, ...]
+    moments: tuple[tuple[int, int], ...]
 
 
 class ScoreTest:
@@ -88,10 +95,9 @@ class ScoreTest:
             numbers,
         )
         self._outputs = shape
-        self._cached: dict[tuple[int, str], Floats] = {}
-        information = sum((N.T @ N for N in self.moved), np.zeros((len(fitted.coordinates),) * 2))
+        self._cached: dict[tuple[int, str], Columns] = {}
+        information = total([N.T @ N for N in self.moved])
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
-        self._pull = sum((N.T @ r for N, r in zip(self.moved, self.residual, strict=True)), 0.0)
 
     def of(self, tried: Sequence[Hypothesis]) -> list[Score]:
         """Return the scores of hypotheses, in their order."""
@@ -140,15 +146,17 @@ class ScoreTest:
             tried.append(self._judged(h, X, np.array(shapes), np.zeros((len(self.drives), 0))))
         return max(tried, key=lambda s: s.gain)
 
-    def _judged(self, h: Hypothesis, X: Sequence[Floats], shapes: Floats, moments: Floats) -> Score:
-        cross = sum(N.T @ x for N, x in zip(self.moved, X, strict=True))
+    def _judged(self, h: Hypothesis, X: Sequence[NDArray[np.floating]], shapes: Floats, moments: Floats) -> Score:
+        cross = total([N.T @ x for N, x in zip(self.moved, X, strict=True)])
         weights = self._inverse @ cross
         projected = [x - N @ weights for x, N in zip(X, self.moved, strict=True)]
-        G = sum(x.T @ x for x in projected)
-        b = -sum(x.T @ r for x, r in zip(projected, self.residual, strict=True))
+        G = total([x.T @ x for x in projected])
+        b = -total([x.T @ r for x, r in zip(projected, self.residual, strict=True)])
+        freedom = float(h.count(len(self.drives)))
         if h.name == ALL_PARAMETERS:  # stated values count as measured, once, within the prior
-            G = G + np.diag((PRIOR * self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]) ** -2.0)
-        raw = sum(np.einsum("kn,kn->n", x, x) for x in X)
+            prior = np.diag((PRIOR * self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]) ** -2.0)
+            freedom, G = float(np.trace(np.linalg.solve(G + prior, G))), G + prior
+        raw = total([np.einsum("kn,kn->n", x, x) for x in X])
         # A column that the fit's own columns explain to a millionth is not there.
         seen = np.diagonal(G) > np.maximum(1e-9 * raw, 1e-300)
         a, gain = best_amplitudes(b, G, seen, *self._room(h))
@@ -158,7 +166,7 @@ class ScoreTest:
             error[seen] = np.sqrt(np.diagonal(inverse) / np.diagonal(G)[seen])
         response = tuple((x @ a).reshape(-1, self._outputs) for x in projected)
         start = np.array([self.point.values[self.whole.row(n), 0] for n in h.amplitudes])
-        return Score(h, gain, start + a, error, shapes, moments, response)
+        return Score(h, gain, start + a, error, freedom, shapes, moments, response)
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up."""
@@ -173,9 +181,9 @@ class ScoreTest:
         A second moment ends what the first one began, so its response is that of the beginning, taken back.
         """
         shapes = self._grid(h)[0]
-        grids = [np.arange(SPACING, d.time[-1] - SPACING, SPACING) for d in self.drives]
+        grids = [self._times(i) for i in range(len(self.drives))]
         steps = self.whole.share(lambda i: self._steps(h, shapes, i, grids[i]), range(len(self.drives)))
-        chosen = self._join(h, [self._choices(h, i, steps[i], len(grids[i])) for i in range(len(self.drives))])
+        chosen = self._join([self._choices(h, i, steps[i]) for i in range(len(self.drives))])
         X, moments = [], np.zeros((len(self.drives), len(h.moments)))
         for i, (first, second) in enumerate(chosen):
             never = float(self.drives[i].time[-1])
@@ -184,7 +192,25 @@ class ScoreTest:
             X.append(x - steps[i][:, :, second] if second >= 0 else x)
         return self._judged(h, X, np.array(shapes), moments)
 
-    def _steps(self, h: Hypothesis, shapes: tuple[float, ...], drive: int, grid: Floats) -> Floats:
+    def moments_of(self, h: Hypothesis) -> Floats:
+        """Return the likeliest moments of a hypothesis whose amplitudes are known ``(drives, moments)``.
+
+        The fit is that without it; its amplitudes are those of the point, which mean nothing as long as its moments
+        are never.
+        """
+        a = self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]
+        found, shapes = np.zeros((len(self.drives), len(h.moments))), self._grid(h)[0]
+        for i, drive in enumerate(self.drives):
+            grid = self._times(i)
+            choices = self._choices(h, i, self._steps(h, shapes, i, grid))
+            best = max(choices, key=lambda c: float(c.b @ a - 0.5 * a @ c.G @ a)).moments[0]
+            found[i] = [grid[k] if k >= 0 else drive.time[-1] for k in best][: len(h.moments)]
+        return found
+
+    def _times(self, drive: int) -> Floats:
+        return np.arange(SPACING, self.drives[drive].time[-1] - SPACING, SPACING)
+
+    def _steps(self, h: Hypothesis, shapes: tuple[float, ...], drive: int, grid: Floats) -> Columns:
         """Return responses to changes at the times of a grid ``(samples * ny, amplitudes, times)``."""
         parts = []
         for a in h.amplitudes:
@@ -202,7 +228,7 @@ class ScoreTest:
             parts.append(found)
         return np.stack(parts, axis=1)
 
-    def _choices(self, h: Hypothesis, drive: int, steps: Floats, times: int) -> list[_Choice]:
+    def _choices(self, h: Hypothesis, drive: int, steps: Columns) -> list[_Choice]:
         """Return the best choices of moments in one drive by themselves, and that of no change there."""
         d, n = steps.shape[1], steps.shape[2]
         flat = steps.reshape(len(steps), -1)
@@ -214,36 +240,27 @@ class ScoreTest:
         pairs = [(k, -1) for k in range(n)]
         if len(h.moments) > 1:
             pairs += [(k, m) for k in range(n) for m in range(k + 1, n)]
-        choices = [_Choice(np.zeros(d), np.zeros((d, d)), (-1, -1))]
+        choices = [_Choice(np.zeros(d), np.zeros((d, d)), ((-1, -1),))]
         for k, m in pairs:
             bk, Gk = b[:, k], G[:, k, :, k]
             if m >= 0:
                 bk = bk - b[:, m]
                 Gk = Gk - G[:, k, :, m] - G[:, m, :, k] + G[:, m, :, m]
-            choices.append(_Choice(bk, Gk, (k, m)))
+            choices.append(_Choice(bk, Gk, ((k, m),)))
         return choices
 
-    def _join(self, h: Hypothesis, by_drive: Sequence[list[_Choice]]) -> list[tuple[int, int]]:
+    def _join(self, by_drive: Sequence[list[_Choice]]) -> tuple[tuple[int, int], ...]:
         """Choose moments for all drives with amplitudes in common, the best few of each drive at a time."""
-        beam: list[tuple[_Choice, list[tuple[int, int]]]] = []
-        for choices in by_drive:
-            ranked = _most(choices, _BEAM)
-            if not beam:
-                beam = [(c, [c.moments]) for c in ranked]  # type: ignore[list-item]
-                continue
-            joined = [
-                (_Choice(c.b + e.b, c.G + e.G, ()), [*taken, e.moments])  # type: ignore[list-item]
-                for c, taken in beam
-                for e in ranked
-            ]
-            order = np.argsort([-g for g in _gains([c for c, _ in joined])])[:_BEAM]
-            beam = [joined[i] for i in order]
-        return beam[0][1]
+        beam = _most(by_drive[0])
+        for choices in by_drive[1:]:
+            ranked = _most(choices)
+            beam = _most([_Choice(c.b + e.b, c.G + e.G, c.moments + e.moments) for c in beam for e in ranked])
+        return beam[0].moments
 
 
-def _most(choices: list[_Choice], count: int) -> list[_Choice]:
+def _most(choices: list[_Choice]) -> list[_Choice]:
     """Return the choices of largest gain, and the first of them (no change) in any case."""
-    order = np.argsort([-g for g in _gains(choices)])[:count]
+    order = np.argsort(-_gains(choices))[:_BEAM]
     return [choices[i] for i in dict.fromkeys([*order.tolist(), 0])]
 
 
@@ -252,6 +269,11 @@ def _gains(choices: Sequence[_Choice]) -> Floats:
     b, G = np.array([c.b for c in choices]), np.array([c.G for c in choices])
     ridge = 1e-9 * np.trace(G, axis1=1, axis2=2)[:, None, None] * np.eye(b.shape[1]) + 1e-300 * np.eye(b.shape[1])
     return 0.5 * np.einsum("ni,ni->n", b, np.linalg.solve(G + ridge, b[:, :, None])[:, :, 0])
+
+
+def total(parts: Sequence[Floats]) -> Floats:
+    """Return the sum over drives."""
+    return np.sum(parts, axis=0)
 
 
 def scaled(G: Floats) -> tuple[Floats, Floats]:

@@ -210,7 +210,7 @@ class Whole:
             kept: From ``run``.
             starts: Sample up to which each direction has no effect ``(n,)``; no time is spent before it.
         """
-        n, slopes = directions.shape[1], []
+        n, slopes = directions.shape[1], [np.zeros((*drive.measurements.shape, 0))]
         for s in range(0, n, LANES):
             columns = [min(k, n - 1) for k in range(s, s + LANES)]
             both = np.concatenate([values[:, columns], directions[:, columns]], axis=1)

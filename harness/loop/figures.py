@@ -1,0 +1,40 @@
+"""Figures of a trace, as SVG in the look of all reports."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.loop.trace import BIC_NEEDED, Round
+from harness.report import style
+from harness.report.store import words
+
+SHOWN = 15
+"""Hypotheses drawn per round."""
+
+
+def called(name: str) -> str:
+    """Return a hypothesis in words."""
+    effect, _, place = name.partition("@")
+    return f"{words(effect)}, {words(place)}" if place else words(effect)
+
+
+def ranking(found: Round, number: int) -> bytes:
+    """Return what each of the best hypotheses of a round gains: promised by the score test, or fitted."""
+    shown = sorted(found.candidates, key=lambda c: c.bic, reverse=True)[:SHOWN]
+    promised, fitted = style.looks(["promised", "fitted"]).values()
+    with style.drawing():
+        fig = style.figure(1.2 + 0.24 * len(shown))
+        axes = fig.subplots()
+        at = np.arange(len(shown))[::-1]
+        for y, c in zip(at, shown, strict=True):
+            look = promised if c.fitted is None else fitted
+            axes.barh(y, max(c.bic, 1.0), height=0.7, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
+        axes.axvline(BIC_NEEDED, color=style.TRUTH, ls=":", lw=0.9)
+        axes.set_xscale("log")
+        axes.set_xlim(1.0, max(2 * BIC_NEEDED, 2.0 * max(c.bic for c in shown)))
+        axes.set_yticks(at, [called(c.hypothesis.name) for c in shown])
+        axes.set_xlabel("gain in BIC (dotted: what an addition needs)")
+        axes.grid(True, axis="x")
+        handles = style.patches(["promised", "fitted"], {"promised": promised, "fitted": fitted})
+        style.head(fig, f"Round {number}: what explains the fitted drives?", handles)
+        return style.svg(fig)

@@ -1,0 +1,80 @@
+"""Judge a model on drives that were never fitted: how likely they are, and how far the model alone strays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.identify.recordings import Drive
+from harness.loop.fit import Fitted, Fitting, Point, moved_to
+from harness.loop.hypotheses import Hypothesis, coordinates
+from harness.loop.score import ScoreTest
+from harness.loop.whole import Whole
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A model on the held-out drives.
+
+    Attributes:
+        log_likelihood: Of all of them; half the logarithm of the samples less for each moment looked for there.
+        error: Root mean square of measurement less the model alone ``(ny,)``.
+        excess: Mean square of that over the variance of the sensors' noise, less one, summed over the outputs.
+        free: Outputs of the model alone, by drive ``(samples, ny)``.
+        point: Values with which it was judged; moments are those of the held-out drives.
+    """
+
+    log_likelihood: float
+    error: Floats
+    excess: float
+    free: tuple[Floats, ...]
+    point: Point
+
+
+class HeldOut:
+    """Drives to judge on.
+
+    Args:
+        whole: The model.
+        drives: The recordings.
+        variances: Variance of the white noise of each output ``(ny,)``.
+    """
+
+    def __init__(self, whole: Whole, drives: Sequence[Drive], variances: Floats) -> None:
+        self.whole, self.drives, self.variances = whole, tuple(drives), variances
+        self.fitting = Fitting(whole, drives, variances)
+
+    def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
+        """Return how a model does; nothing but the moments of changes is looked for in these drives."""
+        here, moments = self._own_moments(added, moved_to(point, len(self.drives)))
+        likelihood = self.fitting.log_likelihood(here) - 0.5 * moments * np.log(self.fitting.samples)
+        free = tuple(self.whole.free_run(d, here.values[:, i]).outputs for i, d in enumerate(self.drives))
+        errors = np.concatenate([d.measurements - f for d, f in zip(self.drives, free, strict=True)])
+        with np.errstate(invalid="ignore"):
+            square = np.nanmean(errors**2, axis=0)
+        strays = any(np.isnan(f).any() for f in free)
+        excess = np.inf if strays else float(np.sum(np.maximum(square / self.variances - 1.0, 0.0)))
+        return Judgement(likelihood, np.sqrt(square), excess, free, here)
+
+    def _own_moments(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
+        """Return the point with the moments of these drives: the best of a grid, then of their neighbourhood."""
+        names = tuple(dict.fromkeys(n for h in added for n in h.moments))
+        if not names:
+            return point, 0
+        never = point.values.copy()
+        for name in names:
+            never[self.whole.row(name)] = self.whole.model.parameters[self.whole.row(name)].upper
+        without = replace(point, values=never)
+        test = ScoreTest(self.fitting, Fitted((), without, 0.0, 0.0))
+        values = point.values.copy()
+        for h in added:
+            if h.moments:
+                values[[self.whole.row(n) for n in h.moments]] = test.moments_of(h).T
+        point = replace(point, values=values)
+        moved = tuple(c for c in coordinates(self.whole, (), added, len(self.drives)) if c.parameter.name in names)
+        return self.fitting.only(moved, point, 10).point, len(moved)

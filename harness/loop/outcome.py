@@ -1,0 +1,309 @@
+"""A trace judged: its verdict, ``trace.json``, and the amended model as a parameter set."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.configure import ModelSpec
+from harness.errors import UserError
+from harness.identify.outcome import Judged
+from harness.identify.residuals import whiteness
+from harness.loop.fit import Fitted
+from harness.loop.held_out import Judgement
+from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.loop.trace import ERROR_NEEDED, Candidate, Trace
+from harness.report.store import words
+from models.placement import load_effect, ports_of, split
+from models.signals import SIGNALS
+
+Floats = NDArray[np.float64]
+Verdict = Literal["adequate", "amended", "unresolved"]
+
+COLOURED = 1e-4
+"""p-value below which innovations count as coloured; each output of each drive is a test of its own."""
+
+EXCESS = 0.05
+"""Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter as found: value and standard error in SI units."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A trace, judged.
+
+    Attributes:
+        trace: What was found.
+        verdict: As ``trace.json`` has it.
+        answer: The result in sentences.
+        values: What each addition holds, by its name.
+        judged: Every drive against the nominal model and the final one.
+        amended: The final model, for studies; effects with moments hold those of the first fitted drive.
+    """
+
+    trace: Trace
+    verdict: Verdict
+    answer: str
+    values: dict[str, tuple[Value, ...]]
+    judged: tuple[Judged, ...]
+    amended: ModelSpec
+
+
+def outcome_of(trace: Trace) -> Outcome:
+    """Return the verdict on a trace with all that the report and ``trace.json`` need."""
+    values = _values(trace)
+    verdict = verdict_of(trace)
+    return Outcome(trace, verdict, _answer(trace, verdict, values), values, _judged(trace), _amended(trace))
+
+
+def verdict_of(trace: Trace) -> Verdict:
+    """Return whether the model is adequate, amended, or lacks something that has no name here.
+
+    Something is still missing if the final model strays on the held-out drives further than the noise of the sensors
+    and the last round held a hypothesis that promised enough but did not pass.
+    """
+    last = trace.rounds[-1]
+    failed = last.added is None and any(c.fitted is not None for c in last.candidates)
+    if failed and trace.after.excess > EXCESS:
+        return "unresolved"
+    return "amended" if trace.effects else "adequate"
+
+
+def _values(trace: Trace) -> dict[str, tuple[Value, ...]]:
+    """Return the parameters of every addition with standard errors from the information of the final fit."""
+    errors = _errors(trace, trace.final)
+    model, found = trace.fitting.whole, {}
+    for h in trace.added:
+        rows = []
+        for name in (*h.shared, *h.moments):
+            row = model.row(name)
+            for i in range(len(trace.fitting.drives)) if name in h.moments else (0,):
+                label = f"{name}@{trace.fitting.drives[i].name}" if name in h.moments else name
+                value = float(trace.final.point.values[row, i])
+                rows.append(Value(label, model.model.parameters[row].unit, value, errors.get((name, i), math.nan)))
+        found[h.name] = tuple(rows)
+    return found
+
+
+def _errors(trace: Trace, fitted: Fitted) -> dict[tuple[str, int], float]:
+    """Return standard errors by parameter and first drive in which it acts."""
+    fitting, n = trace.fitting, len(fitted.coordinates)
+    information = np.diag([c.prior**-2 for c in fitted.coordinates]) if n else np.zeros((0, 0))
+    for i, kept in enumerate(fitting.passes(fitted.point)):
+        X = fitting.columns(fitted.coordinates, fitted.point, i, kept).reshape(-1, n)
+        information = information + X.T @ X
+    scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+    covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-11, hermitian=True)
+    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0.0)) / scale
+    found = {}
+    for c, s in zip(fitted.coordinates, spread, strict=True):
+        z = c.coordinate(float(fitted.point.values[c.row, c.drives[0]]))
+        found[c.parameter.name, c.drives[0]] = float(s * c.slope(z))
+    return found
+
+
+def _answer(trace: Trace, verdict: Verdict, values: dict[str, tuple[Value, ...]]) -> str:
+    parameters = [h for h in trace.added if h.kind == "parameter"]
+    named = ", ".join(words(h.name.replace("@", " of ")) for h in trace.effects)
+    wrong = ", ".join(words(h.name) for h in parameters)
+    also = f" The stated values of {wrong} were wrong." if parameters else ""
+    gap = f" The held-out error beyond the noise of the sensors falls {_fall(trace.before, trace.after)}."
+    match verdict:
+        case "adequate":
+            return f"The model is adequate: nothing is missing that these drives can show.{also}{gap if also else ''}"
+        case "amended":
+            return f"The model lacks {named}.{also}{gap}"
+    found = f" {named[:1].upper()}{named[1:]} explains part of it.{gap}" if trace.effects else ""
+    return f"Something is missing that no effect of the library explains.{found}{also}"
+
+
+def _fall(before: Judgement, after: Judgement) -> str:
+    if not math.isfinite(before.excess) or before.excess <= 0:
+        return "to where the model stays in its range"
+    return f"by {max(0.0, 1 - math.sqrt(after.excess / before.excess)):.0%}"
+
+
+def _judged(trace: Trace) -> tuple[Judged, ...]:
+    found = []
+    for drives, held, points in (
+        (trace.fitting.drives, False, (trace.nominal.point, trace.final.point)),
+        (trace.held_out.drives, True, (trace.before.point, trace.after.point)),
+    ):
+        for i, drive in enumerate(drives):
+            whole = trace.fitting.whole
+            free = np.array([whole.free_run(drive, p.values[:, i]).outputs for p in points])
+            runs = [whole.run(drive, p.values[:, i], trace.fitting.noise_at(p)) for p in points]
+            with np.errstate(invalid="ignore"):
+                errors = np.array([np.sqrt(np.nanmean((drive.measurements - f) ** 2, axis=0)) for f in free])
+            found.append(
+                Judged(
+                    drive,
+                    held,
+                    free,
+                    errors,
+                    np.array([np.sqrt(np.nanmean(r.whitened[1:] ** 2, axis=0)) for r in runs]),
+                    np.array([r.log_likelihood for r in runs]),
+                    tuple(whiteness(column) for column in runs[1].whitened[1:].T),
+                )
+            )
+    return tuple(found)
+
+
+def _amended(trace: Trace) -> ModelSpec:
+    """Return the final model with its effects at the places where they are in force."""
+    whole, spec = trace.fitting.whole, trace.fitting.whole.spec
+    effects = (*spec.effects, *dict.fromkeys(h.name for h in trace.effects))
+    point = trace.final.point
+    base = replace(spec, effects=effects)
+    noise = trace.fitting.noise_at(point)
+    model = base.model()
+    process = dict(zip(whole.nominal.states, map(float, noise.process[:, 0]), strict=True))
+    return replace(
+        base,
+        values={n: float(point.values[whole.row(n), 0]) for n in model.parameter_names},
+        process_noise={s: process.get(s, 0.0) for s in model.states},
+        measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
+    )
+
+
+def record(outcome: Outcome) -> dict[str, Any]:
+    """Return ``trace.json``: SI units, what is not finite as ``null``."""
+    trace = outcome.trace
+    outputs = list(trace.fitting.whole.model.outputs)
+    return {
+        "verdict": outcome.verdict,
+        "answer": outcome.answer,
+        "residual": _residual(outcome, outputs),
+        "candidates": [_candidate(c, n) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
+        "added": [_added(h, outcome) for h in trace.effects],
+        "parameters": [_added(h, outcome) for h in trace.added if h.kind == "parameter"],
+        "rounds": [
+            {
+                "added": r.added.hypothesis.name if r.added else None,
+                "reason": r.reason,
+                "confusable": list(r.confusable),
+            }
+            for r in trace.rounds
+        ],
+        "confusable": [list(r.confusable) for r in trace.rounds if r.added is not None and len(r.confusable) > 1],
+        "not_excited": [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
+        "error": {
+            name: {
+                "unit": SIGNALS[name].unit,
+                "before": _number(trace.before.error[a]),
+                "after": _number(trace.after.error[a]),
+            }
+            for a, name in enumerate(outputs)
+        },
+        "excess": {"before": _number(trace.before.excess), "after": _number(trace.after.excess)},
+        "log_likelihood": {
+            "train": {"before": trace.nominal.log_likelihood, "after": trace.final.log_likelihood},
+            "test": {"before": trace.before.log_likelihood, "after": trace.after.log_likelihood},
+        },
+        "criteria": {"error_needed": ERROR_NEEDED},
+    }
+
+
+def _residual(outcome: Outcome, outputs: list[str]) -> dict[str, Any]:
+    return {
+        j.drive.name: {
+            name: {
+                "unit": SIGNALS[name].unit,
+                "rmse": _number(j.free_error[1, a]),
+                "variance_of_whitened_innovations": _number(j.whiteness[a].variance),
+                "ljung_box_p": _number(j.whiteness[a].ljung_box),
+                "cumulative_periodogram_p": _number(j.whiteness[a].periodogram),
+            }
+            for a, name in enumerate(outputs)
+        }
+        for j in outcome.judged
+    }
+
+
+def _candidate(c: Candidate, number: int) -> dict[str, Any]:
+    h = c.hypothesis
+    return {
+        "round": number,
+        "name": h.name,
+        "kind": h.kind,
+        "log_likelihood_gain": _number(c.score.gain),
+        "bic_gain": _number(c.bic),
+        "fitted": c.fitted is not None,
+        "held_out_log_likelihood": _number(c.held_out.log_likelihood) if c.held_out else None,
+        "held_out_excess": _number(c.held_out.excess) if c.held_out else None,
+        "detectable": {a: _number(3.0 * e) for a, e in zip(h.amplitudes, c.score.error, strict=True)},
+    }
+
+
+def _added(h: Hypothesis, outcome: Outcome) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "effect": split(h.name)[0],
+        "place": split(h.name)[1],
+        "parameters": {
+            v.name: {"value": _number(v.value), "std": _number(v.std), "unit": v.unit} for v in outcome.values[h.name]
+        },
+    }
+    if h.kind == "effect":
+        entry["port"] = list(ports_of(load_effect(h.name)))
+        entry["equation"] = equation(h, outcome)
+    elif h.name != ALL_PARAMETERS:
+        entry["stated"] = outcome.trace.fitting.whole.spec.values[h.name]
+    return entry
+
+
+def equation(h: Hypothesis, outcome: Outcome) -> dict[str, dict[str, str]]:
+    """Return the ports that an effect changes, each before and after, as text over the model's names."""
+    spec = outcome.trace.fitting.whole.spec
+    before = spec.model().ports
+    after = replace(spec, effects=(*spec.effects, h.name)).model().ports
+    return {
+        port: {"before": str(before[port]), "after": str(after[port])}
+        for port in after
+        if port in before and before[port] != after[port]
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def amended_file(outcome: Outcome) -> str:
+    """Return the text of the parameter set of the amended model."""
+    from harness.identify.outcome import parameter_text
+
+    names = ", ".join(d.name for d in outcome.trace.fitting.drives)
+    comments = {
+        v.name: f"  # {v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
+    }
+    return parameter_text(outcome.amended, f"harness trace on {names}", comments)
+
+
+def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
+    """Write ``trace.json`` and ``amended.toml`` and return their paths.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
+    contents = {"trace.json": json.dumps(record(outcome), indent=2) + "\n", "amended.toml": amended_file(outcome)}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in contents.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    return [folder / name for name in contents]

@@ -1,0 +1,208 @@
+"""The report of a trace: what is missing, how sure that is, and how much better the model is with it."""
+
+from __future__ import annotations
+
+import math
+
+from harness.identify import figures as fit_figures
+from harness.loop import figures
+from harness.loop.figures import called
+from harness.loop.hypotheses import ALL_PARAMETERS
+from harness.loop.outcome import COLOURED, Outcome, equation
+from harness.loop.trace import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
+from harness.report import style
+from harness.report.document import Block, Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
+from harness.report.store import print_unit, quantity, words
+
+
+def document(outcome: Outcome, command: str) -> Document:
+    """Return the report.
+
+    Args:
+        outcome: The trace, judged.
+        command: How it was made, for the last section.
+    """
+    blocks = [
+        *_answer(outcome),
+        *_errors(outcome),
+        *_found(outcome),
+        *_rounds(outcome),
+        *_excitation(outcome),
+        *_residual(outcome),
+        *_over_time(outcome),
+        *_made(outcome, command),
+    ]
+    vehicle = words(outcome.trace.fitting.whole.spec.vehicle)
+    return Document(f"What does the model of the {vehicle} lack?", blocks)
+
+
+def _answer(outcome: Outcome) -> list[Block]:
+    trace = outcome.trace
+    sentences = []
+    for number, r in enumerate(trace.rounds, 1):
+        if r.added is not None:
+            sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
+            if len(r.confusable) > 1:
+                others = ", ".join(called(n) for n in r.confusable[1:])
+                sentences.append(f"These drives hardly tell it from {others}.")
+        elif any(c.fitted for c in r.candidates):
+            sentences.append(
+                f"Round {number} added nothing: with {called(r.candidates[0].hypothesis.name)}, {r.reason}."
+            )
+        else:
+            sentences.append(f"Round {number} added nothing: {r.reason}.")
+    return [Heading("What was found?"), Prose(strong(outcome.answer)), Bullets([plain(s) for s in sentences])]
+
+
+def _errors(outcome: Outcome) -> list[Block]:
+    before, after, rows = outcome.trace.before, outcome.trace.after, []
+    noise = outcome.trace.held_out.variances**0.5
+    for a, name in enumerate(outcome.trace.fitting.whole.model.outputs):
+        q = quantity(name)
+        numbers = (noise[a], before.error[a], after.error[a])
+        rows.append([q.words, q.unit, *(style.number(q.scale * v) for v in numbers)])
+    caption = (
+        "Root mean square error of the model alone on drives that were never fitted. Before: the nominal model, its "
+        "own parameters refitted. After: the amended one. No model does better than the noise of the sensor."
+    )
+    return [Sheet(["output", "unit", "noise of the sensor", "before", "after"], rows, caption, left=2)]
+
+
+def _found(outcome: Outcome) -> list[Block]:
+    trace = outcome.trace
+    if not trace.added:
+        return []
+    blocks: list[Block] = [Heading("How large is it?")]
+    rows = []
+    for h in trace.added:
+        for v in outcome.values[h.name]:
+            stated = trace.fitting.whole.spec.values.get(v.name, math.nan)
+            moved = abs(v.value - stated) > 3 * v.std if math.isfinite(stated) else True
+            if h.name == ALL_PARAMETERS and not moved:
+                continue
+            row = [called(h.name), words(v.name.replace("@", " in ")), print_unit(v.unit)]
+            rows.append([*row, style.number(stated), style.number(v.value, 4), style.number(v.std)])
+    header = ["addition", "parameter", "unit", "stated", "found", "std. error"]
+    blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
+    for h in trace.effects:
+        for port, text in equation(h, outcome).items():
+            blocks.append(Listing(f"{port}\n  before  {text['before']}\n  after   {text['after']}"))
+    return blocks
+
+
+def _rounds(outcome: Outcome) -> list[Block]:
+    blocks: list[Block] = [
+        Heading("What else was tried?"),
+        Prose(
+            plain(
+                "Every effect of the library at every place, and every parameter that was held fixed. The score test "
+                "promises a gain for each; the best few are fitted jointly with the nominal parameters. An addition "
+                f"needs {BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out "
+                f"drives, and {ERROR_NEEDED:.0%} less free-running error there beyond the noise."
+            )
+        ),
+    ]
+    for number, r in enumerate(outcome.trace.rounds, 1):
+        if r.candidates and max(c.bic for c in r.candidates) > 1.0:
+            title = f"Gain in BIC of the best hypotheses of round {number}, over the model as it was then."
+            blocks.append(Picture(figures.ranking(r, number), title, title))
+        fitted = [c for c in r.candidates if c.fitted is not None]
+        if fitted:
+            blocks.append(_fitted(fitted, r.before.log_likelihood, r.before.excess, number))
+    return blocks
+
+
+def _fitted(fitted: list[Candidate], likelihood: float, excess: float, number: int) -> Sheet:
+    rows = [
+        [
+            called(c.hypothesis.name),
+            style.number(c.bic),
+            style.number(c.held_out.log_likelihood - likelihood),
+            style.number(excess),
+            style.number(c.held_out.excess),
+        ]
+        for c in fitted
+        if c.held_out is not None
+    ]
+    header = ["hypothesis", "gain in BIC", "held-out log-likelihood", "excess before", "after"]
+    caption = (
+        f"Round {number}: hypotheses that were fitted. Excess: mean square of the free-running error on the held-out "
+        "drives over the sensors' noise, less one, summed over the outputs."
+    )
+    return Sheet(header, rows, caption)
+
+
+def _excitation(outcome: Outcome) -> list[Block]:
+    """Say what these drives could show at all: the Fisher detection limit of every effect, three standard errors."""
+    rows, hidden = [], []
+    parameters = {p.name: p for p in outcome.trace.fitting.whole.model.parameters}
+    for c in sorted(outcome.trace.rounds[0].candidates, key=lambda c: c.hypothesis.name):
+        if c.hypothesis.kind != "effect" or ("@" not in c.hypothesis.name and len(c.hypothesis.amplitudes) > 1):
+            continue
+        if not c.score.excited:
+            hidden.append(called(c.hypothesis.name))
+            continue
+        for name, error in zip(c.hypothesis.amplitudes, c.score.error, strict=True):
+            unit = print_unit(parameters[name].unit)
+            rows.append([called(c.hypothesis.name), words(name), unit, style.number(3 * error)])
+    said = f"These drives cannot show at all: {', '.join(hidden)}." if hidden else "These drives show every effect."
+    caption = "Smallest size that these drives would show with three standard errors, everything fitted adjusting."
+    return [
+        Heading("What could these drives have shown?"),
+        Prose(plain(said)),
+        Sheet(["effect", "parameter", "unit", "detectable"], rows, caption, left=3),
+    ]
+
+
+def _residual(outcome: Outcome) -> list[Block]:
+    outputs = list(outcome.trace.fitting.whole.model.outputs)
+    rows, coloured = [], []
+    for j in outcome.judged:
+        for name, w in zip(outputs, j.whiteness, strict=True):
+            tests = [style.probability(w.ljung_box), style.probability(w.periodogram)]
+            rows.append([j.drive.name, words(name), style.number(w.variance), *tests])
+            if min(w.ljung_box, w.periodogram) < COLOURED:
+                coloured.append(f"{words(name)} of {j.drive.name}")
+    said = "Nothing that the tests can see." if not coloured else f"Yes, in {', '.join(coloured)}."
+    return [
+        Heading("Is anything left that could be predicted?"),
+        Prose(strong(said)),
+        Picture(
+            fit_figures.periodograms(list(outcome.judged), outputs),
+            "Cumulative periodogram of the whitened innovations of the final model, less that of white noise, with the "
+            "band in which white noise stays 95 times of 100.",
+            "Cumulative share of power over frequency for each output, less that of white noise.",
+        ),
+        Sheet(
+            ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"],
+            rows,
+            "Whitened innovations of the final model; of the right model they have the variance 1 and are white.",
+            left=2,
+        ),
+    ]
+
+
+def _over_time(outcome: Outcome) -> list[Block]:
+    outputs = list(outcome.trace.fitting.whole.model.outputs)
+    return [
+        Heading("Does the model alone follow the drives?"),
+        *(
+            Picture(
+                fit_figures.over_time(j, outputs),
+                f"{j.drive.name}, never fitted: measured, and the model alone before and after.",
+                f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
+            )
+            for j in outcome.judged
+            if j.held_out
+        ),
+    ]
+
+
+def _made(outcome: Outcome, command: str) -> list[Block]:
+    trace = outcome.trace
+    text = (
+        f"{len(trace.rounds[0].candidates)} hypotheses, {len(trace.fitting.drives)} fitted and "
+        f"{len(trace.held_out.drives)} held-out drives, {trace.fitting.samples} fitted values. Nominal parameters "
+        f"refitted: {', '.join(words(n) for n in trace.free)}. Responses with a cosine above {ALIKE:g} count as alike."
+    )
+    return [Heading("How was it made?"), Prose(plain(text)), Listing(command, "sh")]

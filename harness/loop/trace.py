@@ -1,0 +1,318 @@
+"""Find what a model lacks: forward selection over everything it may lack, checked backwards at the end.
+
+In each round the score test ranks all hypotheses, the best few are fitted jointly with the nominal parameters, and the
+best of these is added if it passes three judges: the Bayes information criterion on the fitted drives, the likelihood
+and the free-running error of drives that were never fitted. A nominal fit that ended too early looks like an effect, so
+it is repeated from the parameters of the best hypothesis before that one is judged.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.identify.methods.likelihood import white_noise
+from harness.identify.recordings import Drive
+from harness.loop.fit import Fitted, Fitting, Point
+from harness.loop.held_out import HeldOut, Judgement
+from harness.loop.hypotheses import Hypothesis, coordinates, hypotheses
+from harness.loop.score import Score, ScoreTest, cosine
+from harness.loop.whole import Whole
+
+Floats = NDArray[np.float64]
+Say = Callable[[str], None]
+
+BIC_NEEDED = 50.0
+"""Gain in BIC on the fitted drives below which nothing is added."""
+
+ERROR_NEEDED = 0.2
+"""Share of the held-out error, beyond the noise of the sensors, that an addition must take away."""
+
+AHEAD = 50.0
+"""Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""
+
+ALIKE = 0.9
+"""Cosine of two responses from which hypotheses count as hard to tell apart."""
+
+ROUNDS = 5
+"""Largest number of additions."""
+
+_FAVOUR = 2.0
+"""Lead in BIC that a parameter of the model gets over an effect, which may be the same thing in other words."""
+
+_REFITTED = 3
+_NEAR = 0.5
+"""Hypotheses are fitted that promise at least this share of what the best one does."""
+
+_ITERATIONS = 12
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis as tried in a round.
+
+    Attributes:
+        score: What it promised.
+        fitted: Fitted jointly with everything found before; ``None`` if it promised too little.
+        bic: Gain in BIC over the model without it, promised or fitted.
+        held_out: What the held-out drives say; ``None`` if it was not fitted.
+    """
+
+    score: Score
+    fitted: Fitted | None
+    bic: float
+    held_out: Judgement | None
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What was tried."""
+        return self.score.hypothesis
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the selection.
+
+    Attributes:
+        candidates: Everything tried, best first.
+        before: The model without any of them, on the held-out drives.
+        added: The one that was added; ``None`` in the last round.
+        reason: Why, or why not, in a sentence.
+        confusable: Names of what these drives can hardly tell from the best, itself first.
+    """
+
+    candidates: tuple[Candidate, ...]
+    before: Judgement
+    added: Candidate | None
+    reason: str
+    confusable: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What was found.
+
+    Attributes:
+        fitting: The fitted drives.
+        held_out: The held-out drives.
+        free: Parameters of the nominal model that were fitted.
+        nominal: The nominal model fitted.
+        final: The model with everything added.
+        added: In the order added, without what the backward check took away.
+        rounds: Of the selection.
+        dropped: What the backward check took away.
+        before: The nominal model on the held-out drives.
+        after: The final one there.
+    """
+
+    fitting: Fitting
+    held_out: HeldOut
+    free: tuple[str, ...]
+    nominal: Fitted
+    final: Fitted
+    added: tuple[Hypothesis, ...]
+    rounds: tuple[Round, ...]
+    dropped: tuple[Hypothesis, ...]
+    before: Judgement
+    after: Judgement
+
+    @property
+    def effects(self) -> tuple[Hypothesis, ...]:
+        """Effects among what was added."""
+        return tuple(h for h in self.added if h.kind == "effect")
+
+
+def trace(
+    whole: Whole, train: Sequence[Drive], test: Sequence[Drive], free: Sequence[str], say: Say = lambda _: None
+) -> Trace:
+    """Find what the model lacks.
+
+    Args:
+        whole: The nominal model with everything it may lack.
+        train: Drives to fit.
+        test: Drives to judge on.
+        free: Parameters of the nominal model that are fitted in any case.
+        say: Is told what is being tried.
+    """
+    variances = first_variances(whole, [*train, *test])
+    search = _Search(Fitting(whole, train, variances), HeldOut(whole, test, variances), tuple(free), say)
+    return search.run()
+
+
+def first_variances(whole: Whole, drives: Sequence[Drive]) -> Floats:
+    """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it."""
+    stated = np.array([whole.spec.measurement_noise[n] for n in whole.model.outputs])
+    found = np.array([white_noise(drives, a) for a in range(len(stated))])
+    return np.where(found > 1e-12 * stated, found, stated)
+
+
+class _Search:
+    def __init__(self, fitting: Fitting, held_out: HeldOut, free: tuple[str, ...], say: Say) -> None:
+        self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
+        self.whole = fitting.whole
+        self.log_samples = math.log(fitting.samples)
+
+    def run(self) -> Trace:
+        self.say("fitting the nominal model")
+        nominal = best = self._fit((), self.fitting.first(), 25)
+        added: tuple[Hypothesis, ...] = ()
+        rounds: list[Round] = []
+        while len(rounds) <= ROUNDS:
+            best, found = self._round(added, best, len(rounds) + 1)
+            if not added:
+                nominal = best
+            rounds.append(found)
+            if found.added is None:
+                break
+            added = (*added, found.added.hypothesis)
+            assert found.added.fitted is not None
+            best = found.added.fitted
+        kept, best = self._backward(added, best)
+        return Trace(
+            self.fitting,
+            self.held_out,
+            self.free,
+            nominal,
+            best,
+            kept,
+            tuple(rounds),
+            tuple(h for h in added if h not in kept),
+            self._judge((), nominal.point),
+            self._judge(kept, best.point),
+        )
+
+    def _fit(self, added: tuple[Hypothesis, ...], start: Point, iterations: int = _ITERATIONS) -> Fitted:
+        moved = coordinates(self.whole, self.free, added, len(self.fitting.drives))
+        return self.fitting.fit(moved, start, iterations)
+
+    def _judge(self, added: tuple[Hypothesis, ...], point: Point) -> Judgement:
+        return self.held_out.judge(added, point)
+
+    def _round(self, added: tuple[Hypothesis, ...], best: Fitted, number: int) -> tuple[Fitted, Round]:
+        """Try everything once; return the model without addition, refitted if that gained, and what was found."""
+        self.say(f"round {number}: score test of every effect and every fixed parameter")
+        test = ScoreTest(self.fitting, best)
+        scores = test.of(self._open(added))
+        promised = sorted(
+            scores, key=lambda s: self._promise(s) + _FAVOUR * (s.hypothesis.kind == "parameter"), reverse=True
+        )
+        enough = max(0.5 * BIC_NEEDED, _NEAR * self._promise(promised[0]))
+        chosen = [s for s in _distinct(promised) if self._promise(s) > enough][:_REFITTED]
+        fits = {}
+        for s in chosen:
+            self.say(f"round {number}: fitting {s.hypothesis.name.replace('_', ' ')}")
+            fits[s.hypothesis] = self._fit((*added, s.hypothesis), self._start(best.point, s))
+        if fits:
+            best = self._again(added, best, fits)
+        before = self._judge(added, best.point)
+        candidates = []
+        for s in promised:
+            f = fits.get(s.hypothesis)
+            bic = self._promise(s) if f is None else self._bic(s, f.objective - best.objective)
+            judged = None if f is None else self._judge((*added, s.hypothesis), f.point)
+            candidates.append(Candidate(s, f, bic, judged))
+        candidates.sort(key=lambda c: (c.fitted is not None, c.bic), reverse=True)
+        return best, self._decide(tuple(candidates), before, number)
+
+    def _open(self, added: tuple[Hypothesis, ...]) -> list[Hypothesis]:
+        """Return what is not in force yet."""
+        taken = {n for h in added for n in h.amplitudes} | set(self.free)
+        found = []
+        for h in hypotheses(self.whole, self.free):
+            rest = tuple(a for a in h.amplitudes if a not in taken)
+            if rest:
+                found.append(replace(h, amplitudes=rest))
+        return found
+
+    def _promise(self, s: Score) -> float:
+        return self._bic(s, s.gain)
+
+    def _bic(self, s: Score, gain: float) -> float:
+        """Return the gain in BIC."""
+        return 2.0 * gain - s.freedom * self.log_samples
+
+    def _start(self, point: Point, s: Score) -> Point:
+        """Return the best start for a joint fit: what the score promises, or a value of the amplitudes' grids."""
+        h = s.hypothesis
+        values = point.values.copy()
+        for name, value in zip(h.shared, [*s.amplitudes, *s.shapes], strict=True):
+            values[self.whole.row(name)] = value
+        for j, name in enumerate(h.moments):
+            values[self.whole.row(name)] = s.moments[:, j]
+        starts = [replace(point, values=values)]
+        for share in (0.5, 0.25):
+            less = values.copy()
+            rows = [self.whole.row(n) for n in h.amplitudes]
+            less[rows] = point.values[rows] + share * (values[rows] - point.values[rows])
+            starts.append(replace(point, values=less))
+        for name in h.amplitudes:
+            for value in self.whole.model.parameters[self.whole.row(name)].grid:
+                other = values.copy()
+                other[self.whole.row(name)] = value
+                starts.append(replace(point, values=other))
+        return self.fitting.best(starts)
+
+    def _again(self, added: tuple[Hypothesis, ...], best: Fitted, fits: dict[Hypothesis, Fitted]) -> Fitted:
+        """Refit the model without addition from where the best hypothesis left its parameters and noise."""
+        h, winner = max(fits.items(), key=lambda item: item[1].objective)
+        values = winner.point.values.copy()
+        for name in (*h.shared, *h.moments):
+            values[self.whole.row(name)] = best.point.values[self.whole.row(name)]
+        self.say("fitting the model without it again")
+        again = self._fit(added, replace(winner.point, values=values))
+        return again if again.objective > best.objective else best
+
+    def _decide(self, candidates: tuple[Candidate, ...], before: Judgement, number: int) -> Round:
+        tried = [c for c in candidates if c.fitted is not None]
+        if not tried:
+            return Round(candidates, before, None, "nothing promises enough to be fitted", ())
+        best = next((c for c in tried if not self._objections(c, before)), tried[0])
+        alike = tuple(c.hypothesis.name for c in candidates if c is not best and self._alike(best, c))
+        objections = self._objections(best, before)
+        reason = "; ".join(objections) or "passes all three judges"
+        last = number > ROUNDS
+        return Round(candidates, before, None if objections or last else best, reason, (best.hypothesis.name, *alike))
+
+    def _alike(self, best: Candidate, other: Candidate) -> bool:
+        return best.bic - other.bic < AHEAD or (abs(cosine(best.score, other.score)) > ALIKE and other.score.excited)
+
+    def _objections(self, c: Candidate, before: Judgement) -> list[str]:
+        """Return what speaks against adding a candidate."""
+        assert c.held_out is not None
+        found = []
+        if c.bic < BIC_NEEDED:
+            found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
+        if c.held_out.log_likelihood <= before.log_likelihood:
+            found.append("the held-out drives are not more likely with it")
+        if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
+            found.append("the free-running error on the held-out drives does not fall by a fifth")
+        return found
+
+    def _backward(self, added: tuple[Hypothesis, ...], best: Fitted) -> tuple[tuple[Hypothesis, ...], Fitted]:
+        """Take away what the later additions made superfluous."""
+        for h in added[:-1]:
+            rest = tuple(k for k in added if k != h)
+            values = best.point.values.copy()
+            kept = {n for k in rest for n in (*k.shared, *k.moments)}
+            for name in (*h.shared, *h.moments):
+                if name not in kept:
+                    values[self.whole.row(name)] = self.whole.neutral()[self.whole.row(name)]
+            self.say(f"is {h.name.replace('_', ' ')} still needed?")
+            without = self._fit(rest, replace(best.point, values=values))
+            lost = 2 * (best.objective - without.objective) - h.count(len(self.fitting.drives)) * self.log_samples
+            if lost < BIC_NEEDED:
+                added, best = rest, without
+        return added, best
+
+
+def _distinct(scores: Sequence[Score]) -> list[Score]:
+    """Return scores, best first, without those whose response is that of a better one to a thousandth."""
+    kept: list[Score] = []
+    for s in scores[:12]:
+        if all(abs(cosine(s, k)) < 0.999 for k in kept):
+            kept.append(s)
+    return kept
