@@ -167,9 +167,9 @@ def _holds(found: list[Finding]) -> str:
 
 def _picture(joint: Joint) -> Picture:
     design = joint.design
-    question = "Which estimator is best when everything drifts at once, and what drives its error?"
+    question = "Which is best when everything drifts at once, and what drives its error?"
     with style.drawing():
-        fig = style.figure(1.9 * len(design.targets) + 2.6)
+        fig = style.figure(1.35 * len(design.targets) + 2.4)
         rows = fig.subplots(len(design.targets) + 1, 1, squeeze=False)[:, 0]
         for t, axes in enumerate(rows[:-1]):
             _errors(axes, joint, t)
@@ -224,7 +224,7 @@ def _indices(axes: Axes, joint: Joint) -> None:
         marker, shade = "osv^D"[t % 5], ("black", "0.45")[t % 2]
         axes.vlines(places, low, high, color=shade, lw=1.4)
         axes.plot(places, values, marker, color=shade, ms=5.5, label=target.words)
-    labels = [textwrap.fill(f.words, 11, break_long_words=False) for f in design.factors]
+    labels = [textwrap.fill(f.words, 9, break_long_words=False) for f in design.factors]
     axes.set_xticks(range(len(labels)), labels)
     axes.tick_params(axis="x", length=0)
     axes.set_ylim(bottom=0)
@@ -245,16 +245,16 @@ def _table(joint: Joint) -> Sheet:
                 [
                     "" if e else f"{target.words}{style.in_unit(target.unit)}",
                     name,
+                    driver,
+                    "–" if one is None else breaks_first(joint.nested, one),
                     number(joint.believed[t, e]),
                     number(quantiles[1, e]),
                     number(quantiles[2, e]),
                     str(joint.diverged(e)),
                     "–" if one is None else f"{100 * one.box:.0f} %",
-                    "–" if one is None else breaks_first(joint.nested, one),
-                    driver,
                 ]
             )
-    header = ["", "estimator", "as believed", "median", "95 %", "diverged", "box", "alone breaks first", "driven by"]
+    header = ["", "estimator", "driven by", "alone breaks first", "believed", "median", "95 %", "diverged", "box"]
     limits = listed(
         [
             f"{with_unit(joint.limits[t.name] * t.scale, t.unit)} of {t.words}"
@@ -267,7 +267,7 @@ def _table(joint: Joint) -> Sheet:
         f" in % of the way to the edges, until the error exceeds {limits} on some drive. Driven by: factor with the "
         "largest total index."
     )
-    return Sheet(header, rows, caption, left=2)
+    return Sheet(header, rows, caption, left=4)
 
 
 def _driver(joint: Joint, target: int, estimator: int) -> str:

@@ -6,13 +6,18 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from harness.errors import UserError
+from harness.realtime import outcome
 from harness.report.store import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, Design, Store, read
+from harness.store import STORE
 
 STUDIES = ("ideal", "process-noise", "mass", "cog", "friction", "tyre", "joint")
 """Studies of the campaign: those of the dissertation, on which its findings are tested, and the joint one."""
+
+REALTIME = "realtime"
 
 
 class Results:
@@ -27,7 +32,8 @@ class Results:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        missing = [name for name in STUDIES if not (folder / name / "scores.zarr").is_dir()]
+        stores = dict.fromkeys(STUDIES, STORE) | {REALTIME: outcome.STORE}
+        missing = [name for name, store in stores.items() if not (folder / name / store).is_dir()]
         if missing:
             made = " ".join(f"study-{name}" for name in missing)
             raise UserError(f"{folder}: no finished study {', '.join(missing)}; make them with 'make {made}'")
@@ -67,6 +73,11 @@ class Results:
         found = self.design(study)
         b, e = _index(study, "level", band, found.bands), _index(study, "estimator", estimator, found.estimators)
         return found.count(ESTIMATOR_DIVERGED, b, e) + found.count(PLANT_DIVERGED, b, e), found.planned
+
+    @cached_property
+    def times(self) -> xr.Dataset:
+        """What ``harness realtime`` measured."""
+        return outcome.read(self.folder / REALTIME)
 
     def design(self, study: str) -> Design:
         """Return the first design of a study."""

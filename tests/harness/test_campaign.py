@@ -1,17 +1,25 @@
 """The campaign: ratios with intervals against closed forms, verdicts, and the findings on studies of known errors."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 from scipy import stats
 from synthetic import design, write
+from test_report_joint import scores, study_of
 
+from harness.campaign import write_campaign
+from harness.campaign.answer import Joint, answer
 from harness.campaign.claims import CLAIMS, findings
 from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
 from harness.campaign.results import Results
 from harness.errors import UserError
+from harness.realtime.measure import PACES
+from harness.realtime.outcome import write as write_times
 from harness.statistics import Interval
 
 LABELS = {
@@ -23,7 +31,21 @@ LABELS = {
     "tyre": ["±10 %", "±20 %", "±30 %"],
 }
 EVERYONE = ("EKF", "UKF", "NARX")
-FORCE = "lateral_force_axle_21"
+FORCE, ANGLE = "lateral_force_axle_21", "articulation_angle"
+
+
+def _write_times(folder: Path) -> None:
+    """A step of the UKF takes 3 times as long as one of the EKF, one of the network half as long."""
+    median = np.array([1.0, 3.0, 0.5])[None, :, None]
+    ratio = np.broadcast_to(median * np.array([1.0, 0.9, 1.1]), (2, 3, 3))
+    times = xr.Dataset(
+        {
+            "step_time": (("pace", "estimator", "time"), np.ones((2, 3, 100))),
+            "ratio": (("pace", "estimator", "end"), ratio),
+        },
+        coords={"pace": np.array(PACES, dtype=object), "estimator": np.array(EVERYONE, dtype=object)},
+    )
+    write_times(times, folder)
 
 
 @pytest.fixture
@@ -42,6 +64,9 @@ def campaign(tmp_path: Path):
             if lost is not None and lost[0] == study:
                 data["status"][{"band": labels.index(lost[1]), "repeat": slice(0, lost[2])}] = 1
             write(tmp_path / study, {"level": data})
+        write(tmp_path / "joint", scores(study_of(tmp_path)))
+        zarr.open_group(tmp_path / "joint" / "scores.zarr").attrs["limits"] = json.dumps({ANGLE: np.deg2rad(2.0)})
+        _write_times(tmp_path / "realtime")
         return Results(tmp_path)
 
     return make
@@ -124,6 +149,7 @@ def test_findings_follow_the_errors(campaign):
     assert verdict_on(found, "A trailer mass other") is Verdict.NOT_REPRODUCED
     assert verdict_on(found, "Ten-fold") is Verdict.NOT_REPRODUCED
     assert verdict_on(found, "Trailer tyres within") is Verdict.NOT_REPRODUCED
+    assert verdict_on(found, "A step of the network") is Verdict.REPRODUCED
     assert verdict_on(found, "With the centre of gravity 2 m") is Verdict.UNDECIDED  # 0 of 24 excludes up to 14 %
 
     growth = {("mass", "8 t", FORCE): 3.0, ("mass", "32 t", FORCE): 2.0, ("friction", "0.5", FORCE): 4.0}
@@ -151,3 +177,24 @@ def test_a_study_without_the_level_compared_is_named(campaign, tmp_path: Path):
     write(tmp_path / "mass", {"level": design(estimators=EVERYONE, levels=(12.0, 24.0))})
     with pytest.raises(UserError, match="study 'mass' has no level '8 t'"):
         findings(Results(tmp_path))
+
+
+def test_answer_is_that_of_the_joint_study(campaign):
+    results = campaign()
+    told = " ".join(str(vars(block)) for block in answer(results, findings(results)))
+    assert "Over the whole box of perturbations EKF and UKF estimate the lateral force axle 21 best" in told
+    box = Joint(results).borne[1, 0].box
+    assert 0.5 <= box < 1.0  # at half the way to the heavy edge the error is 2 deg
+    assert f"stays below 2.00° on every drive while all factors together stay within {100 * box:.0f} %" in told
+    assert re.search(r"is driven by the trailer mass \(total index 0\.[78]\d+ to 0\.[78]\d+\) and the friction", told)
+    lost = int((results.stores["joint"].designs[0].status[:, 1] == 1).sum())
+    assert f"EKF in 0 (0 % to 0.29 %) and UKF in {lost} (" in told
+
+
+def test_report_is_written(campaign, tmp_path: Path):
+    campaign()
+    html, pdf = write_campaign(tmp_path, tmp_path / "campaign")
+    text = html.read_text(encoding="utf-8")
+    for words in ("How often does it fail?", "Bild 5.13", "EKF and UKF differ only marginally.", "How it was made"):
+        assert words in text
+    assert pdf.read_bytes().startswith(b"%PDF")
