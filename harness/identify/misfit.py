@@ -26,6 +26,9 @@ Floats = NDArray[np.float64]
 Known = Mapping[str, Mapping[str, float]]
 """Values of parameters that differ between recordings, by the name of the recording."""
 
+AT_END = 1e-3
+"""Share of a search range within which a value counts as lying at its end."""
+
 
 def squared_errors(u, y, c, limits, x0, sums):
     """Run eight candidates over a recording and add up their squared errors.
@@ -75,6 +78,16 @@ class Free:
     lower: float
     upper: float
     drives: tuple[str, ...] = ()
+
+    def end_at(self, value: float) -> str:
+        """Return at which end of the search range a value lies, ``lower`` or ``upper``, else nothing.
+
+        The range may span decades, so how near the lower end is near goes by its magnitude.
+        """
+        width = self.upper - self.lower
+        if value - self.lower <= AT_END * min(width, abs(self.lower) or width):
+            return "lower"
+        return "upper" if self.upper - value <= AT_END * width else ""
 
 
 class Misfit:

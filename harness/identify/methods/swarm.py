@@ -21,9 +21,6 @@ from models.registry import closest
 
 Floats = NDArray[np.float64]
 
-AT_BOUND = 1e-3
-"""Share of the search range within which a value counts as lying at its end."""
-
 
 class Settings(BaseModel):
     """Size and weights of the swarm (table 4.5), and where it searches."""
@@ -149,9 +146,8 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
 
 
 def _estimate(unit: str, start: float, value: float, free: Free) -> Estimate:
-    ends = {"lower": free.lower, "upper": free.upper}
-    for end, bound in ends.items():
-        if abs(value - bound) <= AT_BOUND * (free.upper - free.lower):
-            reason = f"the search ended at its {end} bound, {bound:g} {unit}"
-            return Estimate(free.parameter, unit, start, value, verdict="at its bound", reason=reason)
-    return Estimate(free.parameter, unit, start, value)
+    end = free.end_at(value)
+    if not end:
+        return Estimate(free.parameter, unit, start, value)
+    reason = f"the search ended at its {end} bound, {getattr(free, end):g} {unit}"
+    return Estimate(free.parameter, unit, start, value, verdict="at its bound", reason=reason)

@@ -12,7 +12,7 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import joblib
@@ -142,6 +142,18 @@ def setup(path: Path, seed: int, jobs: int) -> Setup:
     return Setup(costs["fit"], costs["judge"], np.array(hidden), plants, profiles)
 
 
+def swarm_over_logarithms(cost: Misfit, seed: int, settings: Settings) -> Found:
+    """Minimise by the swarm with the stiffnesses' coefficients, whose ranges span decades, on a logarithmic scale."""
+    wide = np.array([f.parameter.startswith("stiffness_") for f in cost.free])
+
+    def to_si(z: Floats) -> Floats:
+        return np.where(wide, 10.0 ** np.where(wide, z, 0.0), z)
+
+    lower, upper = (np.where(wide, np.log10(end), end) for end in (cost.lower, cost.upper))
+    found = optimise(lambda z: cost(to_si(z)), lower, upper, seed, settings)
+    return replace(found, values=to_si(found.values))
+
+
 def evolve(cost: Misfit, seed: int, settings: Settings) -> Found:
     """Minimise by SciPy's differential evolution with as many candidates as the swarm tries."""
     history: list[float] = []
@@ -176,7 +188,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--drives", type=Path, default=DRIVES, help="file of drives")
     parser.add_argument("--repeats", type=int, default=10, help="runs of the swarm")
-    parser.add_argument("--beside", type=int, default=3, help="runs of differential evolution")
+    parser.add_argument("--beside", type=int, default=3, help="runs of each other search")
     parser.add_argument("--particles", type=int, default=240, help="candidates per iteration")
     parser.add_argument("--iterations", type=int, default=200, help="iterations of a run")
     parser.add_argument("--seed", type=int, default=1, help="of noise and searches")
@@ -195,6 +207,7 @@ def main(arguments: Sequence[str]) -> int:
         searches = {
             "swarm": [lambda s: optimise(problem.fit, problem.fit.lower, problem.fit.upper, s, settings)]
             * chosen.repeats,
+            "swarm, logarithmic": [lambda s: swarm_over_logarithms(problem.fit, s, settings)] * chosen.beside,
             "differential evolution": [lambda s: evolve(problem.fit, s, settings)] * chosen.beside,
         }
         found: dict[str, list[Found]] = {}
@@ -208,16 +221,18 @@ def main(arguments: Sequence[str]) -> int:
                     f"{found[name][-1].diverged} of {found[name][-1].evaluated} candidates diverged, "
                     f"{time.perf_counter() - begin:.0f} s"
                 )
+                if not np.isfinite(found[name][-1].cost):
+                    raise UserError(f"{name}: every candidate of run {number + 1} diverged; take more particles")
         command = f"python -m harness.identify.studies.swarm {shlex.join(arguments)}"
         write(document(problem, found, settings, command), chosen.out)
-        np.savez(
-            chosen.out / "identify.npz",
-            allow_pickle=False,
-            hidden=problem.hidden,
-            parameters=np.array([f.parameter for f in problem.fit.free]),
-            **{f"{n.replace(' ', '_')}_values": np.array([f.values for f in fs]) for n, fs in found.items()},
-            **{f"{n.replace(' ', '_')}_cost": np.array([f.history for f in fs]) for n, fs in found.items()},
-        )
+        arrays = {}
+        for name, some in found.items():
+            stem = name.replace(", ", "_").replace(" ", "_")
+            arrays[f"{stem}_values"] = np.array([f.values for f in some])
+            arrays[f"{stem}_cost"] = np.array([f.history for f in some])
+        parameters = np.array([f.parameter for f in problem.fit.free])
+        path = chosen.out / "identify.npz"
+        np.savez(path, allow_pickle=False, hidden=problem.hidden, parameters=parameters, **arrays)
     except (UserError, ModelError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

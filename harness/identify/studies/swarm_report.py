@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from harness.identify.methods.swarm import AT_BOUND, Found, Settings
+from harness.identify.methods.swarm import Found, Settings
 from harness.identify.misfit import Free
 from harness.report import style
 from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain
@@ -47,6 +47,7 @@ def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Set
     best, worst = runs[order[0]], runs[order[-1]]
     hidden = float(problem.fit(problem.hidden[None])[0])
     diverged = sum(f.diverged for f in runs) / sum(f.evaluated for f in runs)
+    winner, overall = min(((n, f) for n, fs in found.items() for f in fs), key=lambda pair: pair[1].cost)
     near = sum(f.cost < 1.05 * best.cost for f in runs)
     blocks: list[Block] = [
         Prose(
@@ -54,7 +55,7 @@ def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Set
                 f"The best of {len(runs)} swarms errs by {best.cost:.4f}, the hidden parameters themselves by "
                 f"{hidden:.4f}, which is the noise. {near} of {len(runs)} swarms end within 5 % of the best; in the "
                 f"thesis all of 100 did. {_scatter(problem.fit.free, runs)} {style.percent(diverged)} of all "
-                "candidates diverged."
+                f"candidates diverged. The least cost of all searches, {overall.cost:.4f}, is that of {winner}."
             )
         ),
         Picture(
@@ -71,16 +72,16 @@ def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Set
         ),
         _optimisers(found),
         Heading("What was found?"),
-        _parameters(problem.fit.free, runs, best, problem.hidden),
+        _parameters(problem.fit.free, runs, (best, overall), problem.hidden),
         Heading("Does the model follow drives it was not fitted to?"),
-        *_validation(problem, best),
+        *_validation(problem, winner, overall),
     ]
     for drive in problem.judge.drives:
         number = "4.8" if "empty" in drive.name else "4.9"
         blocks.append(
             Picture(
-                over_time(problem, drive.name, best),
-                f"Measurement and free run of the best parameters, {drive.name} (Bild {number}).",
+                over_time(problem, drive.name, overall),
+                f"Measurement and free run of the best parameters ({winner}), {drive.name} (Bild {number}).",
                 f"Inputs and outputs over time, {drive.name}",
             )
         )
@@ -121,29 +122,37 @@ def _optimisers(found: Mapping[str, Sequence[Found]]) -> Sheet:
             ]
         )
     header = ["optimiser", "runs", "candidates", "least cost", "median", "largest", "diverged"]
-    return Sheet(header, rows, "Two optimisers with the same number of candidates per run.")
+    return Sheet(
+        header,
+        rows,
+        "Searches with the same number of candidates per run; logarithmic: the stiffness coefficients are.",
+    )
 
 
-def _parameters(free: Sequence[Free], runs: Sequence[Found], best: Found, hidden: Floats) -> Sheet:
+def _parameters(free: Sequence[Free], runs: Sequence[Found], chosen: tuple[Found, Found], hidden: Floats) -> Sheet:
     rows, spread = [], _spread(free, runs)
     for i, one in enumerate(free):
-        width = one.upper - one.lower
-        bound = min(best.values[i] - one.lower, one.upper - best.values[i]) <= AT_BOUND * width
         rows.append(
             [
                 _label(one),
                 style.number(one.lower),
                 style.number(one.upper),
                 style.number(float(hidden[i])),
-                style.number(float(best.values[i])) + (" (bound)" if bound else ""),
+                *(_value(one, f.values[i]) for f in chosen),
                 style.percent(float(spread[i])),
             ]
         )
-    header = ["parameter, SI", "from", "to", "hidden", "best swarm", "scatter"]
-    return Sheet(header, rows, "Search ranges of table 4.4. Scatter: interquartile range over the search range.")
+    header = ["parameter, SI", "from", "to", "hidden", "best swarm", "best of all", "scatter"]
+    return Sheet(
+        header, rows, "Search ranges of table 4.4. Scatter: interquartile range of the swarms over the search range."
+    )
 
 
-def _validation(problem: Setup, best: Found) -> list[Block]:
+def _value(free: Free, value: float) -> str:
+    return style.number(float(value)) + (" (bound)" if free.end_at(value) else "")
+
+
+def _validation(problem: Setup, winner: str, best: Found) -> list[Block]:
     """Return table 4.6, a table per drive to judge, which come empty first."""
     sheets: list[Block] = []
     for number, drive in enumerate(problem.judge.drives):
@@ -157,7 +166,7 @@ def _validation(problem: Setup, best: Found) -> list[Block]:
             values = (*_errors(error), _errors(floor)[0])
             theirs = (f"{v:g}" for v in PRINTED[name][load == "laden"])
             rows.append([f"{q.words}{style.in_unit(q.unit)}", *(style.number(v) for v in values), *theirs])
-        caption = f"Table 4.6 for {drive.name}: free run of the best parameters against noisy measurements."
+        caption = f"Table 4.6 for {drive.name}: free run of the best parameters ({winner}) against noisy measurements."
         if number == 0:
             caption += (
                 " Noise: RMSE of the hidden parameters. The thesis measured a real vehicle, which no model fits; here "

@@ -15,7 +15,7 @@ from harness.identify.methods.swarm import Settings, identify, optimise
 from harness.identify.misfit import Free, Misfit
 from harness.identify.studies.em import DRIVE, car
 from harness.identify.studies.simulated import record
-from harness.identify.studies.swarm import DRIVES, LOADS, setup
+from harness.identify.studies.swarm import DRIVES, main, setup, swarm_over_logarithms
 
 FREE = ("stiffness_over_load_front", "cog_to_front_axle")
 
@@ -167,4 +167,23 @@ def test_the_study_hides_what_table_4_4_searches(tmp_path):
     other.write_text('[[drive]]\nname = "fit-full-step"\nkind = "step"\n')
     with pytest.raises(UserError, match="must begin with"):
         setup(other, 1, 1)
-    assert set(LOADS) == {"empty", "laden"}
+    found = swarm_over_logarithms(problem.fit, 1, Settings(particles=40, iterations=1))
+    assert np.all((found.values >= problem.fit.lower) & (found.values <= problem.fit.upper))
+    assert problem.fit(found.values[None])[0] == pytest.approx(found.cost, rel=1e-12)
+    unstable = np.where([f.parameter == "relaxation_length_12" for f in problem.fit.free], 0.05, problem.hidden)
+    lost = problem.free_run("judge-empty-road", unstable)["yaw_rate_tractor"]
+    assert np.isfinite(lost[:100]).all()
+    assert np.isnan(lost[-1])
+
+
+def test_the_study_writes_its_report(tmp_path, capsys):
+    small = ["--repeats", "2", "--beside", "1", "--particles", "40", "--iterations", "1", "--out", str(tmp_path)]
+    assert main(small) == 0
+    assert (tmp_path / "report.pdf").stat().st_size > 20_000
+    page = (tmp_path / "report.html").read_text()
+    assert "of 2 swarms end within 5 % of the best" in page
+    with np.load(tmp_path / "identify.npz") as kept:
+        assert kept["swarm_values"].shape == (2, 16)
+        assert kept["differential_evolution_cost"].shape == (1, 2)
+    assert main([*small, "--repeats", "0"]) == 2
+    assert "must be at least 1" in capsys.readouterr().err
