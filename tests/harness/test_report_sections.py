@@ -48,8 +48,8 @@ def test_comparisons_pair_the_runs_that_both_finished(mass, mass_designs):
     level = Analysis(read(mass)).main
     pair = level.compared(0, 0, 1, 0)
     assert pair.result.n == 113
-    assert level.compared(0, 0, 1, None).result.n == 113 + 5 * 120 + 119
     data = mass_designs["level"]
+    assert level.compared(0, 0, 1, None).result.n == 120  # each run once, by its mean over the levels it finished
     difference = (data["rmse"].isel(estimator=1) - data["rmse"].isel(estimator=0)).isel(band=2, target=0) / 1000
     assert level.compared(0, 0, 1, 2).result.difference.value == pytest.approx(float(difference.median()))
     assert all(c.p_corrected >= c.result.p_value for c in level.comparisons)
