@@ -1,13 +1,46 @@
-"""Finished studies for the tests of the report, written without running any."""
+"""Study files written and loaded; finished studies for the tests of the report, written without running any."""
 
 from __future__ import annotations
 
 import pytest
 import synthetic
 from report_parts import ANGLE, lose_some
+from small_study import STUDY
 
+from harness.configure import load_study
+from harness.errors import UserError
 from harness.report.analysis import Analysis
 from harness.report.store import read
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Write a study with replacements (which must apply) and load it."""
+
+    def _load(*replacements: tuple[str, str], append: str = "", text: str = STUDY):
+        for old, new in replacements:
+            assert old in text, old
+            text = text.replace(old, new)
+        path = tmp_path / "small.toml"
+        path.write_text(text + append, encoding="utf-8")
+        return load_study(path)
+
+    return _load
+
+
+@pytest.fixture
+def refused(load):
+    """Load a study that must be refused; return the lines of the message, each checked to name the file."""
+
+    def _refused(*replacements: tuple[str, str], append: str = "") -> list[str]:
+        with pytest.raises(UserError) as caught:
+            load(*replacements, append=append)
+        lines = str(caught.value).splitlines()
+        for line in lines:
+            assert "small.toml: " in line
+        return [line.split("small.toml: ", 1)[1] for line in lines]
+
+    return _refused
 
 
 @pytest.fixture(scope="module")

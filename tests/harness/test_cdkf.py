@@ -175,7 +175,7 @@ def test_memory_holds_residual_variances():
     _, _, memories, infos = stepper.run([0.0] * 3, [1.0] * 3, u, y)
     residuals = np.array([i.innovation[:, 0] for i in infos])
     A, _, C = sampled(u[0])
-    first = np.diag(C @ (A @ A.T + 1e-3 * np.eye(3)) @ C.T) + [1e-2, 4e-2]  # what the filter expects
+    first = np.diag(C @ (A @ A.T + 1e-3 * np.eye(3)) @ C.T) + np.array([1e-2, 4e-2])  # what the filter expects
     assert memories[0] == pytest.approx((0.95 * first + residuals[0] ** 2) / 1.95)
     assert memories[1] == pytest.approx((0.95 * memories[0] + residuals[1] ** 2) / 1.95)
     assert memories[2, 1] == memories[1, 1]  # not measured, not followed
