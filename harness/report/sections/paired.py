@@ -29,9 +29,9 @@ def _explain(findings: Findings) -> str:
     names = findings.design.estimators
     text = (
         "Each difference is taken within one run, so what the runs have in common (drive, noise, factor) cancels. The "
-        "p-value is that of a two-sided Wilcoxon signed-rank test, corrected by Holm for all comparisons of the design. "
-        "The drives are chosen, not drawn at random: interval and p-value speak of these drives with other noise, not "
-        "of driving at large."
+        "p-value is that of a two-sided Wilcoxon signed-rank test, corrected by Holm for all comparisons of the "
+        "design. The drives are chosen, not drawn at random: interval and p-value speak of these drives with other "
+        "noise, not of driving at large."
     )
     if len(findings.design.bands) > 1:
         text += " All levels: the mean error of a run over the levels, which share its noise."
