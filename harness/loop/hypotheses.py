@@ -56,14 +56,12 @@ class Hypothesis:
 def hypotheses(whole: Whole, free: Sequence[str]) -> tuple[Hypothesis, ...]:
     """Return everything to be tried on a model whose ``free`` parameters are fitted anyway.
 
-    An effect that belongs to tyres or bodies is tried at each place and at all of them at once.
+    An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at once are
+    those that cannot be negative: each moves by a share of its value.
     """
-    found = [
-        Hypothesis(p.name, "parameter", (p.name,))
-        for p in whole.nominal.parameters
-        if p.name not in free and p.lower < p.upper and not p.numerical
-    ]
-    found.append(Hypothesis(ALL_PARAMETERS, "parameter", tuple(h.name for h in found)))
+    fixed = [p for p in whole.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
+    found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
+    found.append(Hypothesis(ALL_PARAMETERS, "parameter", tuple(p.name for p in fixed if p.lower > 0)))
     everywhere: dict[str, list[Hypothesis]] = {}
     for name in whole.placements:
         one = _effect(whole, name)
