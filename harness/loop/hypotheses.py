@@ -56,8 +56,8 @@ class Hypothesis:
 def hypotheses(whole: Whole, free: Sequence[str]) -> tuple[Hypothesis, ...]:
     """Return everything to be tried on a model whose ``free`` parameters are fitted anyway.
 
-    An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at once are
-    those that cannot be negative: each moves by a share of its value.
+    An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at
+    once are those that cannot be negative: each moves by a share of its value.
     """
     fixed = [p for p in whole.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
     found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
@@ -153,3 +153,9 @@ def _coordinate(whole: Whole, name: str, drives: tuple[int, ...], prior: float =
     value = whole.spec.values.get(name, p.lower)
     centre = math.log(value) if logarithmic else value / scale
     return Coordinate(p, row, drives, logarithmic, scale, centre, prior)
+
+
+def prior_deviations(whole: Whole, names: Sequence[str]) -> Floats:
+    """Return the standard deviations that ``PRIOR`` gives parameters about their stated values, in their units."""
+    found = [_coordinate(whole, name, (0,), PRIOR) for name in names]
+    return np.array([c.prior * c.slope(c.centre) for c in found])
