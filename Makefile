@@ -58,6 +58,9 @@ lint: $(VENV)/dev.stamp ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="..." for some)
+	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) --out results/attribution
+
 bench: $(VENV)/dev.stamp ## print the speed table
 	$(BIN)/python -m bench
 

@@ -113,13 +113,14 @@ def _nominal(
     from harness.identify.recordings import step_of
     from models import registry
 
-    vehicle = registry.load("models.vehicles", model)
+    if tyre is None and registry.load("models.vehicles", model).AXLES:
+        tyre = "magic_formula"
     table = {
         "vehicle": model,
         "parameters": parameter_set(model, parameters),
-        "tyre": tyre if tyre is not None or not vehicle.AXLES else "magic_formula",
+        "tyre": tyre,
         "effects": effects or [],
-        "sensors": sensors or _most_sensors(model, recordings),
+        "sensors": sensors or _most_sensors(model, tyre, recordings),
         "values": pairs(values, "--set"),
         "integrator": "rk4",
         "step": step_of(recordings[0]),
@@ -127,7 +128,7 @@ def _nominal(
     return resolve_single({k: v for k, v in table.items() if v is not None}, "command line")
 
 
-def _most_sensors(model: str, recordings: list[xr.Dataset]) -> str:
+def _most_sensors(model: str, tyre: str | None, recordings: list[xr.Dataset]) -> str:
     """Return the set of sensors that uses most signals of the recordings.
 
     Raises:
@@ -135,14 +136,26 @@ def _most_sensors(model: str, recordings: list[xr.Dataset]) -> str:
     """
     from models import registry
 
-    vehicle = registry.load("models.vehicles", model)
     there = set.intersection(*({str(v).removeprefix("measured_") for v in r} for r in recordings))
-    sets = {name: registry.load("models.sensors", name).OUTPUTS for name in registry.names("models.sensors")}
-    complete = {name: outputs for name, outputs in sets.items() if set(outputs) <= there - set(vehicle.INPUTS)}
-    if complete:
-        return max(complete, key=lambda name: len(complete[name]))
-    lacking = "; ".join(f"{name} needs {', '.join(sorted(set(o) - there))}" for name, o in sets.items())
-    raise UserError(f"--sensors: the recordings hold no set of sensors whole: {lacking}")
+    names = [n for n in registry.names("models.sensors") if _fits(model, tyre, n)]
+    needs = {n: set(registry.load("models.sensors", n).OUTPUTS) for n in names}
+    complete = [n for n in names if needs[n] <= there]
+    if not complete:
+        lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)
+        raise UserError(f"--sensors: the recordings hold no set of sensors of '{model}' whole: {lacking}")
+    return max(complete, key=lambda n: len(needs[n]))
+
+
+def _fits(model: str, tyre: str | None, sensors: str) -> bool:
+    """Whether a vehicle publishes what a set of sensors measures."""
+    from models.assemble import assemble
+    from models.contracts import ModelError
+
+    try:
+        assemble(model, tyre, (), sensors)
+    except ModelError:
+        return False
+    return True
 
 
 def _free(spec: ModelSpec, given: str) -> tuple[str, ...]:

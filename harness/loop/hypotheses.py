@@ -153,9 +153,3 @@ def _coordinate(whole: Whole, name: str, drives: tuple[int, ...], prior: float =
     value = whole.spec.values.get(name, p.lower)
     centre = math.log(value) if logarithmic else value / scale
     return Coordinate(p, row, drives, logarithmic, scale, centre, prior)
-
-
-def prior_deviations(whole: Whole, names: Sequence[str]) -> Floats:
-    """Return the standard deviations that ``PRIOR`` gives parameters about their stated values, in their units."""
-    found = [_coordinate(whole, name, (0,), PRIOR) for name in names]
-    return np.array([c.prior * c.slope(c.centre) for c in found])

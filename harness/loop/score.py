@@ -89,9 +89,7 @@ class ScoreTest:
         self.residual = [np.nan_to_num(k.whitened).reshape(-1) for k in self.kept]
         numbers = range(len(self.drives))
         self.moved = self.whole.share(
-            lambda i: fitting.columns(fitted.coordinates, fitted.point, i, self.kept[i]).reshape(
-                -1, len(fitted.coordinates)
-            ),
+            lambda i: _flat(fitting.columns(fitted.coordinates, fitted.point, i, self.kept[i])),
             numbers,
         )
         self._outputs = shape
@@ -114,7 +112,7 @@ class ScoreTest:
         directions = np.zeros_like(values)
         directions[[self.whole.row(n) for n in names], range(len(names))] = 1.0
         found = self.whole.sensitivities(self.drives[drive], values, directions, self.kept[drive], starts)
-        return found.reshape(-1, len(names))
+        return _flat(found)
 
     def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[tuple[str, tuple[float, ...]], Floats]]:
         """Return the columns of all amplitudes at all shapes, once each, by drive."""
@@ -269,6 +267,12 @@ def _gains(choices: Sequence[_Choice]) -> Floats:
     b, G = np.array([c.b for c in choices]), np.array([c.G for c in choices])
     ridge = 1e-9 * np.trace(G, axis1=1, axis2=2)[:, None, None] * np.eye(b.shape[1]) + 1e-300 * np.eye(b.shape[1])
     return 0.5 * np.einsum("ni,ni->n", b, np.linalg.solve(G + ridge, b[:, :, None])[:, :, 0])
+
+
+def _flat(columns: Floats) -> Floats:
+    """Return columns ``(samples, ny, n)`` as ``(samples * ny, n)``."""
+    samples, ny, n = columns.shape
+    return columns.reshape(samples * ny, n)
 
 
 def total(parts: Sequence[Floats]) -> Floats:

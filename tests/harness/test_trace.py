@@ -1,0 +1,199 @@
+"""Tracing: one filter for all hypotheses, what the score test promises, and what a trace finds and refuses."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli import app
+from harness.configure import resolve_single
+from harness.drives import build_drive
+from harness.identify.innovations import Innovations, hold
+from harness.loop.fit import Fitting
+from harness.loop.hypotheses import coordinates, hypotheses
+from harness.loop.score import ScoreTest, best_amplitudes, cosine
+from harness.loop.trace import first_variances
+from harness.loop.whole import Noise, Whole
+from harness.recording_file import write_recording
+from harness.simulate import simulate_drive
+from models import registry
+from models.contracts import DriveContext
+
+CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"}
+SIGNALS = ("steering_wheel_angle", "speed", "yaw_rate", "lateral_acceleration", "lateral_velocity")
+FREE = ("stiffness_peak_front", "stiffness_peak_rear")
+
+
+def driven(seed, effects=(), duration=60.0, **values):
+    """Return a drive of a car that was simulated at 1 ms and recorded at 10 ms, without process noise."""
+    spec = resolve_single({**CAR, "effects": list(effects), "values": values, "step": "1 ms"}, "test")
+    spec = dataclasses.replace(spec, process_noise=dict.fromkeys(spec.process_noise, 0.0))
+    vehicle = registry.load("models.vehicles", "car")
+    context = DriveContext(vehicle.wheelbase(spec.values), spec.values["steering_ratio"], spec.step)
+    options = {
+        "duration": duration,
+        "speed": 20.0,
+        "speed_variation": 4.0,
+        "amplitude": 0.015,
+        "seed": seed,
+        "lateral_acceleration_limit": 9.0,
+    }
+    profile = build_drive("random_sequence", options, context, "test")
+    recording = simulate_drive(spec, profile, [], seed).isel(time=slice(None, None, 10))
+    names = {f"measured_{n}": n for n in SIGNALS if f"measured_{n}" in recording}
+    return recording.drop_vars([n for n in names.values() if n in recording]).rename(names)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+
+
+@pytest.fixture(scope="module")
+def gusty(whole):
+    """Two drives with a gust of 400 N at different times, with a fit that does not know of it."""
+    times = ((20.0, 31.0), (35.0, 44.0))
+    drives = [
+        whole.drive(driven(i, ["crosswind"], crosswind_force=400.0, crosswind_onset=a, crosswind_end=b), f"drive {i}")
+        for i, (a, b) in enumerate(times)
+    ]
+    fitting = Fitting(whole, drives, first_variances(whole, drives))
+    return fitting, fitting.fit(coordinates(whole, FREE, (), 2), fitting.first(), 10)
+
+
+def noise_of(spec):
+    held = hold(spec)
+    return Noise(held.process, held.measurement)
+
+
+def test_at_the_neutral_values_it_is_the_extended_kalman_filter_of_the_nominal_model():
+    """With Euler steps in both, and held inputs, the filter around the whole model is the filter itself."""
+    spec = resolve_single(CAR, "test")
+    whole, alone = Whole(spec, SIGNALS, jobs=1), Innovations(spec, jobs=1)
+    recording = driven(3, duration=25.0)
+    drive = whole.drive(recording, "drive")
+    drive = dataclasses.replace(drive, between=drive.inputs)
+    own = dataclasses.replace(alone.drive(recording, "drive"), first_variance=drive.first_variance)
+    found = whole.likelihoods(drive, whole.neutral()[:, None], noise_of(spec))[0]
+    assert found == pytest.approx(alone.log_likelihoods([own], hold(spec))[0], rel=1e-7)
+    assert np.isfinite(found)
+
+
+def test_a_fit_without_anything_missing_finds_the_stiffness_and_no_score(whole):
+    drives = [whole.drive(driven(i + 10, stiffness_peak_front=2.7e5), f"drive {i}") for i in range(2)]
+    fitting = Fitting(whole, drives, first_variances(whole, drives))
+    fitted = fitting.fit(coordinates(whole, FREE, (), 2), fitting.first(), 10)
+    assert fitted.point.values[whole.row("stiffness_peak_front"), 0] == pytest.approx(2.7e5, rel=0.01)
+    tried = hypotheses(whole, FREE)
+    scores = ScoreTest(fitting, fitted).of([h for h in tried if not h.moments])
+    worst = max(scores, key=lambda s: s.gain - 0.5 * s.freedom * np.log(fitting.samples))
+    assert 2 * worst.gain - worst.freedom * np.log(fitting.samples) < 20, worst.hypothesis.name
+
+
+def test_the_score_promises_what_a_refit_gains(whole):
+    drives = [whole.drive(driven(20, ["steering_offset"], steering_offset=2e-4), "drive")]
+    fitting = Fitting(whole, drives, first_variances(whole, drives))
+    fitted = fitting.fit(coordinates(whole, FREE, (), 1), fitting.first(), 10)
+    offset = next(h for h in hypotheses(whole, FREE) if h.name == "steering_offset")
+    score = ScoreTest(fitting, fitted).of([offset])[0]
+    refitted = fitting.only(coordinates(whole, FREE, (offset,), 1), fitted.point, 10)
+    gained = refitted.log_likelihood - fitted.log_likelihood
+    assert score.gain > 20
+    assert gained == pytest.approx(score.gain, rel=0.1)
+    found = refitted.point.values[whole.row("steering_offset"), 0]
+    assert found == pytest.approx(score.amplitudes[0], abs=score.error[0])
+    assert abs(score.amplitudes[0] - 2e-4) < 4 * score.error[0]
+
+
+def test_a_change_is_found_at_its_own_time_in_every_drive(whole, gusty):
+    fitting, fitted = gusty
+    test = ScoreTest(fitting, fitted)
+    gust = next(h for h in hypotheses(whole, FREE) if h.name == "crosswind")
+    score = test.of([gust])[0]
+    assert np.abs(score.moments - [[20.0, 31.0], [35.0, 44.0]]).max() <= 2.0
+    assert score.gain > 100
+
+
+def test_an_effect_without_slope_is_told_from_one_that_is_there(whole, gusty):
+    """The speed is prescribed, so a grade shows nowhere: the gate of excitation says so."""
+    scores = ScoreTest(*gusty).of([h for h in hypotheses(whole, FREE) if h.name in ("road_grade", "road_bank")])
+    excited = {s.hypothesis.name: s.excited for s in scores}
+    assert excited == {"road_grade": False, "road_bank": True}
+
+
+def test_an_effect_that_is_a_parameter_in_other_words_has_its_response(whole, gusty):
+    scores = ScoreTest(*gusty).of([h for h in hypotheses(whole, FREE) if h.name == "steering_ratio"])
+    assert [s.hypothesis.kind for s in scores] == ["parameter", "effect"]
+    assert cosine(*scores) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_amplitudes_stay_within_their_bounds():
+    G = np.array([[4.0, 1.0], [1.0, 9.0]])
+    b = np.array([-2.0, 3.0])
+    seen = np.ones(2, dtype=bool)
+    free, gain = best_amplitudes(b, G, seen, np.full(2, -10.0), np.full(2, 10.0))
+    assert free == pytest.approx(np.linalg.solve(G, b))
+    assert gain == pytest.approx(0.5 * b @ np.linalg.solve(G, b))
+    bounded, less = best_amplitudes(b, G, seen, np.zeros(2), np.full(2, 10.0))
+    assert bounded == pytest.approx([0.0, 3.0 / 9.0])
+    assert less < gain
+    assert best_amplitudes(b, G, ~seen, np.zeros(2), np.ones(2)) == (pytest.approx([0.0, 0.0]), 0.0)
+
+
+def traced(tmp_path, drives, *more):
+    """Run the command on drives, the last one held out; return its result and folder."""
+    paths = []
+    for i, recording in enumerate(drives):
+        paths.append(tmp_path / f"drive_{i}.csv")
+        write_recording(recording, paths[-1])
+    train = [word for path in paths[:-1] for word in ("--train", str(path))]
+    arguments = ["trace", "--model", "car", "--parameters", "blanco_2021", "--tyre", "linear", *train]
+    return CliRunner().invoke(app, [*arguments, "--test", str(paths[-1]), "--out", str(tmp_path / "out"), *more])
+
+
+def test_a_trace_finds_what_nobody_told_it_of(tmp_path):
+    drives = [driven(i + 30, ["steering_lag"], steering_lag=0.08) for i in range(2)]
+    result = traced(tmp_path, drives)
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out" / "trace.json").read_text())
+    assert found["verdict"] == "amended"
+    assert [a["effect"] for a in found["added"]] == ["steering_lag"]
+    lag = found["added"][0]["parameters"]["steering_lag"]
+    assert lag["value"] == pytest.approx(0.08, rel=0.05)
+    assert 0 < lag["std"] < 0.01
+    assert found["excess"]["after"] < 0.1 * found["excess"]["before"]
+    for error in found["error"].values():
+        assert error["after"] <= 1.01 * error["before"]
+    assert (tmp_path / "out" / "report.pdf").stat().st_size > 10_000
+    again = resolve_single(
+        {**CAR, "parameters": str(tmp_path / "out" / "amended.toml"), "effects": ["steering_lag"]}, "test"
+    )
+    assert again.values["steering_lag"] == lag["value"]
+
+
+def test_the_same_drive_under_another_name_is_refused(tmp_path):
+    recording = driven(40, duration=25.0)
+    result = traced(tmp_path, [recording, recording])
+    assert result.exit_code == 2
+    assert "keep another one aside" in result.output
+
+
+def test_a_recording_that_is_too_short_says_what_to_drive(tmp_path):
+    result = traced(tmp_path, [driven(41, duration=15.0), driven(42, duration=15.0)])
+    assert result.exit_code == 2
+    assert "lane changes" in " ".join(result.output.split())
+
+
+def test_missing_signals_are_named(tmp_path):
+    drives = [driven(i, duration=25.0).drop_vars(["yaw_rate", "lateral_acceleration"]) for i in (43, 44)]
+    result = traced(tmp_path, drives)
+    assert result.exit_code == 2
+    assert "yaw_rate" in result.output
+
+
+def test_a_parameter_that_the_model_does_not_have_is_refused_before_anything_is_compiled(tmp_path):
+    result = traced(tmp_path, [driven(i, duration=25.0) for i in (45, 46)], "--free", "stiffness_peek_front")
+    assert result.exit_code == 2
+    assert "closest: stiffness_peak_front" in " ".join(result.output.split())
