@@ -15,6 +15,7 @@ def main() -> None:
     console = Console()
     with console.status("measuring"):
         times, ratio, peer = engine.step_times(), engine.workers(), engine.filterpy_ukf()
+        particle = engine.particle_time()
     table = Table(title=f"microseconds per step and run, one core of {processor()}, {LANES} runs at a time")
     table.add_column("what")
     table.add_column("us", justify="right")
@@ -25,6 +26,10 @@ def main() -> None:
         table.add_row(name, f"{value:.3f}", "" if target is None else f"{target:g}", f"{value / times['ekf']:.2f}")
     table.add_row("filterpy's UKF on the same compiled model", f"{peer:.0f}", "", f"{peer / times['ekf']:.0f}")
     console.print(table)
+    console.print(
+        f"the particle filter takes {particle:.1f} ns per particle and step with {engine.PARTICLES} particles "
+        f"(target {engine.PARTICLE_TARGET:g})"
+    )
     console.print(f"our UKF is {peer / times['ukf']:.0f} times as fast as filterpy's")
     console.print(f"two workers are {ratio:.2f} times as fast as one (target 1.8)")
 

@@ -16,7 +16,12 @@ from harness.evaluate import Bench, Case
 from harness.lanes import LANES
 
 ROOT = Path(__file__).resolve().parents[1]
-TARGETS = {"simulation with noise": 0.25, "ekf": 0.7, "ukf": 1.8}  # us per step, one core
+TARGETS = {"simulation with noise": 0.25, "ekf": 0.7, "ukf": 1.8, "narx": 0.25}
+"""Microseconds per step and run on one core."""
+
+PARTICLES = 1000
+PARTICLE_TARGET = 45.0
+"""Nanoseconds per particle and step on one core."""
 
 
 def mass_study(*kinds: str) -> Study:
@@ -33,7 +38,18 @@ def step_times(samples: int = 2000, rounds: int = 15) -> dict[str, float]:
         samples: Steps of each measurement.
         rounds: Measurements of each, of which the quickest counts.
     """
-    study = mass_study()
+    return _step_times(mass_study(), samples, rounds)
+
+
+def particle_time(samples: int = 200, rounds: int = 8) -> float:
+    """Return nanoseconds per particle and step of the particle filter with its usual settings and many particles."""
+    study = mass_study("particle")
+    settings = study.estimators[0].settings | {"particles": PARTICLES, "roughening": 0.0}
+    estimators = (dataclasses.replace(study.estimators[0], settings=settings),)
+    return 1e3 * _step_times(dataclasses.replace(study, estimators=estimators), samples, rounds)["particle"] / PARTICLES
+
+
+def _step_times(study: Study, samples: int, rounds: int) -> dict[str, float]:
     bench = Bench(study)
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
     batch, held = bench.simulate(unit, cases, samples), bench.held(unit, cases, "belief")
