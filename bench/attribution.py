@@ -112,7 +112,7 @@ def run(case: str, repeat: int, folder: Path) -> str:
         belief = json.loads((folder / "belief.json").read_text())
         trace = [sys.executable, "-m", "harness.cli", "trace", "--model", belief["vehicle"]]
         trace += ["--train", str(folder / "train_a.csv"), "--train", str(folder / "train_b.csv")]
-        trace += ["--test", str(folder / "test.csv"), "--out", str(folder / "trace")]
+        trace += ["--test", str(folder / "test.csv"), "--out", str(folder / "trace"), "--estimators", ""]
         done = subprocess.run(trace, capture_output=True, text=True, check=False)
         if done.returncode:
             return done.stderr.strip()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,28 +45,38 @@ def trace(
     free: Annotated[
         str, typer.Option("--free", help="Nominal parameters that are fitted anyway; cornering stiffnesses if absent.")
     ] = "",
+    estimators: Annotated[
+        str, typer.Option("--estimators", help="Estimators run on the test drives before and after; empty for none.")
+    ] = "ekf,ukf,cdkf",
     jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
 ) -> None:
     """Find the physical effect or parameter that a model lacks, and how much better it is with it.
 
     Writes trace.json, the amended model as a parameter set (amended.toml), and a report.
     """
+    from harness.loop.amend import estimators_on
+    from harness.loop.outcome import outcome_of, write_outcome
+    from harness.loop.report import document
     from harness.loop.trace import trace as search
     from harness.loop.whole import Whole
+    from harness.report.document import write
 
     _refuse_the_same(train, test)
     fitted, held_out = ([_load(path, channels) for path in paths] for paths in (train, test))
     spec = _nominal(model, fitted + held_out, parameters, tyre, effect, sensors, values)
-    chosen = _free(spec, free)
+    chosen, kinds = _free(spec, free), _kinds(estimators)
     console = Console(stderr=True)
     with console.status("compiling the library of effects") as status:
         whole = Whole(spec, set.intersection(*({str(v) for v in r} for r in fitted + held_out)), jobs)
         drives = [whole.drive(r, Path(str(r.attrs["file"])).stem) for r in fitted + held_out]
         found = search(whole, drives[: len(fitted)], drives[len(fitted) :], chosen, status.update)
+        outcome = outcome_of(found)
+        tried = estimators_on(found, outcome.amended, held_out, kinds, status.update)
+        outcome = replace(outcome, estimators=tried)
         status.update("writing the report")
         command = " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
-        answer, written = _write(found, command, out)
-    Console().print(Text(answer, style="bold"), soft_wrap=True)
+        written = [*write_outcome(outcome, out), *write(document(outcome, command), out)]
+    Console().print(Text(outcome.answer, style="bold"), soft_wrap=True)
     for path in written:
         Console().print(Text(str(path)), soft_wrap=True)
 
@@ -170,12 +181,11 @@ def _free(spec: ModelSpec, given: str) -> tuple[str, ...]:
     return names or tuple(p.name for p in spec.model().parameters if p.unit in ("N/rad", "1/rad"))
 
 
-def _write(found: object, command: str, out: Path) -> tuple[str, list[Path]]:
-    from harness.loop.outcome import outcome_of, write_outcome
-    from harness.loop.report import document
-    from harness.loop.trace import Trace
-    from harness.report.document import write
+def _kinds(given: str) -> tuple[str, ...]:
+    """Return the estimators to run, each known."""
+    from harness.estimate import load_estimator
 
-    assert isinstance(found, Trace)
-    outcome = outcome_of(found)
-    return outcome.answer, [*write_outcome(outcome, out), *write(document(outcome, command), out)]
+    kinds = tuple(k for k in (part.strip() for part in given.split(",")) if k)
+    for kind in kinds:
+        load_estimator(kind)
+    return kinds

@@ -15,10 +15,11 @@ from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.identify.outcome import Judged
 from harness.identify.residuals import whiteness
+from harness.loop.amend import Estimated
 from harness.loop.fit import Fitted
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.loop.trace import ERROR_NEEDED, Candidate, Trace
+from harness.loop.trace import Candidate, Trace
 from harness.report.store import words
 from models.placement import load_effect, ports_of, split
 from models.signals import SIGNALS
@@ -54,6 +55,7 @@ class Outcome:
         values: What each addition holds, by its name.
         judged: Every drive against the nominal model and the final one.
         amended: The final model, for studies; effects with moments hold those of the first fitted drive.
+        estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
     """
 
     trace: Trace
@@ -62,6 +64,7 @@ class Outcome:
     values: dict[str, tuple[Value, ...]]
     judged: tuple[Judged, ...]
     amended: ModelSpec
+    estimators: tuple[Estimated, ...] = ()
 
 
 def outcome_of(trace: Trace) -> Outcome:
@@ -215,7 +218,13 @@ def record(outcome: Outcome) -> dict[str, Any]:
             "train": {"before": trace.nominal.log_likelihood, "after": trace.final.log_likelihood},
             "test": {"before": trace.before.log_likelihood, "after": trace.after.log_likelihood},
         },
-        "criteria": {"error_needed": ERROR_NEEDED},
+        "estimators": {
+            e.kind: {
+                name: {"unit": SIGNALS[name].unit, "before": _number(e.before[a]), "after": _number(e.after[a])}
+                for a, name in enumerate(outputs)
+            }
+            for e in outcome.estimators
+        },
     }
 
 

@@ -25,11 +25,12 @@ def document(outcome: Outcome, command: str) -> Document:
     blocks = [
         *_answer(outcome),
         *_errors(outcome),
+        *_estimators(outcome),
         *_found(outcome),
         *_rounds(outcome),
-        *_excitation(outcome),
         *_residual(outcome),
         *_over_time(outcome),
+        *_excitation(outcome),
         *_made(outcome, command),
     ]
     vehicle = words(outcome.trace.fitting.whole.spec.vehicle)
@@ -66,6 +67,23 @@ def _errors(outcome: Outcome) -> list[Block]:
         "own parameters refitted. After: the amended one. No model does better than the noise of the sensor."
     )
     return [Sheet(["output", "unit", "noise of the sensor", "before", "after"], rows, caption, left=2)]
+
+
+def _estimators(outcome: Outcome) -> list[Block]:
+    if not outcome.estimators:
+        return []
+    rows = []
+    for e in outcome.estimators:
+        for a, name in enumerate(outcome.trace.fitting.whole.model.outputs):
+            q = quantity(name)
+            numbers = (style.number(q.scale * v) for v in (e.before[a], e.after[a]))
+            rows.append([e.kind.upper(), q.words, q.unit, *numbers])
+    caption = (
+        "Estimators on the held-out drives: root mean square error of each output, estimated from the other "
+        "measurements alone, with the nominal and with the amended model. The sensor's own noise is part of it. A "
+        "dash: diverged."
+    )
+    return [Sheet(["estimator", "target", "unit", "before", "after"], rows, caption, left=3)]
 
 
 def _found(outcome: Outcome) -> list[Block]:

@@ -155,7 +155,7 @@ def traced(tmp_path, drives, *more):
 
 def test_a_trace_finds_what_nobody_told_it_of(tmp_path):
     drives = [driven(i + 30, ["steering_lag"], steering_lag=0.08) for i in range(2)]
-    result = traced(tmp_path, drives)
+    result = traced(tmp_path, drives, "--estimators", "ekf")
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "trace.json").read_text())
     assert found["verdict"] == "amended"
@@ -166,6 +166,9 @@ def test_a_trace_finds_what_nobody_told_it_of(tmp_path):
     assert found["excess"]["after"] < 0.1 * found["excess"]["before"]
     for error in found["error"].values():
         assert error["after"] <= 1.01 * error["before"]
+    for error in found["estimators"]["ekf"].values():
+        assert error["after"] < 1.01 * error["before"]
+    assert found["estimators"]["ekf"]["yaw_rate"]["after"] < 0.8 * found["estimators"]["ekf"]["yaw_rate"]["before"]
     assert (tmp_path / "out" / "report.pdf").stat().st_size > 10_000
     again = resolve_single(
         {**CAR, "parameters": str(tmp_path / "out" / "amended.toml"), "effects": ["steering_lag"]}, "test"
