@@ -26,6 +26,7 @@ from harness.command_line import RESULTS, STUDIES, pairs, parameter_set, study_p
 from harness.errors import UserError
 from harness.identify.command import identify
 from harness.loop.command import trace
+from harness.loop.study_command import loop
 from harness.realtime.command import realtime
 
 if TYPE_CHECKING:
@@ -440,6 +441,7 @@ def schema(
 
 app.command()(_answers_errors(identify))
 app.command()(_answers_errors(trace))
+app.command()(_answers_errors(loop))
 app.command()(_answers_errors(realtime))
 
 

@@ -127,7 +127,13 @@ class Trace:
 
 
 def trace(
-    whole: Whole, train: Sequence[Drive], test: Sequence[Drive], free: Sequence[str], say: Say = lambda _: None
+    whole: Whole,
+    train: Sequence[Drive],
+    test: Sequence[Drive],
+    free: Sequence[str],
+    say: Say = lambda _: None,
+    rounds: int = ROUNDS,
+    stated_noise: bool = False,
 ) -> Trace:
     """Find what the model lacks.
 
@@ -137,9 +143,15 @@ def trace(
         test: Drives to judge on.
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
+        rounds: Largest number of additions.
+        stated_noise: Whether errors are measured by the stated noise of the sensors where the recordings have less:
+            those of a filtered signal say more about the filter than about what is worth explaining.
     """
     variances = first_variances(whole, [*train, *test])
-    search = _Search(Fitting(whole, train, variances), HeldOut(whole, test, variances), tuple(free), say)
+    if stated_noise:
+        stated = [whole.spec.measurement_noise[n] for n in whole.model.outputs]
+        variances = np.maximum(variances, stated)
+    search = _Search(Fitting(whole, train, variances), HeldOut(whole, test, variances), tuple(free), say, rounds)
     return search.run()
 
 
@@ -151,8 +163,8 @@ def first_variances(whole: Whole, drives: Sequence[Drive]) -> Floats:
 
 
 class _Search:
-    def __init__(self, fitting: Fitting, held_out: HeldOut, free: tuple[str, ...], say: Say) -> None:
-        self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
+    def __init__(self, fitting: Fitting, held_out: HeldOut, free: tuple[str, ...], say: Say, rounds: int) -> None:
+        self.fitting, self.held_out, self.free, self.say, self.rounds = fitting, held_out, free, say, rounds
         self.whole = fitting.whole
         self.log_samples = math.log(fitting.samples)
 
@@ -161,7 +173,7 @@ class _Search:
         nominal = best = self._fit((), self.fitting.first(), 25)
         added: tuple[Hypothesis, ...] = ()
         rounds: list[Round] = []
-        while len(rounds) <= ROUNDS:
+        while len(rounds) <= self.rounds:
             best, found = self._round(added, best, len(rounds) + 1)
             if not added:
                 nominal = best
@@ -274,7 +286,7 @@ class _Search:
         alike = tuple(c.hypothesis.name for c in candidates if c is not best and self._alike(best, c))
         objections = self._objections(best, before)
         reason = "; ".join(objections) or "passes all three judges"
-        last = number > ROUNDS
+        last = number > self.rounds
         return Round(candidates, before, None if objections or last else best, reason, (best.hypothesis.name, *alike))
 
     def _alike(self, best: Candidate, other: Candidate) -> bool:

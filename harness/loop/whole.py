@@ -89,12 +89,15 @@ class Whole:
         spec: The nominal model.
         available: Signals that the recordings hold; effects that need others are left out.
         jobs: Threads; all cores by default.
+        excluded: Effects (files) that are left out.
     """
 
-    def __init__(self, spec: ModelSpec, available: Iterable[str], jobs: int | None = None) -> None:
+    def __init__(
+        self, spec: ModelSpec, available: Iterable[str], jobs: int | None = None, excluded: Iterable[str] = ()
+    ) -> None:
         self.spec, self.nominal = spec, spec.model()
         self.jobs = jobs or os.cpu_count() or 1
-        self.placements = candidates_of(spec, set(available))
+        self.placements = candidates_of(spec, set(available), frozenset(excluded))
         files = tuple(dict.fromkeys(split(name)[0] for name in self.placements))
         self.model = _assembled(spec, files)
         self.names = self.model.parameter_names
@@ -265,15 +268,15 @@ class Whole:
 _DUAL_NAMES = "from harness import lanes as plain\nfrom harness.dual_lanes import tangent_of, value_of\n"
 
 
-def candidates_of(spec: ModelSpec, available: set[str]) -> tuple[str, ...]:
+def candidates_of(spec: ModelSpec, available: set[str], excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:
     """Return the effects of the library that a model may lack, place by place.
 
-    Left out are effects that are a random process (``pinpoint`` finds those), and effects whose inputs the recordings
-    do not hold.
+    Left out are effects that are a random process (``pinpoint`` finds those), effects whose inputs the recordings do
+    not hold, and those that the model has or the user excludes.
     """
-    found = []
+    found, without = [], excluded | {split(e)[0] for e in spec.effects}
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
-        if getattr(load_effect(name), "NOISE", None) or split(name)[0] in {split(e)[0] for e in spec.effects}:
+        if getattr(load_effect(name), "NOISE", None) or split(name)[0] in without:
             continue
         model = assemble(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors)
         needed = {model.rates.get(i, i) for i in model.inputs} - {"time"}

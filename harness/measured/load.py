@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,13 +31,16 @@ _LONGEST = 20_000_000
 """Samples; a time base beyond it comes from a stamp that jumped."""
 
 
-def load_recording(path: str | os.PathLike[str], channels: str | Path | None = None) -> xr.Dataset:
+def load_recording(
+    path: str | os.PathLike[str], channels: str | Path | None = None, step: float | None = None
+) -> xr.Dataset:
     """Read a measured drive.
 
     Args:
         path: Recording: a file of a known format, or a folder with one signal per file.
         channels: Channel map. Without one the columns must carry the names of ``models/signals.py``, in SI units, and
             the clock the name ``time``.
+        step: Step of the common time base in s, in place of that of the channel map.
 
     Returns:
         Dataset over ``time`` (s, equidistant, from 0) with a variable per signal, NaN in gaps. Attributes of a
@@ -52,6 +56,8 @@ def load_recording(path: str | os.PathLike[str], channels: str | Path | None = N
     file = os.fspath(path)
     tables = readers.read_tables(path)
     mapping = plain_map(tables, file) if channels is None else load_map(channels)
+    if step is not None:
+        mapping = replace(mapping, step=step)
     raws, clock = collect(tables, mapping, file)
     grid = _grid(raws, clock, mapping, file)
     signals = {r.channel.signal: _resampled(r, r.channel.delay, grid) for r in raws}
