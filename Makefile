@@ -3,14 +3,16 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?=
+LOOPS   := $(patsubst studies/loops/%.toml,loop-%,$(filter-out %/semitrailer.toml,$(wildcard studies/loops/*.toml)))
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies report test lint bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test lint bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
 	@echo "                          there are: $(STUDIES)"
+	@echo "loop-<name>               trace what a model lacks in measured drives: $(LOOPS)"
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 26
 
 $(VENV)/run.stamp: requirements.lock pyproject.toml
@@ -40,6 +42,13 @@ study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with parti
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime
+
+loop: $(VENV)/run.stamp ## trace an effect that nobody declared, then open the seal (SEED=... draws it again)
+	$(BIN)/python -m bench.demonstration $(if $(SEED),--seed $(SEED))
+
+# One target for every other file in studies/loops/: measured drives, which are not part of the project.
+$(LOOPS): loop-%: studies/loops/%.toml $(VENV)/run.stamp
+	$(BIN)/harness loop $< $(if $(JOBS),--jobs $(JOBS)) --out results/loop-$*
 
 study-%:
 	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2
