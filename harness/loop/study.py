@@ -45,6 +45,7 @@ from pydantic import Field, StrictBool, StrictInt, StrictStr, ValidationError
 from harness.configure.file import ModelTable, Name, Quantity, Table
 from harness.configure.problems import Problems, add_validation_errors
 from harness.errors import UserError
+from harness.loop.amend import ESTIMATORS
 from harness.measured import load_recording
 from harness.measured.bank import with_bank
 from harness.units import to_si
@@ -85,6 +86,9 @@ class LoopFile(Table):
     channels: StrictStr = Field(default="", description="channel map, from this file; signal names if absent")
     step: Quantity = Field(default="20 ms", description="sample time; slower than the signals' own filters")
     rounds: Annotated[StrictInt, Field(ge=1, le=20)] = Field(default=8, description="largest number of additions")
+    estimators: list[Name] = Field(
+        default=list(ESTIMATORS), description="estimators to run on the held-out drives with both models"
+    )
     stated_noise: StrictBool = Field(default=False, description="measure errors by the noise that the model states")
     bank_map: StrictBool = Field(default=False, description="map the bank of the road over the path of fitted drives")
     free: list[Name] = Field(default_factory=list, description="nominal parameters to refit; stiffnesses if absent")

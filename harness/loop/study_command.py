@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -104,6 +105,7 @@ def _trace(
     say: Callable[[str], None],
 ) -> Outcome:
     """Trace the drives of one part and write its results; of changed drives nothing is refitted beforehand."""
+    from harness.loop.amend import estimators_on
     from harness.loop.outcome import outcome_of, write_outcome
     from harness.loop.trace import trace
     from harness.loop.whole import Whole
@@ -115,9 +117,10 @@ def _trace(
     whole = Whole(spec, available, jobs, study.excluded)
     named = [whole.drive(r, name) for r, name in zip(train + test, _names(train + test), strict=True)]
     free = () if part else _free(study, spec)
-    outcome = outcome_of(
-        trace(whole, named[: len(train)], named[len(train) :], free, say, study.raw.rounds, study.raw.stated_noise)
-    )
+    found = trace(whole, named[: len(train)], named[len(train) :], free, say, study.raw.rounds, study.raw.stated_noise)
+    outcome = outcome_of(found)
+    tried = estimators_on(found, outcome.amended, test, study.raw.estimators, say)
+    outcome = replace(outcome, estimators=tried)
     say("writing the report")
     title = study.raw.changed.question if part and study.raw.changed else study.raw.title
     write_outcome(outcome, folder)
