@@ -25,8 +25,11 @@ from models.signals import SIGNALS
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-ENOUGH = 0.05
+ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
+
+_ROUGH = 6
+"""Iterations of a stage that only prepares the next one."""
 
 _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
 _FINE = (-1.2, -0.5, -0.2, -0.07, 0.07, 0.2, 0.7)
@@ -72,10 +75,11 @@ class Fitting:
         whole: The compiled filter.
         drives: The recordings.
         variances: First measurement variance of each output ``(ny,)``.
+        noise_held: Whether all noise stays as it starts.
     """
 
-    def __init__(self, whole: Whole, drives: Sequence[Drive], variances: Floats) -> None:
-        self.whole, self.drives = whole, tuple(drives)
+    def __init__(self, whole: Whole, drives: Sequence[Drive], variances: Floats, noise_held: bool = False) -> None:
+        self.whole, self.drives, self.noise_held = whole, tuple(drives), noise_held
         self._groups, self._first_process = process_groups(whole.spec)
         self._prior = PROCESS_PRIOR**-2
         self._centre = np.log(variances)
@@ -108,17 +112,20 @@ class Fitting:
         return range(len(self.drives))
 
     def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
-        """Fit parameters and noise in turns."""
+        """Fit parameters and noise in turns; parameters alone where the noise is held."""
+        if self.noise_held:
+            return self.only(coordinates, start, 4 * iterations)
         objective, z, parameters = self._objective(coordinates, start)
         n, groups = len(coordinates), len(self._groups)
         process = [list(range(n, n + groups)), *([j] for j in range(n, n + groups))]
         outputs = [[j] for j in range(n + groups, len(z))]
-        found = maximise(objective, z, parameters, iterations, ENOUGH)
+        found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH)
         for steps in (_COARSE, _FINE):
             z = found.z
             for together in (*outputs, *process) if steps is _FINE else process:
                 z = _along(objective, z, together, steps)
-            found = maximise(objective, z, parameters, iterations, ENOUGH)
+            rough = steps is _COARSE
+            found = maximise(objective, z, parameters, _ROUGH if rough else iterations, ENOUGH)
         point = self._point(coordinates, start, found.z)
         return Fitted(coordinates, point, self.log_likelihood(point), found.value)
 

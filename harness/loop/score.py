@@ -95,6 +95,7 @@ class ScoreTest:
         self._outputs = shape
         self._cached: dict[tuple[int, str], Columns] = {}
         information = total([N.T @ N for N in self.moved])
+        self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)])
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
 
     def of(self, tried: Sequence[Hypothesis]) -> list[Score]:
@@ -147,22 +148,23 @@ class ScoreTest:
     def _judged(self, h: Hypothesis, X: Sequence[NDArray[np.floating]], shapes: Floats, moments: Floats) -> Score:
         cross = total([N.T @ x for N, x in zip(self.moved, X, strict=True)])
         weights = self._inverse @ cross
-        projected = [x - N @ weights for x, N in zip(X, self.moved, strict=True)]
-        G = total([x.T @ x for x in projected])
-        b = -total([x.T @ r for x, r in zip(projected, self.residual, strict=True)])
+        square = total([x.T @ x for x in X])
+        G = square - cross.T @ weights
+        b = weights.T @ self._pull - total([x.T @ r for x, r in zip(X, self.residual, strict=True)])
         freedom = float(h.count(len(self.drives)))
         if h.name == ALL_PARAMETERS:  # stated values count as measured, once, within the prior
             prior = np.diag((PRIOR * self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]) ** -2.0)
             freedom, G = float(np.trace(np.linalg.solve(G + prior, G))), G + prior
-        raw = total([np.einsum("kn,kn->n", x, x) for x in X])
-        # A column that the fit's own columns explain to a millionth is not there.
+        raw = np.diagonal(square)
+        # A column whose power the fit's own columns explain but for 1e-9 is not there.
         seen = np.diagonal(G) > np.maximum(1e-9 * raw, 1e-300)
         a, gain = best_amplitudes(b, G, seen, *self._room(h))
         error = np.full(len(b), np.inf)
         if seen.any():
             inverse = np.linalg.pinv(scaled(G[np.ix_(seen, seen)])[0], rcond=1e-9, hermitian=True)
             error[seen] = np.sqrt(np.diagonal(inverse) / np.diagonal(G)[seen])
-        response = tuple((x @ a).reshape(-1, self._outputs) for x in projected)
+        promised = weights @ a
+        response = tuple((x @ a - N @ promised).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True))
         start = np.array([self.point.values[self.whole.row(n), 0] for n in h.amplitudes])
         return Score(h, gain, start + a, error, freedom, shapes, moments, response)
 
