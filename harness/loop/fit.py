@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
 
-_ROUGH = 6
+_ROUGH = 4
 """Iterations of a stage that only prepares the next one."""
 
 _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
@@ -114,7 +114,7 @@ class Fitting:
     def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit parameters and noise in turns; parameters alone where the noise is held."""
         if self.noise_held:
-            return self.only(coordinates, start, 4 * iterations)
+            return self.only(coordinates, start, iterations)
         objective, z, parameters = self._objective(coordinates, start)
         n, groups = len(coordinates), len(self._groups)
         process = [list(range(n, n + groups)), *([j] for j in range(n, n + groups))]

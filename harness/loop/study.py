@@ -6,7 +6,7 @@
     recordings = "../../../shared/measured/genesis_g80"   # from this file; the loop is skipped where it is absent
     channels = "../channels/genesis_g80.toml"
     step = "20 ms"                                        # slower than the signals' own filters
-    stated_noise = true                                   # errors count against the stated noise of the sensors
+    stated_noise = true                                   # noise is held as stated, not refitted
     bank_map = true                                       # the fitted drives teach the bank of the road
     free = ["yaw_inertia"]                                # nominal parameters to refit; cornering stiffnesses if absent
 
@@ -89,7 +89,7 @@ class LoopFile(Table):
     estimators: list[Name] = Field(
         default=list(ESTIMATORS), description="estimators to run on the held-out drives with both models"
     )
-    stated_noise: StrictBool = Field(default=False, description="measure errors by the noise that the model states")
+    stated_noise: StrictBool = Field(default=False, description="hold the noise that the model states")
     bank_map: StrictBool = Field(default=False, description="map the bank of the road over the path of fitted drives")
     free: list[Name] = Field(default_factory=list, description="nominal parameters to refit; stiffnesses if absent")
     model: ModelTable = Field(description="the nominal model, as [plant] in a study")
