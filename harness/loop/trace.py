@@ -44,11 +44,18 @@ ROUNDS = 5
 _FAVOUR = 2.0
 """Lead in BIC that a parameter of the model gets over an effect, which may be the same thing in other words."""
 
+_OWN = 0.5
+"""Share of the best hypothesis's gain from which, reached by the refitted model without it, a round starts again from
+there: its ranking was that of a poor fit."""
+
 _REFITTED = 3
+_HOPE = 1.5
+"""A fit may gain this much more than the score promises; what cannot reach the best one so far is not fitted."""
+
 _NEAR = 0.5
 """Hypotheses are fitted that promise at least this share of what the best one does."""
 
-_ITERATIONS = 12
+_ITERATIONS = 8
 
 
 @dataclass(frozen=True)
@@ -144,14 +151,15 @@ def trace(
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
         rounds: Largest number of additions.
-        stated_noise: Whether errors are measured by the stated noise of the sensors where the recordings have less:
-            those of a filtered signal say more about the filter than about what is worth explaining.
+        stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
+            a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
     """
     variances = first_variances(whole, [*train, *test])
     if stated_noise:
         stated = [whole.spec.measurement_noise[n] for n in whole.model.outputs]
         variances = np.maximum(variances, stated)
-    search = _Search(Fitting(whole, train, variances), HeldOut(whole, test, variances), tuple(free), say, rounds)
+    fitting = Fitting(whole, train, variances, stated_noise)
+    search = _Search(fitting, HeldOut(whole, test, variances), tuple(free), say, rounds)
     return search.run()
 
 
@@ -214,12 +222,21 @@ class _Search:
         )
         enough = max(0.5 * BIC_NEEDED, _NEAR * self._promise(promised[0]))
         chosen = [s for s in _distinct(promised) if self._promise(s) > enough][:_REFITTED]
-        fits = {}
+        fits: dict[Hypothesis, Fitted] = {}
+        reached = 0.0
         for s in chosen:
+            if _HOPE * self._promise(s) < reached:
+                continue
             self.say(f"round {number}: fitting {s.hypothesis.name.replace('_', ' ')}")
-            fits[s.hypothesis] = self._fit((*added, s.hypothesis), self._start(best.point, s))
+            fitted = self._fit((*added, s.hypothesis), self._start(best.point, s))
+            fits[s.hypothesis] = fitted
+            reached = max(reached, self._bic(s, fitted.objective - best.objective))
         if fits:
-            best = self._again(added, best, fits)
+            again = self._again(added, best, fits)
+            gain = max(f.objective for f in fits.values()) - best.objective
+            if again.objective - best.objective > max(BIC_NEEDED, _OWN * gain):
+                return self._round(added, again, number)
+            best = again
         before = self._judge(added, best.point)
         candidates = []
         for s in promised:
