@@ -15,6 +15,9 @@ from harness.report.style import Look, looks
 NEGLIGIBLE = 0.01
 """Share of the error below which a difference between estimators is of no use to anybody."""
 
+HARDLY_MORE = 0.001
+"""Share of the runs by which an estimator may lose more than another and still be compared by its median."""
+
 
 @dataclass(frozen=True)
 class Paired:
@@ -103,12 +106,12 @@ class Findings:
 
     @cached_property
     def comparable(self) -> NDArray[np.bool_]:
-        """Estimators whose medians may be compared, ``(estimator,)``: those that lost no run, or all if each lost some.
+        """Estimators whose medians may be compared, ``(estimator,)``: those that lose hardly more runs than any other.
 
         The medians of the others are those of the runs that were easy enough to survive.
         """
-        lost = np.asarray((self.design.status != OK).any(axis=(0, 2, 3, 4)))
-        return ~lost if not lost.all() else np.ones_like(lost)
+        lost = np.asarray((self.design.status != OK).mean(axis=(0, 2, 3, 4)))
+        return lost <= lost.min() + HARDLY_MORE
 
     @cached_property
     def reference(self) -> int:
@@ -247,5 +250,7 @@ class Analysis:
 
     @property
     def levelled(self) -> list[Findings]:
-        """Designs shown by level: the first, and those that a scatter over their one factor would not show better."""
-        return [f for k, f in enumerate(self.findings) if not k or not f.design.sampled or len(f.design.factors) > 1]
+        """Designs shown by level: the first, and those that no section of their own or scatter over a factor shows."""
+        first, *others = self.findings
+        one_factor = [f for f in others if f.design.sampled and len(f.design.factors) == 1]
+        return [first, *(f for f in others if f not in one_factor and f.design.sampling == "sobol")]

@@ -153,6 +153,8 @@ def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
     label = words(design.bands[worst])
     if not design.factors:
         return "in the case as stated"
+    if design.sampling == "saltelli":
+        return f"over the whole box of {varied(design)}"
     believed = home is not None and home == design.matched
     single = len(design.factors) == 1 or label.startswith("±")
     within = label.startswith("±")
@@ -172,6 +174,11 @@ def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
     if believed and all(f.of == "plant" for f in design.factors[: 1 if single else None]):
         return f"{text} instead of the believed {other},"
     return f"{text} instead of {other},"
+
+
+def at(design: Design, band: int) -> str:
+    """Say at which level, e.g. ``at 24 t``."""
+    return "over the whole box" if design.sampling == "saltelli" else f"at {design.bands[band]}"
 
 
 def varied(design: Design) -> str:

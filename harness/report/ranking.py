@@ -14,8 +14,8 @@ from harness.rank import Indices
 from harness.report.store import OK, Design
 from harness.tolerance import Tolerance, tolerance
 
-FEWEST_POINTS = 20
-"""Points that differ from the others in the share of lost runs, below which that share is not explained by factors."""
+FEWEST = 0.05
+"""Share of the points that must differ in their lost runs from the others; an index of fewer is mostly chance."""
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class Ranking:
     @cached_property
     def divergence(self) -> list[Indices | None]:
         """Indices of the share of lost runs by estimator; None where too few points differ in it from the others."""
-        return [self._indices(y) if np.sum(y != np.median(y)) >= FEWEST_POINTS else None for y in self.lost]
+        return [self._indices(y) if np.mean(y != np.median(y)) >= FEWEST else None for y in self.lost]
 
     def converging(self, target: int, estimator: int) -> list[Indices]:
         """Return the indices of the error from ever more of the points."""

@@ -9,7 +9,7 @@ import xarray as xr
 
 from harness.report.analysis import Analysis, Findings, Paired
 from harness.report.document import Block, Bullets, Heading, Prose, plain, strong
-from harness.report.opening import ALIKE, answer_in_short, listed
+from harness.report.opening import ALIKE, answer_in_short, at, listed
 from harness.report.sections import boxes
 from harness.report.sections.history import inside
 from harness.report.store import FATES, OK, PENDING, Design
@@ -123,7 +123,7 @@ def _errors(findings: Findings, target: int) -> list[str]:
             interval = span(median.lower, median.upper, unit)
             parts.append(f"{with_unit(median.value, unit)}{who(group)} ({interval})")
         if design.matched is None:
-            where = f"At {design.bands[home]}"
+            where = _capital(at(design, home))
         else:
             varied = listed([f.words for f in design.factors])
             where = f"With the {varied} {design.matched_is} ({design.bands[home]})"
@@ -138,9 +138,9 @@ def _errors(findings: Findings, target: int) -> list[str]:
             parts.append(text)
         word = "it" if sentences else "the median RMSE"
         if parts:
-            sentences.append(f"At {design.bands[band]} {word} is {listed(parts)}.")
+            sentences.append(f"{_capital(at(design, band))} {word} is {listed(parts)}.")
         else:
-            sentences.append(f"At {design.bands[band]} no run has a score.")
+            sentences.append(f"{_capital(at(design, band))} no run has a score.")
     return sentences
 
 
@@ -150,7 +150,7 @@ def _better(findings: Findings, target: int) -> list[str]:
     sentences = []
     for band in findings.told[-1:] if _alike(findings, target) else findings.told:
         where = "Over all levels" if band is None and len(design.bands) > 1 else ""
-        where = where or f"At {design.bands[band or 0]}"
+        where = where or _capital(at(design, band or 0))
         pairs = [findings.compared(target, a, b, band) for a, b in findings.pairs]
         pairs = [p for p in pairs if p.result.n]
         if len(pairs) == 1:
@@ -270,7 +270,8 @@ def _as_stated(findings: Findings, band: int) -> str:
     parts = [f"{size} ({', '.join(members)})" for size, members in groups.items()]
     if not parts:
         return ""
-    return f"At {design.bands[band]} the errors of the states are {listed(parts)}; 1 would be exactly as stated (NEES)."
+    where = _capital(at(design, band))
+    return f"{where} the errors of the states are {listed(parts)}; 1 would be exactly as stated (NEES)."
 
 
 def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.Dataset]) -> list[str]:

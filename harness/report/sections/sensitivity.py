@@ -13,7 +13,7 @@ from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
 from harness.report.opening import listed
-from harness.report.ranking import FEWEST_POINTS, Ranking
+from harness.report.ranking import FEWEST, Ranking
 from harness.report.store import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 from harness.statistics import Interval
 
@@ -142,8 +142,8 @@ def _divergence_picture(analysis: Analysis, ranking: Ranking) -> Picture:
     svg = _dots(analysis, ranking, ranking.divergence, order, question, "share of the variance of the outcome “lost”")
     caption = (
         f"Sobol indices of the share of runs lost at a point, design “{ranking.design.name}”, {_lost(ranking)}. "
-        "Filled: total index with its 95 % interval; open: first order. Estimators whose losses differ at fewer than "
-        f"{FEWEST_POINTS} points are not shown."
+        "Filled: total index with its 95 % interval; open: first order. Estimators whose losses differ at less than "
+        f"{100 * FEWEST:g} % of the points are not shown."
     )
     return Picture(svg, caption, question)
 
