@@ -5,6 +5,7 @@ import io
 import json
 import sys
 import threading
+from contextlib import contextmanager
 
 import dask
 import pytest
@@ -45,11 +46,31 @@ def alone(study, tmp_path_factory, same_checkout):
 
 
 @pytest.fixture(scope="module")
-def client(tmp_path_factory, same_checkout):
+def two_workers(tmp_path_factory, same_checkout):
+    """Start clusters of two processes."""
     still = tmp_path_factory.mktemp("preload") / "still.py"
     still.write_text("from harness import store\n\nstore.engine_hash = lambda: 'this one'\n")
-    with dask.config.set({"distributed.worker.preload": [str(still)]}), cluster.connected(None, workers=2) as client:
-        yield client
+
+    @contextmanager
+    def start():
+        with dask.config.set({"distributed.worker.preload": [str(still)]}), cluster.connected(None, workers=2) as found:
+            found.wait_for_workers(2, timeout=300)
+            yield found
+
+    return start
+
+
+@pytest.fixture(scope="module")
+def client(two_workers):
+    with two_workers() as found:
+        yield found
+
+
+@pytest.fixture
+def mortal(two_workers):
+    """A cluster of its own for a test that kills workers: how soon their successors come is the machine's affair."""
+    with two_workers() as found:
+        yield found
 
 
 @pytest.fixture
@@ -67,7 +88,6 @@ def deadly(client, which):
 
         Bench.evaluate = lambda self, unit: os._exit(9)
 
-    client.wait_for_workers(2, timeout=120)
     victim = list(client.ncores())[which]
     client.run(patch, workers=[victim])
     return victim
@@ -80,25 +100,25 @@ def test_two_processes_write_the_bits_of_one(study, alone, client, console, tmp_
     assert (record["jobs"], record["runs"]) == (2, 28)
 
 
-def test_the_units_of_a_lost_worker_are_done_by_others(study, alone, client, console, tmp_path):
-    victim = deadly(client, 0)
-    assert bits(run_study(study, tmp_path / "lost", console=console, client=client)) == bits(alone)
+def test_the_units_of_a_lost_worker_are_done_by_others(study, alone, mortal, console, tmp_path):
+    victim = deadly(mortal, 0)
+    assert bits(run_study(study, tmp_path / "lost", console=console, client=mortal)) == bits(alone)
     assert f"lost worker {victim}" in console.file.getvalue()
 
 
-def test_a_unit_that_kills_its_workers_is_reported_and_the_run_goes_on_later(study, alone, client, console, tmp_path):
-    scheduler = client.cluster.scheduler
+def test_a_unit_that_kills_its_workers_is_reported_and_the_run_goes_on_later(study, alone, mortal, console, tmp_path):
+    scheduler = mortal.cluster.scheduler
     usual, scheduler.allowed_failures = scheduler.allowed_failures, 0
     out = tmp_path / "killed"
     try:
-        deadly(client, 1)
+        deadly(mortal, 1)
         with pytest.raises(cluster.ClusterFailure, match="goes on from there"):
-            run_study(study, out, console=console, client=client)
+            run_study(study, out, console=console, client=mortal)
     finally:
         scheduler.allowed_failures = usual
     level, band = (xr.open_zarr(out / STORE, group=name, consolidated=False, chunks=None) for name in ("level", "band"))
     assert (level.status == PENDING).any() or (band.status == PENDING).any()
-    run_study(study, out, console=console, client=client)
+    run_study(study, out, console=console, client=mortal)
     assert bits(out) == bits(alone)
 
 
