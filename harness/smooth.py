@@ -57,12 +57,6 @@ def mean_of(particles: Floats, weights: Floats) -> Floats:
     return np.einsum("tn,tni->ti", weights, particles)
 
 
-def covariance_of(particles: Floats, weights: Floats) -> Floats:
-    """Return the covariance of weighted particles at each sample, ``(samples, nx, nx)``."""
-    away = particles - mean_of(particles, weights)[:, None]
-    return np.einsum("tn,tni,tnj->tij", weights, away, away)
-
-
 def run_filter(
     estimator: Estimator, inputs: Floats, measurements: Floats, belief: Belief, first: State, lanes: int = 1
 ) -> list[Clouds]:

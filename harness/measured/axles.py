@@ -76,11 +76,6 @@ class Slope:
     samples: int
 
 
-def calibrate_steering(angle: Any, factor: float, offset: float) -> Any:
-    """Return the calibrated steering angle in rad, ``factor * angle + offset`` (3.48)."""
-    return factor * angle + offset
-
-
 def axle_forces(car: Car, lateral_acceleration: Any, yaw_acceleration: Any) -> tuple[Any, Any]:
     """Return the lateral forces in N of front and rear axle (3.40, 3.41).
 

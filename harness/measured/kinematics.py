@@ -1,9 +1,8 @@
 """Moving what a sensor measures to another point of the rigid body (Sun 2015, 3.20 to 3.30 and A.1 to A.9).
 
 All components are in the vehicle's axes (x forward, y left), ``x, y`` lead from the sensor to the point wanted, ``yaw``
-turns the vehicle's axes into the sensor's. Rigid-body kinematics correct four printed equations: (3.25) and (3.26)
-exchange x and y, (3.30) has the opposite sign at ``x``, and (3.21) turns an azimuth by pi instead of by pi/2, from
-north to east.
+turns the vehicle's axes into the sensor's. Rigid-body kinematics correct three printed equations: (3.25) and (3.26)
+exchange x and y, (3.30) has the opposite sign at ``x``. An azimuth (3.21) is turned by a channel map.
 """
 
 from __future__ import annotations
@@ -11,11 +10,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-
-
-def heading_from_azimuth(azimuth: Any) -> Any:
-    """Return the heading in rad, counter-clockwise from east, of an azimuth in rad, clockwise from north (3.21)."""
-    return np.pi / 2 - azimuth
 
 
 def to_vehicle_axes(forward: Any, left: Any, yaw: float) -> tuple[Any, Any]:

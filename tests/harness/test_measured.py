@@ -495,11 +495,10 @@ def test_slope_is_the_stiffness_of_a_linear_tyre():
     force_front, force_rear = axles.axle_forces(CAR, a_y, 0.0)
     v_y = CAR.cog_to_rear_axle * r - v * np.tan(force_rear / (stiff_rear * load_rear))
     measured = force_front / (stiff_front * load_front) + np.arctan2(v_y + CAR.cog_to_front_axle * r, v)
-    recorded = (measured - 0.01) / 0.9
     signals = {
         "lateral_acceleration": a_y,
         "yaw_acceleration": 0 * TIME,
-        "road_wheel_angle": axles.calibrate_steering(recorded, 0.9, 0.01),
+        "road_wheel_angle": measured,
         "longitudinal_velocity": v,
         "lateral_velocity": v_y,
         "yaw_rate": r,
