@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.configure import ModelSpec
-from harness.errors import UserError
+from harness.folder import write_files
 from harness.identify.contract import Estimate, Fit, Problem
 from harness.identify.innovations import Innovations, hold
 from harness.identify.recordings import Drive
@@ -179,10 +179,4 @@ def write_outcome(folder: Path, fit: Fit, judged: list[Judged], source: str) -> 
         "parameters.toml": parameter_file(fit, source),
         "identify.json": json.dumps(record(fit, judged), indent=2) + "\n",
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in contents.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    return [folder / name for name in contents]
+    return write_files(folder, contents)

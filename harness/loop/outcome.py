@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.configure import ModelSpec
-from harness.errors import UserError
+from harness.folder import write_files
 from harness.identify.outcome import Judged
 from harness.identify.residuals import whiteness
 from harness.loop.amend import Estimated
@@ -309,10 +309,4 @@ def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
         UserError: If the folder cannot be written to.
     """
     contents = {"trace.json": json.dumps(record(outcome), indent=2) + "\n", "amended.toml": amended_file(outcome)}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in contents.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    return [folder / name for name in contents]
+    return write_files(folder, contents)

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.errors import UserError
+from harness.folder import write_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -124,7 +125,7 @@ def _trace(
     say("writing the report")
     title = study.raw.changed.question if part and study.raw.changed else study.raw.title
     write_outcome(outcome, folder)
-    (folder / "loop.json").write_text(json.dumps(held_out(outcome), indent=2) + "\n", encoding="utf-8")
+    write_files(folder, {"loop.json": json.dumps(held_out(outcome), indent=2) + "\n"})
     write(Document(title, _blocks(study, outcome, drives, part)), folder)
     return outcome
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import matplotlib as mpl
 import typst
 
-from harness.errors import UserError
+from harness.folder import write_files
 
 
 @dataclass(frozen=True)
@@ -165,15 +165,5 @@ def write(document: Document, directory: Path, stem: str = "report") -> list[Pat
     Raises:
         UserError: If the folder cannot be written to.
     """
-    written = []
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for suffix, content in zip((".html", ".pdf"), render(document), strict=True):
-            path = directory / f"{stem}{suffix}"
-            unfinished = directory / f"{stem}{suffix}.part"
-            unfinished.write_bytes(content)
-            unfinished.replace(path)
-            written.append(path)
-    except OSError as error:
-        raise UserError(f"{directory}: cannot be written: {error.strerror or error}") from None
-    return written
+    html, pdf = render(document)
+    return write_files(directory, {f"{stem}.html": html, f"{stem}.pdf": pdf})
