@@ -256,6 +256,10 @@ class ParameterFile(Table):
     """A parameter set as a TOML file, for a vehicle of one's own without a file in ``models/parameters``."""
 
     vehicle: Name = Field(description="file in models/vehicles")
+    tyre: Name | None = Field(default=None, description="file in models/tyres that the values belong to")
+    effects: list[Name] = Field(
+        default_factory=list, description="files in models/effects that are in force with these values"
+    )
     source: StrictStr = Field(default="", description="where the values come from")
     noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
     values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")

@@ -56,9 +56,9 @@ def load_study(path: str | Path) -> Study:
     assert raw is not None
     folder = path.parent
 
-    plant_table = stated("plant", raw.plant)
-    plant = resolve_model(plant_table, folder, problems)
-    belief = resolve_model(stated("belief", raw.belief, plant_table), folder, problems)
+    plant_table = stated("plant", raw.plant, folder, problems)
+    plant = resolve_model(plant_table, problems)
+    belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
     drives = _drives(raw, folder, problems)
     estimators, rule = tuned(raw.tuning, _estimators(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []

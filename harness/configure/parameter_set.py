@@ -1,8 +1,10 @@
-"""Read a parameter set: a file of ``models/parameters``, or a TOML file of one's own."""
+"""Parameter sets: a file of ``models/parameters``, or a TOML file of one's own, read and written."""
 
 from __future__ import annotations
 
+import json
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,9 +12,10 @@ from pydantic import ValidationError
 
 from harness.configure.file import ParameterFile
 from harness.configure.problems import Problems, add_validation_errors
+from harness.configure.specs import ModelSpec
 from harness.errors import UserError
 from models import registry
-from models.placement import possible_parameters
+from models.placement import load_effect, possible_parameters
 from models.signals import SIGNALS
 
 
@@ -20,7 +23,8 @@ from models.signals import SIGNALS
 class ParameterSet:
     """A set of values with its noise, from ``models/parameters`` or a TOML file.
 
-    ``source`` is the place errors name when one of its values is wrong.
+    ``tyre`` and ``effects`` come with it where it names them; ``source`` is the place errors name when one of its
+    values is wrong.
     """
 
     vehicle: str = ""
@@ -29,6 +33,25 @@ class ParameterSet:
     measurement: dict[str, float] = field(default_factory=dict)
     noise_step: float = 0.01
     source: str = ""
+    tyre: str | None = None
+    effects: tuple[str, ...] = ()
+
+
+def load_set(name: str, folder: Path, where: str) -> ParameterSet:
+    """Return a set by the name of a file in ``models/parameters`` or the path of a TOML file; none by no name.
+
+    Args:
+        name: Name or path.
+        folder: Folder in which the file is looked for first, then in the working directory.
+        where: File and key that name it, for errors.
+
+    Raises:
+        UserError: If the file is absent or anything in it is wrong.
+        ModelError: If there is no set of that name.
+    """
+    if not name:
+        return ParameterSet()
+    return set_from_file(name, folder, where) if name.endswith(".toml") else published_set(name)
 
 
 def published_set(name: str) -> ParameterSet:
@@ -86,6 +109,12 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
                     )
                 unit = units[item] if group == "values" else variance_unit(item)
                 target[item] = to_si(value, unit, inner.at(key))
+    if raw.tyre is not None:
+        with inner.catch("tyre"):
+            registry.load("models.tyres", raw.tyre)
+    for i, effect in enumerate(raw.effects):
+        with inner.catch(f"effects[{i}]"):
+            load_effect(effect)
     step = 0.01
     with inner.catch("noise_step"):
         step = to_si(raw.noise_step, "s", inner.at("noise_step"))
@@ -99,7 +128,43 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
         numbers["measurement_noise"],
         step,
         str(path),
+        raw.tyre,
+        tuple(raw.effects),
     )
+
+
+def set_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
+    """Return the text of a parameter file that holds a model: values, tyre, effects and noise.
+
+    States and outputs that the model does not have keep the noise of its own set, so that studies may add sensors and
+    unknown inputs.
+
+    Args:
+        spec: The model; a parameter file of its own is found from the working directory.
+        source: Where the values come from.
+        comments: What stands behind a value, by parameter.
+    """
+    base = load_set(spec.parameters, Path(), source)
+    stretch = 1.0 if spec.model().discrete else spec.step / base.noise_step
+    process = {n: v * stretch for n, v in base.process.items()}
+    process |= {n: v for n, v in spec.process_noise.items() if n in SIGNALS}
+    lines = [
+        f"vehicle = {json.dumps(spec.vehicle)}",
+        *([f"tyre = {json.dumps(spec.tyre)}"] if spec.tyre else []),
+        *([f"effects = {json.dumps(list(spec.effects))}"] if spec.effects else []),
+        f"source = {json.dumps(source)}",
+        f"noise_step = {spec.step!r}",
+        "",
+        "[values]",
+        *(f"{name} = {value!r}{comments.get(name, '')}" for name, value in spec.values.items()),
+        "",
+        "[process_noise]",
+        *(f"{name} = {value!r}" for name, value in process.items()),
+        "",
+        "[measurement_noise]",
+        *(f"{name} = {value!r}" for name, value in (base.measurement | spec.measurement_noise).items()),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _parameter_units(vehicle: str) -> dict[str, str]:

@@ -11,13 +11,13 @@ from pydantic import ValidationError
 
 from harness.configure.file import ModelTable
 from harness.configure.limits import broken_relations, out_of_bounds
-from harness.configure.parameter_set import ParameterSet, published_set, set_from_file, variance_unit
+from harness.configure.parameter_set import ParameterSet, load_set, variance_unit
 from harness.configure.problems import Problems, add_validation_errors
 from harness.configure.specs import ModelSpec, assembled
 from models import registry
 from models.assemble import Model
 from models.contracts import ModelError
-from models.placement import load_effect
+from models.placement import load_effect, place_of, split
 
 Kind = Literal["process", "measurement"]
 _SIMPLE = (
@@ -35,11 +35,15 @@ _SIMPLE = (
 
 @dataclass(frozen=True)
 class Stated:
-    """What a model's table says, own and inherited entries together, each with the key it was written at."""
+    """What a model's table says, own and inherited entries together, each with the key it was written at.
+
+    ``found`` is the parameter set that it names, ``None`` if that cannot be had.
+    """
 
     side: str
     entries: dict[str, Any]
     keys: dict[str, str]
+    found: ParameterSet | None = None
 
     def __getitem__(self, name: str) -> Any:
         return self.entries.get(name)
@@ -56,12 +60,24 @@ class Stated:
         """Whether the entry was written in this table and not inherited."""
         return self.key(name).startswith(f"{self.side}.")
 
+    def with_set(self, name: str) -> bool:
+        """Whether the entry came with the parameter set."""
+        return self.key(name).startswith(f"{self.key('parameters')} ")
 
-def stated(side: str, table: ModelTable, parent: Stated | None = None) -> Stated:
-    """Flatten a table and add what it inherits.
+
+def stated(side: str, table: ModelTable, folder: Path, problems: Problems, parent: Stated | None = None) -> Stated:
+    """Flatten a table, add what it inherits and the tyre and effects that come with its parameter set.
 
     Everything not stated is as in the parent, key by key. A table that names a vehicle or a parameter set of
-    its own starts from that set: single values and variances of the parent are not carried over into it.
+    its own starts from that set: single values and variances of the parent are not carried over into it, nor effects
+    that came with the parent's set.
+
+    Args:
+        side: ``plant`` or ``belief``.
+        table: The table.
+        folder: Folder of the study, against which a parameter file is found.
+        problems: Where problems are noted.
+        parent: What it inherits from.
     """
     entries: dict[str, Any] = {k: v for k in _SIMPLE if (v := getattr(table, k)) is not None}
     entries |= {f"values.{k}": v for k, v in table.values.items()}
@@ -73,9 +89,12 @@ def stated(side: str, table: ModelTable, parent: Stated | None = None) -> Stated
     if parent is not None:
         fresh = "vehicle" in entries or "parameters" in entries
         for name, value in parent.entries.items():
-            if name not in entries and not (fresh and name.startswith(("values.", "noise."))):
+            of_set = name.startswith(("values.", "noise.")) or (name == "effects" and parent.with_set(name))
+            if name not in entries and not (fresh and of_set):
                 entries[name], keys[name] = value, parent.key(name)
-    return Stated(side, entries, keys)
+    plain = Stated(side, entries, keys)
+    found = _parameter_set(plain, folder, problems)
+    return plain if found is None else _with_set(plain, found, problems)
 
 
 def resolve_single(table: Mapping[str, Any], where: str) -> ModelSpec:
@@ -95,26 +114,24 @@ def resolve_single(table: Mapping[str, Any], where: str) -> ModelSpec:
         add_validation_errors(problems, error, ModelTable)
         problems.stop()
         raise
-    spec = resolve_model(stated("plant", parsed), Path(), problems)
+    spec = resolve_model(stated("plant", parsed, Path(), problems), problems)
     problems.stop()
     assert spec is not None
     return spec
 
 
-def resolve_model(table: Stated, folder: Path, problems: Problems) -> ModelSpec | None:
+def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
     """Return the resolved model, or ``None`` if a problem with it was noted.
 
     Args:
         table: What the study says about it.
-        folder: Folder of the study, against which a parameter file is found.
         problems: Where problems are noted.
     """
-    before = len(problems)
+    before, found = len(problems), table.found
     model = _assemble(table, problems)
     step = _number(table, "step", "s", problems, 0.01)
     if step is not None and step <= 0:
         problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {step:g} s")
-    found = _parameter_set(table, folder, problems)
     if model is None or found is None or step is None or len(problems) > before:
         return None
     values = _values(table, model, found, problems)
@@ -190,12 +207,10 @@ def _number(table: Stated, name: str, unit: str, problems: Problems, default: fl
 
 
 def _parameter_set(table: Stated, folder: Path, problems: Problems) -> ParameterSet | None:
-    name, key = table["parameters"], table.key("parameters")
-    if name is None:
-        return ParameterSet()
+    name, key = table["parameters"] or "", table.key("parameters")
     found: ParameterSet | None = None
     with problems.catch(key):
-        found = set_from_file(name, folder, problems.at(key)) if name.endswith(".toml") else published_set(name)
+        found = load_set(name, folder, problems.at(key))
     if found is not None and table["vehicle"] is not None and found.vehicle != table["vehicle"]:
         problems.add(
             key,
@@ -204,6 +219,30 @@ def _parameter_set(table: Stated, folder: Path, problems: Problems) -> Parameter
         )
         return None
     return found
+
+
+def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
+    """Add a parameter set with the tyre and effects that come with it; what is stated beside its name stands."""
+    beside = {n: n in table.entries and (table.own(n) or not table.own("parameters")) for n in ("tyre", "effects")}
+    if found.tyre is not None and beside["tyre"] and table["tyre"] != found.tyre:
+        problems.add(
+            table.key("parameters"),
+            f"the values of '{table['parameters']}' belong to tyre '{found.tyre}', but {table.key('tyre')} is "
+            f"'{table['tyre']}'; choose that tyre or another set",
+        )
+    entries, keys = dict(table.entries), dict(table.keys)
+    for name, value in (("tyre", found.tyre), ("effects", _measured(found.effects, table["sensors"]))):
+        if value and not beside[name]:
+            entries[name], keys[name] = value, f"{table.key('parameters')} ({found.source}): {name}"
+    return Stated(table.side, entries, keys, found)
+
+
+def _measured(effects: tuple[str, ...], sensors: str | None) -> tuple[str, ...]:
+    """Return the effects of a set without those of sensors that this model does not have."""
+    if sensors not in registry.names("models.sensors"):
+        return effects
+    outputs = registry.load("models.sensors", sensors).OUTPUTS
+    return tuple(e for e in effects if place_of(load_effect(e)) != "output" or split(e)[1] in (None, *outputs))
 
 
 def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems) -> dict[str, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.configure import ModelSpec
+from harness.configure.parameter_set import set_text
 from harness.folder import write_files
 from harness.identify.contract import Estimate, Fit, Problem
 from harness.identify.innovations import Innovations, hold

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.configure import ModelSpec
+from harness.configure.parameter_set import set_text
 from harness.folder import write_files
 from harness.identify.outcome import Judged
 from harness.identify.residuals import whiteness
@@ -293,13 +294,11 @@ def _number(value: float) -> float | None:
 
 def amended_file(outcome: Outcome) -> str:
     """Return the text of the parameter set of the amended model."""
-    from harness.identify.outcome import parameter_text
-
     names = ", ".join(d.name for d in outcome.trace.fitting.drives)
     comments = {
         v.name: f"  # {v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
     }
-    return parameter_text(outcome.amended, f"harness trace on {names}", comments)
+    return set_text(outcome.amended, f"harness trace on {names}", comments)
 
 
 def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from harness.configure.parameter_set import set_from_file
+from harness.configure import load_study
+from harness.configure.parameter_set import set_from_file, set_text
 from harness.configure.vehicle import resolve_single
 from harness.errors import UserError
+from models import registry
 
 
 def plant(effects: list[str], **values: object):
@@ -59,3 +61,81 @@ def test_a_parameter_file_may_hold_what_an_identification_found_for_effects(tmp_
     found = set_from_file("found.toml", tmp_path, "[plant]").values
     assert found["crosswind_force_trailer"] == pytest.approx(2000.0)
     assert found["sensor_bias_yaw_rate_trailer"] == pytest.approx(0.01745, rel=1e-3)
+
+
+FOUND = """vehicle = "semitrailer"
+tyre = "{tyre}"
+effects = ["kingpin_friction", "sensor_bias@yaw_rate_trailer", "sensor_bias@yaw_rate_tractor"]
+noise_step = "10 ms"
+[values]
+kingpin_friction = 8000.0
+sensor_bias_yaw_rate_trailer = 0.01
+sensor_bias_yaw_rate_tractor = 0.02
+{values}
+"""
+STUDY = """name = "found"
+targets = ["articulation_angle"]
+drive = [{{ name = "s", kind = "sine" }}]
+plant = {{ vehicle = "semitrailer", parameters = "found.toml", sensors = "series"{plant} }}
+belief = {{ {belief} }}
+estimator = [{{ kind = "ekf" }}]
+design = [{{ name = "d" }}]
+"""
+
+
+@pytest.fixture
+def found(tmp_path):
+    """Return a function that loads a study of a parameter file with effects."""
+    published = registry.load("models.parameters", "ziaukas_2023")
+    values = "\n".join(f"{n} = {v!r}" for n, v in published.VALUES.items())
+    noise = [
+        f"[{group}]\n" + "\n".join(f"{n} = {v!r}" for n, v in table.items())
+        for group, table in (
+            ("process_noise", published.PROCESS_NOISE),
+            ("measurement_noise", published.MEASUREMENT_NOISE),
+        )
+    ]
+
+    def load(plant: str = "", belief: str = "", tyre: str = "magic_formula"):
+        (tmp_path / "found.toml").write_text("\n".join([FOUND.format(tyre=tyre, values=values), *noise]))
+        (tmp_path / "study.toml").write_text(STUDY.format(plant=plant, belief=belief))
+        return load_study(tmp_path / "study.toml")
+
+    return load
+
+
+def test_the_effects_of_a_parameter_file_are_in_force_where_their_sensors_are(found):
+    study = found()
+    assert study.plant.effects == study.belief.effects == ("kingpin_friction", "sensor_bias@yaw_rate_trailer")
+    assert study.plant.tyre == "magic_formula"
+    assert study.plant.values["kingpin_friction"] == 8000.0
+
+
+def test_a_belief_in_another_set_has_none_of_them_and_effects_that_are_stated_stand(found):
+    assert found(belief='parameters = "ziaukas_2023"').belief.effects == ()
+    assert found(belief="effects = []").belief.effects == ()
+    stated = found(plant=', effects = ["steering_lag"]')
+    assert stated.plant.effects == stated.belief.effects == ("steering_lag",)
+
+
+def test_a_set_that_belongs_to_another_tyre_or_vehicle_is_refused(found):
+    with pytest.raises(UserError, match=r"'found\.toml' belong to tyre 'linear', but plant\.tyre is 'magic_formula'"):
+        found(plant=', tyre = "magic_formula"', tyre="linear")
+    with pytest.raises(UserError, match=r"found\.toml: tyre: unknown tyre 'magic'"):
+        found(tyre="magic")
+    with pytest.raises(UserError, match=r"belief\.parameters: .* is for vehicle 'car'"):
+        found(belief='parameters = "blanco_2021"')
+
+
+def test_a_model_written_as_a_parameter_file_is_that_model_again(tmp_path):
+    spec = plant(["kingpin_friction"], kingpin_friction="5 kN*m", trailer_mass="20 t")
+    (tmp_path / "own.toml").write_text(set_text(spec, "a test", {"kingpin_friction": "  # N*m"}))
+    table = {"vehicle": "semitrailer", "parameters": str(tmp_path / "own.toml")}
+    again = resolve_single({**table, "sensors": "test_vehicle"}, "test")
+    assert (again.tyre, again.effects, again.values) == (spec.tyre, spec.effects, spec.values)
+    assert (again.process_noise, again.measurement_noise) == (spec.process_noise, spec.measurement_noise)
+    more = resolve_single({**table, "sensors": "test_vehicle_inertial", "step": "20 ms"}, "test")
+    published = registry.load("models.parameters", "ziaukas_2023")
+    acceleration = published.MEASUREMENT_NOISE["lateral_acceleration_tractor"]
+    assert more.measurement_noise["lateral_acceleration_tractor"] == acceleration
+    assert more.process_noise["yaw_rate_trailer"] == pytest.approx(2 * spec.process_noise["yaw_rate_trailer"])
