@@ -88,25 +88,6 @@ def parameter_file(fit: Fit, source: str) -> str:
     return parameter_text(fit.spec, source, {e.name: _comment(e) for e in fit.estimates})
 
 
-def parameter_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
-    """Return the text of a parameter set that holds a model's values, with comments by parameter."""
-    lines = [
-        f"vehicle = {json.dumps(spec.vehicle)}",
-        f"source = {json.dumps(source)}",
-        f"noise_step = {spec.step!r}",
-        "",
-        "[values]",
-        *(f"{name} = {value!r}{comments.get(name, '')}" for name, value in spec.values.items()),
-        "",
-        "[process_noise]",
-        *(f"{name} = {value!r}" for name, value in spec.process_noise.items() if name in SIGNALS),
-        "",
-        "[measurement_noise]",
-        *(f"{name} = {value!r}" for name, value in spec.measurement_noise.items()),
-    ]
-    return "\n".join(lines) + "\n"
-
-
 def _comment(estimate: Estimate) -> str:
     error = "" if not math.isfinite(estimate.error) else f" +- {estimate.error:.3g}"
     verdict = "" if estimate.verdict is None else f"; {estimate.verdict}"
