@@ -61,6 +61,23 @@ def run_study(
 ) -> Path:
     """Run a study to the end and write its reports.
 
+    Args and errors as of ``score_study``.
+
+    Returns:
+        The result folder.
+    """
+    from harness.report import write_report
+
+    console = console or Console(stderr=True)
+    score_study(study, out, jobs, console, client)
+    with console.status("writing the reports"):
+        write_report(out)
+    return out
+
+
+def score_study(study: Study, out: Path, jobs: int | None, console: Console, client: Client | None = None) -> None:
+    """Run a study to the end without reports.
+
     Args:
         study: The study.
         out: Result folder. A result of the same study there is continued; another study's is left alone.
@@ -68,16 +85,10 @@ def run_study(
         console: Where progress is shown.
         client: Of the Dask cluster whose workers run the study in place of threads.
 
-    Returns:
-        The result folder.
-
     Raises:
         UserError: If the folder holds another study's result, or a worker of the cluster does not fit.
         ClusterFailure: If the cluster gives up.
     """
-    from harness.report import write_report
-
-    console = console or Console(stderr=True)
     started = datetime.now(UTC)
     begin = time.perf_counter()
     with console.status("building models and drives"):
@@ -107,9 +118,6 @@ def run_study(
         (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n")
     if todo or not store.has_histories:
         store.write_histories(bench.histories())
-    with console.status("writing the reports"):
-        write_report(out)
-    return out
 
 
 def _warm_up(bench: Bench, console: Console) -> None:

@@ -79,6 +79,20 @@ def _resampled_indices(sizes: tuple[int, ...], resamples: int, seed: int) -> NDA
     return np.concatenate(parts, axis=1)
 
 
+def _by_stratum(strata: ArrayLike | None, used: NDArray[np.bool_]) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Return the order that sorts the values used by stratum, and how many each stratum holds."""
+    count = int(used.sum())
+    if strata is not None:
+        labels = np.asarray(strata).ravel()
+        if labels.size != used.size:
+            raise ValueError(f"strata have {labels.size} labels for {used.size} values; give one per value")
+        labels = labels[used]
+        counts = np.unique(labels, return_counts=True)[1]
+        if counts.min() > 1:
+            return np.argsort(labels, kind="stable"), tuple(int(c) for c in counts)
+    return np.arange(count), (count,)
+
+
 def median_interval(
     values: ArrayLike,
     strata: ArrayLike | None = None,
@@ -105,18 +119,9 @@ def median_interval(
     data = flat[keep]
     if data.size == 0:
         return Interval(np.nan, np.nan, np.nan)
-    sizes: tuple[int, ...] = (data.size,)
-    if strata is not None:
-        labels = np.asarray(strata).ravel()
-        if labels.size != flat.size:
-            raise ValueError(f"strata have {labels.size} labels for {flat.size} values; give one per value")
-        labels = labels[keep]
-        counts = np.unique(labels, return_counts=True)[1]
-        if counts.min() > 1:
-            data = data[np.argsort(labels, kind="stable")]
-            sizes = tuple(int(c) for c in counts)
+    order, sizes = _by_stratum(strata, keep)
     draws = min(resamples, max(400, _LARGEST_DRAW // data.size))
-    medians = np.median(data[_resampled_indices(sizes, draws, seed)], axis=1)
+    medians = np.median(data[order][_resampled_indices(sizes, draws, seed)], axis=1)
     tail = (1.0 - level) / 2.0
     lower, upper = np.quantile(medians, [tail, 1.0 - tail])
     return Interval(float(np.median(data)), float(lower), float(upper))
@@ -157,6 +162,46 @@ def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None
     # Without a single difference the test statistic is undefined; there is then no evidence at all.
     result: Any = stats.wilcoxon(finite) if np.any(finite != 0.0) else None
     return Comparison(finite.size, interval, wins, 1.0 if result is None else float(result.pvalue))
+
+
+def median_ratio(
+    first: ArrayLike,
+    second: ArrayLike,
+    strata: ArrayLike | None = None,
+    *,
+    level: float = 0.95,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> Interval:
+    """Return the median of the second sample over that of the first, with its percentile bootstrap interval.
+
+    Runs are resampled with all that they hold, the same in both samples, so that the interval knows that both saw the
+    same noise, and levels that share their noise count as one run.
+
+    Args:
+        first: ``(runs, ...)``, positive where finite.
+        second: The same runs under the other condition, same shape; only what is finite in both counts.
+        strata: Labels ``(runs,)``, see ``median_interval``.
+        level: Confidence level.
+        resamples: Number of bootstrap samples; fewer are drawn of a large sample, as in ``median_interval``.
+        seed: Seed of the resampling.
+
+    Returns:
+        NaN throughout where nothing is finite in both.
+    """
+    pair = np.stack([np.asarray(x, dtype=float).reshape(len(np.asarray(x)), -1) for x in (first, second)])
+    pair = np.where(np.isfinite(pair).all(axis=0), pair, np.nan)
+    used = np.isfinite(pair[0]).any(axis=1)
+    if not used.any():
+        return Interval(np.nan, np.nan, np.nan)
+    order, sizes = _by_stratum(strata, used)
+    pair = pair[:, used][:, order]
+    draws = min(resamples, max(400, _LARGEST_DRAW // pair[0].size))
+    drawn = _resampled_indices(sizes, draws, seed)
+    one, other = (np.nanmedian(values[drawn], axis=(1, 2)) for values in pair)
+    tail = (1.0 - level) / 2.0
+    lower, upper = np.quantile(other / one, [tail, 1.0 - tail])
+    return Interval(float(np.nanmedian(pair[1]) / np.nanmedian(pair[0])), float(lower), float(upper))
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:

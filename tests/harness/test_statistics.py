@@ -146,3 +146,35 @@ def test_nees_bounds_hold_for_correlated_errors():
     averages = (nees / steps).mean(axis=1)
     lower, upper = statistics.average_bounds(dimension, runs)
     assert np.mean((lower <= averages) & (averages <= upper)) > 0.95
+
+
+def test_a_ratio_of_medians_is_exact_where_every_run_shrinks_alike():
+    rng = np.random.default_rng(0)
+    first = rng.lognormal(size=(40, 7))
+    value, lower, upper = statistics.median_ratio(first, 0.25 * first, np.repeat([0, 1], 20))
+    assert (value, lower, upper) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_a_ratio_of_medians_counts_only_what_both_have():
+    first = np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])
+    second = np.array([[2.0, np.nan], [6.0, 1.0], [10.0, np.inf]])
+    assert statistics.median_ratio(first, second).value == pytest.approx(2.0)
+    assert np.isnan(statistics.median_ratio(first, np.full((3, 2), np.nan)).value)
+
+
+def test_levels_that_share_their_noise_do_not_narrow_the_interval_of_a_ratio():
+    rng = np.random.default_rng(1)
+    first, second = rng.lognormal(size=(2, 30, 1))
+    alone = statistics.median_ratio(first, second, seed=3)
+    repeated = statistics.median_ratio(np.repeat(first, 9, axis=1), np.repeat(second, 9, axis=1), seed=3)
+    assert repeated == pytest.approx(alone)
+
+
+def test_the_interval_of_a_ratio_covers_the_true_one():
+    rng, hits = np.random.default_rng(2), 0
+    for k in range(200):
+        common = rng.lognormal(sigma=0.5, size=(60, 1))
+        first, second = common * rng.lognormal(sigma=0.2, size=(2, 60, 1))
+        found = statistics.median_ratio(first, 0.5 * second, resamples=400, seed=k)
+        hits += found.lower <= 0.5 <= found.upper
+    assert 184 <= hits <= 199  # 95 % of 200; a percentile interval of a median is a little wide
