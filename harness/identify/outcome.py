@@ -69,14 +69,14 @@ def _judged(innovations: Innovations, fit: Fit, drive: Drive, held_out: bool) ->
         drive=drive,
         held_out=held_out,
         free=np.array(free),
-        free_error=np.array([_rms(drive.measurements - f) for f in free]),
-        one_step_error=np.array([_rms(r.innovation) for r in runs]),
+        free_error=np.array([rms(drive.measurements - f) for f in free]),
+        one_step_error=np.array([rms(r.innovation) for r in runs]),
         log_likelihood=np.array([r.log_likelihood for r in runs]),
         whiteness=tuple(whiteness(column) for column in after.T),
     )
 
 
-def _rms(errors: Floats) -> Floats:
+def rms(errors: Floats) -> Floats:
     """Return the root mean square of each column; NaN only where nothing is left."""
     count = np.isfinite(errors).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -85,7 +85,7 @@ def _rms(errors: Floats) -> Floats:
 
 def parameter_file(fit: Fit, source: str) -> str:
     """Return the text of a parameter set with what was found, which studies load by its path."""
-    return parameter_text(fit.spec, source, {e.name: _comment(e) for e in fit.estimates})
+    return set_text(fit.spec, source, {e.name: _comment(e) for e in fit.estimates})
 
 
 def _comment(estimate: Estimate) -> str:

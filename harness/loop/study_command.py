@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,11 +11,10 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.errors import UserError
 from harness.folder import write_files
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     import xarray as xr
 
@@ -24,10 +22,6 @@ if TYPE_CHECKING:
     from harness.loop.outcome import Outcome
     from harness.loop.study import LoopStudy
     from harness.report.document import Block
-
-
-FINEST = 0.01
-"""s; longest integration step. Lags of a few hundredths of a second are among the hypotheses."""
 
 
 def loop(
@@ -46,15 +40,13 @@ def loop(
     from harness.loop.study import load_loop
 
     study = load_loop(file)
-    if not study.folder.is_dir():
-        Console().print(Text(f"{file}: skipped, there is no folder {study.folder} of recordings"), soft_wrap=True)
+    if study.absent:
+        Console().print(Text(study.absent), soft_wrap=True)
         return
     folder = out if out is not None else RESULTS / f"loop-{file.stem}"
     with Console(stderr=True).status("reading the recordings") as status:
         drives = study.drives()
-        spec = _nominal(study, drives["train"][0])
-        drives = _steered(drives, spec.values.get("steering_ratio", 1.0))
-        found = _trace(study, spec, drives, "", folder, jobs, status.update)
+        found = _trace(study, study.nominal(), drives, "", folder, jobs, status.update)
         answers = [found.answer]
         if study.raw.changed is not None:
             changed = _trace(study, found.amended, drives, "changed.", folder / "changed", jobs, status.update)
@@ -62,38 +54,6 @@ def loop(
     for answer in answers:
         Console().print(Text(answer, style="bold"), soft_wrap=True)
     Console().print(Text(str(folder / "report.html")), soft_wrap=True)
-
-
-def _steered(drives: dict[str, list[xr.Dataset]], ratio: float) -> dict[str, list[xr.Dataset]]:
-    """Return the drives with a steering-wheel angle: where only that of the road wheels is there, times the ratio."""
-
-    def steered(recording: xr.Dataset) -> xr.Dataset:
-        if "steering_wheel_angle" in recording or "road_wheel_angle" not in recording:
-            return recording
-        return recording.assign(steering_wheel_angle=ratio * recording["road_wheel_angle"])
-
-    return {key: [steered(r) for r in recordings] for key, recordings in drives.items()}
-
-
-def _nominal(study: LoopStudy, recording: xr.Dataset) -> ModelSpec:
-    """Return the nominal model; integrated finely, because errors of integration look like a lag of the steering."""
-    from harness.configure import resolve_single
-    from harness.identify.recordings import step_of
-
-    stated = study.raw.model.model_dump(exclude_unset=True)
-    step = step_of(recording)
-    finely = {"integrator": "rk4", "step": step, "substeps": math.ceil(step / FINEST)}
-    return resolve_single({**stated, **finely}, f"{study.path}: model")
-
-
-def _free(study: LoopStudy, spec: ModelSpec) -> tuple[str, ...]:
-    from models.registry import closest
-
-    known = spec.model().parameter_names
-    for i, name in enumerate(study.raw.free):
-        if name not in known:
-            raise UserError(f"{study.path}: free[{i}]: the model has no parameter '{name}'{closest(name, known)}")
-    return tuple(study.raw.free) or tuple(p.name for p in spec.model().parameters if p.unit in ("N/rad", "1/rad"))
 
 
 def _trace(
@@ -110,14 +70,15 @@ def _trace(
     from harness.loop.outcome import outcome_of, write_outcome
     from harness.loop.trace import trace
     from harness.loop.whole import Whole
+    from harness.measured.study import names_of
     from harness.report.document import Document, write
 
     train, test = drives[f"{part}train"], drives[f"{part}test"]
+    free = () if part else study.fitted_parameters()
     say("compiling the library of effects")
     available = set.intersection(*({str(v) for v in r} for r in train + test))
     whole = Whole(spec, available, jobs, study.excluded)
-    named = [whole.drive(r, name) for r, name in zip(train + test, _names(train + test), strict=True)]
-    free = () if part else _free(study, spec)
+    named = [whole.drive(r, name) for r, name in zip(train + test, names_of(train + test), strict=True)]
     found = trace(whole, named[: len(train)], named[len(train) :], free, say, study.raw.rounds, study.raw.stated_noise)
     outcome = outcome_of(found)
     tried = estimators_on(found, outcome.amended, test, study.raw.estimators, say)
@@ -126,14 +87,8 @@ def _trace(
     title = study.raw.changed.question if part and study.raw.changed else study.raw.title
     write_outcome(outcome, folder)
     write_files(folder, {"loop.json": json.dumps(held_out(outcome), indent=2) + "\n"})
-    write(Document(title, _blocks(study, outcome, drives, part)), folder)
+    write(Document(title, _blocks(study, outcome, part)), folder)
     return outcome
-
-
-def _names(recordings: Sequence[xr.Dataset]) -> list[str]:
-    """Return the names of drives; spans of one recording are told apart by number."""
-    given = [str(r.attrs["name"]) for r in recordings]
-    return [f"{n} ({given[: i + 1].count(n)})" if given.count(n) > 1 else n for i, n in enumerate(given)]
 
 
 def held_out(outcome: Outcome) -> dict[str, Any]:
@@ -185,13 +140,18 @@ def changes(outcome: Outcome) -> str:
     return " ".join(sentences)
 
 
-def _blocks(study: LoopStudy, outcome: Outcome, drives: dict[str, list[xr.Dataset]], part: str) -> list[Block]:
+def _blocks(study: LoopStudy, outcome: Outcome, part: str) -> list[Block]:
     from harness.loop.report import document
+    from harness.measured.study import spans_sheet
     from harness.report.document import Prose, Sheet, plain, strong
 
     blocks = list(document(outcome, f"harness loop {study.path}").blocks)
     first = next(i for i, b in enumerate(blocks) if isinstance(b, Sheet)) + 1
-    further: list[Block] = [_errors(outcome), _spans(study, part)]
+    spans = study.spans()
+    further: list[Block] = [
+        _errors(outcome),
+        spans_sheet({"fitted": spans[f"{part}train"], "held out": spans[f"{part}test"]}),
+    ]
     if part:
         further.insert(0, Prose(strong(changes(outcome))))
     if study.raw.bank_map:
@@ -224,15 +184,3 @@ def _errors(outcome: Outcome) -> Block:
         "which does not count a constant. Published: as stated, nothing fitted."
     )
     return Sheet(header, rows, caption, left=3)
-
-
-def _spans(study: LoopStudy, part: str) -> Block:
-    from harness.report.document import Sheet
-
-    raw = study.raw.changed if part and study.raw.changed else study.raw
-    rows = [
-        [s.file, purpose, "all" if s.span is None else " to ".join(map(str, s.span))]
-        for purpose, spans in (("fitted", raw.train), ("held out", raw.test))
-        for s in spans
-    ]
-    return Sheet(["recording", "used", "span"], rows, "The drives.", left=3)

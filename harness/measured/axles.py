@@ -7,11 +7,16 @@ from it, and (3.42), (3.43) take ``dv_x/dt`` for the longitudinal acceleration `
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
+
+from harness.errors import UserError
+from harness.measured.derive import DERIVED, Sources
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +27,8 @@ _LINE = 0.7
 """Least correlation of force and slip angle at which the points are a line and not a cloud."""
 _LINEAR = 0.4
 """Lateral force over load up to which the slope is taken; beyond it a tyre on dry road bends."""
+_WINDOW = 0.3
+"""s, over which what the axle forces take is smoothed."""
 
 
 @dataclass(frozen=True)
@@ -150,3 +157,66 @@ def cornering_slope(slip: Floats, force: Floats, load: Floats) -> Slope | None:
         offset=float(x.mean() - y.mean() / value),
         samples=int(rows.sum()),
     )
+
+
+@dataclass(frozen=True)
+class Axle:
+    """One axle's curve and the straight line through its beginning."""
+
+    name: str
+    slip: Floats
+    share: Floats
+    slope: Slope | None
+
+
+def axles_of(recordings: Sequence[xr.Dataset], values: Mapping[str, float], where: str) -> list[Axle]:
+    """Return the curves of front and rear axle over some drives, and the slopes that start an identification.
+
+    Args:
+        recordings: The drives. What is not measured, or with gravity in it, is derived.
+        values: Parameters of a car: masses and lengths.
+        where: What errors begin with.
+
+    Raises:
+        UserError: If a parameter or a signal is missing.
+    """
+    needed = ("mass", "yaw_inertia", "cog_to_front_axle", "cog_to_rear_axle")
+    missing = [n for n in needed if n not in values]
+    if missing:
+        raise UserError(f"{where}: lacks {', '.join(missing)}; axle curves need the set of a car")
+    mass, inertia, front, rear = (values[n] for n in needed)
+    car = Car(mass, inertia, front, rear, values.get("cog_height", 0.0))
+    curves = [axle_curves(car, _smooth(recording, values, where)) for recording in recordings]
+    found = []
+    for end in ("front", "rear"):
+        slip, force, load = (
+            np.concatenate([getattr(c, f"{kind}_{end}") for c in curves]) for kind in ("slip", "force", "load")
+        )
+        found.append(Axle(end, slip, force / load, cornering_slope(slip, force, load)))
+    return found
+
+
+def _smooth(recording: xr.Dataset, values: Mapping[str, float], where: str) -> dict[str, Floats]:
+    """Return the smoothed signals that axle curves take."""
+    step = float(recording["time"][1] - recording["time"][0])
+    known = {n: s for n, s in signals_of(recording).items() if not recording[n].attrs.get("includes_gravity")}
+    if "road_wheel_angle" not in known and "steering_wheel_angle" in known and "steering_ratio" in values:
+        known["road_wheel_angle"] = known["steering_wheel_angle"] / values["steering_ratio"]
+    for name in ("lateral_acceleration", "longitudinal_acceleration", "yaw_acceleration"):
+        needs, compute = DERIVED[name]
+        if name not in known and any(all(n in known for n in each) for each in needs):
+            known[name] = compute(Sources(known, step, _WINDOW))
+    wanted = (
+        *("lateral_acceleration", "yaw_acceleration", "road_wheel_angle"),
+        *("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
+    )
+    absent = [n for n in wanted if n not in known]
+    if absent:
+        raise UserError(f"{where}: axle curves take {', '.join(absent)}, which the recording lacks")
+    smooth = Sources(known, step, _WINDOW)
+    return {n: smooth[n] for n in (*wanted, "longitudinal_acceleration") if n in known}
+
+
+def signals_of(recording: xr.Dataset) -> dict[str, Floats]:
+    """Return the signals of a recording by name, without those that a simulation wrote beside them with noise."""
+    return {str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if not str(n).startswith("measured_")}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +12,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.errors import UserError
 from harness.measured import check_figures
-from harness.measured.axles import Axles, Car, Slope, axle_curves, cornering_slope
+from harness.measured.axles import Axle, axles_of, signals_of
 from harness.measured.consistency import Fit, check, in_report_unit
-from harness.measured.derive import DERIVED, Sources
 from harness.measured.load import load_recording
 from harness.report.document import Block, Bullets, Document, Heading, Prose, Sheet, plain, write
 from harness.report.store import print_unit, quantity, words
@@ -25,19 +22,6 @@ from harness.report.style import number
 from models import registry
 
 Floats = NDArray[np.float64]
-
-_WINDOW = 0.3
-"""s, over which what the axle forces take is smoothed."""
-
-
-@dataclass(frozen=True)
-class Axle:
-    """One axle's curve and the straight line through its beginning."""
-
-    name: str
-    slip: Floats
-    share: Floats
-    slope: Slope | None
 
 
 @dataclass(frozen=True)
@@ -73,49 +57,14 @@ def check_recording(file: str | Path, channels: Path | None = None, parameters: 
         ModelError: If there is no such parameter set.
     """
     recording = load_recording(file, channels)
-    signals = {
-        str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if not str(n).startswith("measured_")
-    }
+    signals = signals_of(recording)
     derived = [n for n in signals if recording[n].attrs["derived"]]
     step = float(recording["time"][1] - recording["time"][0])
-    unfit = [n for n in signals if recording[n].attrs.get("includes_gravity")]
-    axles = [] if parameters is None else _axles(signals, unfit, step, parameters)
+    axles = []
+    if parameters is not None:
+        values = dict(registry.load("models.parameters", parameters).VALUES)
+        axles = axles_of([recording], values, f"--parameters {parameters}")
     return Findings(recording, check(signals, step, derived), axles)
-
-
-def _axles(signals: dict[str, Floats], unfit: Collection[str], step: float, parameters: str) -> list[Axle]:
-    """Return the axle curves with a car's parameters; what is not measured, or with gravity in it, is derived."""
-    values = dict(registry.load("models.parameters", parameters).VALUES)
-    needed = ("mass", "yaw_inertia", "cog_to_front_axle", "cog_to_rear_axle")
-    missing = [n for n in needed if n not in values]
-    if missing:
-        raise UserError(f"--parameters {parameters}: lacks {', '.join(missing)}; axle curves need the set of a car")
-    mass, inertia, front, rear = (values[n] for n in needed)
-    car = Car(mass, inertia, front, rear, values.get("cog_height", 0.0))
-    known = {n: s for n, s in signals.items() if n not in unfit}
-    if "road_wheel_angle" not in known and "steering_wheel_angle" in known and "steering_ratio" in values:
-        known["road_wheel_angle"] = known["steering_wheel_angle"] / values["steering_ratio"]
-    for name in ("lateral_acceleration", "longitudinal_acceleration", "yaw_acceleration"):
-        needs, compute = DERIVED[name]
-        if name not in known and any(all(n in known for n in each) for each in needs):
-            known[name] = compute(Sources(known, step, _WINDOW))
-    wanted = (
-        *("lateral_acceleration", "yaw_acceleration", "road_wheel_angle"),
-        *("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
-    )
-    absent = [n for n in wanted if n not in known]
-    if absent:
-        raise UserError(f"--parameters: axle curves take {', '.join(absent)}, which the recording lacks")
-    smooth = Sources(known, step, _WINDOW)
-    curves: Axles = axle_curves(car, {n: smooth[n] for n in (*wanted, "longitudinal_acceleration") if n in known})
-    return [
-        Axle("front", curves.slip_front, curves.force_front / curves.load_front, _slope(curves, "front")),
-        Axle("rear", curves.slip_rear, curves.force_rear / curves.load_rear, _slope(curves, "rear")),
-    ]
-
-
-def _slope(curves: Axles, end: str) -> Slope | None:
-    return cornering_slope(*(getattr(curves, f"{kind}_{end}") for kind in ("slip", "force", "load")))
 
 
 def _overview(recording: xr.Dataset) -> str:

@@ -19,7 +19,7 @@ from harness.report.store import print_unit, quantity, words
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from harness.measured.check import Axle
+    from harness.measured.axles import Axle
 
 Floats = NDArray[np.float64]
 
@@ -129,8 +129,8 @@ def _liveliest(fit: Fit) -> slice:
     return slice(first, first + length)
 
 
-def axles(curves: Sequence[Axle]) -> Picture:
-    """Draw lateral force over load against slip angle for each axle, with the line through its beginning (3.16)."""
+def axles(curves: Sequence[Axle], line: str = "slope up to 0.4", title: str = "How stiff are the axles?") -> Picture:
+    """Draw lateral force over load against slip angle for each axle, and a line through its beginning (3.16)."""
     with style.drawing():
         fig = style.figure(0.9 + 2.9 * len(curves))
         panels = fig.subplots(len(curves), 1, squeeze=False)[:, 0]
@@ -140,17 +140,17 @@ def axles(curves: Sequence[Axle]) -> Picture:
             axes.plot(np.degrees(axle.slip[few]), axle.share[few], ".", ms=2, color=_MEASURED, alpha=0.4, mew=0)
             if axle.slope is not None and len(few):
                 reach = np.nanmax(np.abs(axle.share[few]))
-                line = np.clip(0.4, None, reach) * np.array([-1.0, 1.0])
-                axes.plot(np.degrees(line / axle.slope.value + axle.slope.offset), line, color=_COMPUTED, lw=1.6)
+                ends = min(0.4, reach) * np.array([-1.0, 1.0])
+                axes.plot(np.degrees(ends / axle.slope.value + axle.slope.offset), ends, color=_COMPUTED, lw=1.6)
             axes.set_ylabel("lateral force over load")
             axes.set_xlabel("slip angle in °")
             axes.set_title(f"{axle.name} axle", loc="left")
             axes.grid()
         handles = [
             Line2D([], [], ls="", marker=".", color=_MEASURED, label="from the measured motion"),
-            Line2D([], [], color=_COMPUTED, lw=1.6, label="slope up to 0.4"),
+            Line2D([], [], color=_COMPUTED, lw=1.6, label=line),
         ]
-        style.head(fig, "How stiff are the axles?", handles)
+        style.head(fig, title, handles)
         image = style.svg(fig)
     caption = (
         "Axle forces from the balance of forces and moments, slip angles from the velocities (Sun 2015, figure 3.16)."
