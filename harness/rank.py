@@ -36,11 +36,14 @@ class Indices:
         samples: Base samples N that they are estimated from.
         first: First-order indices.
         total: Total indices.
+        lead: By how much the largest total index exceeds the second; NaN with a single factor. Both come from the
+            same resamples, so the interval is narrower than those of the two suggest.
     """
 
     samples: int
     first: tuple[Interval, ...]
     total: tuple[Interval, ...]
+    lead: Interval
 
     @property
     def order(self) -> list[int]:
@@ -99,7 +102,12 @@ def sobol_indices(
         lower, upper = np.nanpercentile(found[f"{kind}_conf_all"], ends, axis=0)
         return tuple(Interval(*map(float, row)) for row in zip(found[kind], lower, upper, strict=True))
 
-    return Indices(values.size // (factors + 2), intervals("S1"), intervals("ST"))
+    lead = Interval(np.nan, np.nan, np.nan)
+    if factors > 1:
+        one, other = np.argsort(-found["ST"], kind="stable")[:2]
+        resampled = found["ST_conf_all"][:, one] - found["ST_conf_all"][:, other]
+        lead = Interval(float(found["ST"][one] - found["ST"][other]), *map(float, np.nanpercentile(resampled, ends)))
+    return Indices(values.size // (factors + 2), intervals("S1"), intervals("ST"), lead)
 
 
 def converging(outcome: ArrayLike, factors: int, *, seed: int = 0, resamples: int = RESAMPLES) -> list[Indices]:

@@ -18,13 +18,11 @@ from harness.report import style
 from harness.report.document import Block, Bullets, Heading, Picture, Sheet, plain, strong
 from harness.report.opening import ALIKE, listed
 from harness.report.ranking import Ranking, limits_of, tolerances
-from harness.report.sections.tolerance import breaks_first, sentence
+from harness.report.sections.sensitivity import in_short
+from harness.report.sections.tolerance import breaks_first, told
 from harness.report.store import ESTIMATOR_DIVERGED, PLANT_DIVERGED, Design
 from harness.report.style import number, with_unit
 from harness.tolerance import Tolerance
-
-NAMED = 2
-"""Factors that are named as driving an error."""
 
 
 class Joint:
@@ -76,10 +74,6 @@ class Joint:
         """Return in how many runs over the box the estimator diverged."""
         return self.design.count(ESTIMATOR_DIVERGED, None, estimator)
 
-    def drivers(self, target: int) -> list[int]:
-        """Return the factors that drive the error most, largest mean total index first."""
-        return self.ranking.order(target)[:NAMED]
-
 
 def answer(results: Results, found: list[Finding]) -> list[Block]:
     """Return the answer in words, one figure and one table."""
@@ -88,7 +82,7 @@ def answer(results: Results, found: list[Finding]) -> list[Block]:
         ("Which estimator?", _which(joint)),
         ("Inside which envelope?", _envelope(joint)),
         ("How often does it fail?", _failures(joint)),
-        ("What drives its error?", _driven(joint)),
+        ("What drives its error?", " ".join(in_short(joint.ranking))),
         ("What of the dissertation holds?", _holds(found)),
     ]
     return [
@@ -121,14 +115,8 @@ def _which(joint: Joint) -> str:
 
 
 def _envelope(joint: Joint) -> str:
-    texts = []
-    for t, target in enumerate(joint.nested.targets):
-        if target.name in joint.limits:
-            limit = with_unit(joint.limits[target.name] * target.scale, target.unit)
-            borne = {e: joint.borne[t, e] for e in range(len(joint.nested.estimators))}
-            best = max(borne, key=lambda e: (borne[e].box, borne[e].typical))
-            texts.append(f"For the {target.words}: {sentence(joint.nested, limit, best, borne[best])}")
-    return " ".join(texts)
+    found = told(joint.nested, joint.limits, joint.borne)
+    return " ".join(f"For the {target.words}: {text}" for target, text in found)
 
 
 def _failures(joint: Joint) -> str:
@@ -143,18 +131,6 @@ def _failures(joint: Joint) -> str:
     if plant:
         text += f" In {plant} the vehicle itself left the range in which its equations hold, whatever estimated it."
     return text
-
-
-def _driven(joint: Joint) -> str:
-    design, sentences = joint.design, []
-    for t, target in enumerate(design.targets):
-        parts = []
-        for i in joint.drivers(t):
-            values = [found.total[i].value for found in joint.ranking.errors[t] if found is not None]
-            parts.append(f"the {design.factors[i].words} (total index {number(min(values))} to {number(max(values))})")
-        if parts:
-            sentences.append(f"The error of the {target.words} is driven by {listed(parts)}.")
-    return " ".join(sentences) or "No error varies."
 
 
 def _holds(found: list[Finding]) -> str:

@@ -61,7 +61,7 @@ def judge(evidence: Sequence[Evidence]) -> Verdict:
 
 
 def ratio_of_medians(
-    errors: NDArray[np.float64], reference: NDArray[np.float64], *, paired: bool = True, seed: int = 0
+    errors: NDArray[np.float64], reference: NDArray[np.float64], seed: int = 0
 ) -> tuple[Interval, int]:
     """Return the median of ``errors`` over that of ``reference`` with a percentile bootstrap interval.
 
@@ -70,39 +70,26 @@ def ratio_of_medians(
 
     Args:
         errors: RMSE of the group in question, ``(drive, sample, repeat)``; NaN where there is none.
-        reference: The same of the group compared with.
-        paired: Whether the same place in both is the same drive and noise; then a pair needs both numbers. Else both
-            groups are drawn on their own and may differ in samples and repeats.
+        reference: That of the group compared with, in which the same place is the same drive and noise. A pair needs
+            both numbers.
         seed: Seed of the bootstrap.
 
     Returns:
-        The ratio, NaN if a group is empty; and the runs of ``errors`` that it stands on.
+        The ratio, NaN if there is no pair; and the number of pairs.
     """
-    above = errors.reshape(errors.shape[0], -1)
-    below = reference.reshape(reference.shape[0], -1)
-    if paired:
-        both = np.isfinite(above) & np.isfinite(below)
-        above, below = np.where(both, above, np.nan), np.where(both, below, np.nan)
-    count = int(np.isfinite(above).sum())
-    if not count or not np.isfinite(below).any():
+    above, below = errors.reshape(errors.shape[0], -1), reference.reshape(reference.shape[0], -1)
+    both = np.isfinite(above) & np.isfinite(below)
+    if not both.any():
         return Interval(np.nan, np.nan, np.nan), 0
     rng = np.random.default_rng(seed)
-    first = _resampled(above, rng)
-    medians = np.median(above[np.isfinite(above)]), np.median(below[np.isfinite(below)])
-    second = _resampled(below, np.random.default_rng(seed) if paired else rng)
-    ratios = first / second
-    lower, upper = np.quantile(ratios, [0.025, 0.975])
-    return Interval(float(medians[0] / medians[1]), float(lower), float(upper)), count
-
-
-def _resampled(values: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return the median of each resample; every row is redrawn within itself, so equal generators draw pairs."""
-    parts = []
-    for row in values:
-        finite = row[np.isfinite(row)]
-        if finite.size:
-            parts.append(finite[rng.integers(0, finite.size, (RESAMPLES, finite.size))])
-    return np.median(np.concatenate(parts, axis=1), axis=1)
+    drawn = []
+    for one, other, pair in zip(above, below, both, strict=True):
+        pairs = np.stack([one[pair], other[pair]])
+        if pairs.size:
+            drawn.append(pairs[:, rng.integers(0, pairs.shape[1], (RESAMPLES, pairs.shape[1]))])
+    first, second = np.median(np.concatenate(drawn, axis=2), axis=2)
+    lower, upper = np.quantile(first / second, [0.025, 0.975])
+    return Interval(float(np.median(above[both]) / np.median(below[both])), float(lower), float(upper)), int(both.sum())
 
 
 def share(count: int, total: int) -> Interval:

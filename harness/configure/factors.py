@@ -257,7 +257,8 @@ class _FactorReader:
         text = _unsigned(raw)
         fraction = self._fraction(text, key)
         width = self._number(text, key) if fraction is None else fraction * abs(centre)
-        if not width > 0:
+        itself = self.table.bands is not None and width == 0 and not fraction  # the nominal value beside its bands
+        if not width > 0 and not itself:
             why = (
                 "percent of a level of zero is nothing; give the half-width in the parameter's unit"
                 if fraction

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness import statistics
+from harness.report.ranking import Ranking
 from harness.report.store import OK, Design, Store
 from harness.report.style import Look, looks
 
@@ -128,6 +129,11 @@ class Findings:
         if count <= 2:
             return [(0, 1)][: count - 1]
         return [(self.reference, b) for b in range(count) if b != self.reference]
+
+    @cached_property
+    def ranking(self) -> Ranking:
+        """Sobol indices of a ``saltelli`` design."""
+        return Ranking(self.design, self.seed)
 
     @property
     def told(self) -> list[int | None]:

@@ -184,7 +184,7 @@ def at(design: Design, band: int) -> str:
 def varied(design: Design) -> str:
     """Name the factors of a design; of more than ``NAMED`` say only how many there are."""
     names = [f.words for f in design.factors]
-    return listed(names) if len(names) <= NAMED else f"{len(names)} factors of the study"
+    return listed(names) if len(names) <= NAMED else f"{len(names)} factors"
 
 
 def _everyone(names: Sequence[str]) -> str:

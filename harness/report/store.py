@@ -78,8 +78,8 @@ class Factor:
 
 
 def words(name: str) -> str:
-    """Write a name of the project in words: ``trailer_mass`` becomes ``trailer mass``."""
-    return name.replace("_", " ").strip()
+    """Write a name of the project in words: ``trailer_cog_from_rear`` becomes ``trailer CoG from rear``."""
+    return re.sub(r"\bcog\b", "CoG", name.replace("_", " ").strip())
 
 
 def print_unit(unit: str) -> str:
@@ -201,21 +201,25 @@ class Design:
         if self.sampling != "sobol":
             return None  # one box around that value, or several
         inside = np.ones(len(self.bands), dtype=bool)
-        distance = np.zeros(len(self.bands))
+        distance, width = np.zeros((2, len(self.bands)))
         for factor in self.factors:
             if not np.isfinite(factor.nominal):
                 return None
             slack = 1e-9 * max(abs(factor.nominal), 1e-12)
             inside &= (factor.lower - slack <= factor.nominal) & (factor.nominal <= factor.upper + slack)
             distance += np.abs((factor.lower + factor.upper) / 2 - factor.nominal)
+            width += factor.upper - factor.lower
         if not self.factors or not inside.any():
             return None
-        return int(np.argmin(np.where(inside, distance, np.inf)))
+        return min(np.flatnonzero(inside).tolist(), key=lambda band: (distance[band], width[band]))
 
     @property
     def matched_is(self) -> str:
-        """What the matched band is: as believed, or, where the belief varies as well, as the study states it."""
-        return "as believed" if all(f.of == "plant" for f in self.factors) else "as stated"
+        """What the matched band is: as believed or around that; as stated, where the belief varies as well."""
+        if not all(f.of == "plant" for f in self.factors):
+            return "as stated"
+        wide = any(f.lower[self.matched] < f.upper[self.matched] for f in self.factors)
+        return "around what is believed" if wide else "as believed"
 
     @property
     def sampling(self) -> str:

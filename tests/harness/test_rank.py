@@ -49,6 +49,8 @@ def test_known_indices_lie_in_their_intervals(function, known):
             assert interval.lower <= interval.value <= interval.upper
             assert interval.value == pytest.approx(value, abs=0.05)
     assert found.order == list(np.argsort(-known[1], kind="stable"))
+    largest = np.sort(known[1])[::-1]
+    assert found.lead.lower <= largest[0] - largest[1] <= found.lead.upper
 
 
 @pytest.mark.parametrize(("function", "known"), [(ishigami, ishigami_indices()), (g_function, g_indices())])
@@ -131,3 +133,14 @@ def test_a_lost_run_hides_no_factor():
     assert capped.total[0].value == pytest.approx(whole.total[0].value, abs=0.05)
     assert rank.sobol_indices(lost.astype(float), 2).total[0].value > 0.9
     assert rank.sobol_indices(rank.ranks(rank.over_drives(scores)[0]), 2).order == [0, 1]
+
+
+def test_two_equal_factors_have_no_lead_and_a_larger_one_has():
+    """The difference comes from pairs of resamples: it decides although the intervals of the two overlap."""
+    points = saltelli_points(128, 2, seed=4)
+    alike = rank.sobol_indices(points.sum(axis=1), 2)
+    assert alike.lead.lower <= 0.0 <= alike.lead.upper
+    led = rank.sobol_indices(points @ [1.0, 1.3], 2)
+    assert led.order[0] == 1
+    assert led.lead.lower > 0.0
+    assert np.isnan(rank.sobol_indices(saltelli_points(64, 1, seed=4)[:, 0], 1).lead.value)

@@ -131,6 +131,23 @@ def test_sensitivity_over_time_changes_with_the_cause(analysis):
     assert len(over_time.blocks(analysis)) == 2 + len(TARGETS)
 
 
+def test_an_order_that_the_samples_do_not_tell_is_said_to_be_open(analysis):
+    told = words(sensitivity.blocks(analysis)) + " ".join(sensitivity.in_short(analysis.main.ranking))
+    assert "too few to decide" not in told  # mass makes four times the variance that friction makes
+    ranking = Ranking(analysis.findings[0].design, seed=0)
+    mass, friction, _ = points_of(ranking)
+    ranking.outcomes[1] = 10.0 + mass + friction
+    told = sensitivity.in_short(ranking)[1]
+    assert "is driven by" in told
+    assert "128 base samples are too few to decide whether" in told
+
+
+def points_of(ranking):
+    """Values of the factors at the points of the design, each with unit variance."""
+    values = np.stack([f.values[0] for f in ranking.design.factors])
+    return (values - values.mean(axis=1, keepdims=True)) / values.std(axis=1, keepdims=True)
+
+
 def test_unfinished_designs_have_no_indices(tmp_path):
     study = study_of(tmp_path)
     made = scores(study)
@@ -143,6 +160,8 @@ def test_unfinished_designs_have_no_indices(tmp_path):
 
 def test_a_whole_report_is_written(folder):
     html = Page(write_report(folder)[0].read_text(encoding="utf-8")).text
+    assert "the error of the articulation angle is driven by trailer mass (total index 0." in html
+    assert "How far may all factors drift? For the articulation angle: " in html
     for question in ("Which parameter drives the error?", "How far may the vehicle drift in everything at once?",
                      "When does which parameter make the error?"):  # fmt: skip
         assert question in html

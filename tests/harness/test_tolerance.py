@@ -51,6 +51,13 @@ def test_a_limit_that_always_holds_and_one_that_never_does():
     assert (hopeless.box, hopeless.first, hopeless.nominal) == (0.0, None, 2.0)
 
 
+def test_a_factor_alone_ends_the_box_where_no_ray_does():
+    """A limit that only the axis breaks, as where one drifting noise loses every run whatever else drifts with it."""
+    found = tolerance(errors_of(lambda x: np.where((x[:, 0] > 0.3) & (x[:, 1] == 0.0), np.inf, 0.0)), 1.0, 2)
+    assert found.typical == 1.0
+    assert found.box == found.upper[0] == 0.25
+
+
 def test_lost_runs_end_the_reach_at_the_last_box_that_was_whole():
     found = tolerance(errors_of(lambda x: np.where(np.abs(x).max(axis=1) > 0.5, np.inf, 0.0)), 1.0, 2)
     np.testing.assert_allclose(found.upper, [0.5, 0.5])

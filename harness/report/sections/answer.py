@@ -10,7 +10,8 @@ import xarray as xr
 from harness.report.analysis import Analysis, Findings, Paired
 from harness.report.document import Block, Bullets, Heading, Prose, plain, strong
 from harness.report.opening import ALIKE, answer_in_short, at, listed
-from harness.report.sections import boxes
+from harness.report.ranking import limits_of, tolerances
+from harness.report.sections import boxes, sensitivity, tolerance
 from harness.report.sections.history import inside
 from harness.report.store import FATES, OK, PENDING, Design
 from harness.report.style import number, percent, probability, span, with_unit
@@ -31,7 +32,28 @@ def blocks(analysis: Analysis) -> list[Block]:
         items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")
     opening = Prose(strong(answer_in_short(findings)))
     figures = boxes.pictures(analysis, findings, opening=True)
-    return [Heading("Answer"), opening, Prose(plain(_scope(analysis))), *figures, Bullets(items)]
+    return [
+        Heading("Answer"),
+        opening,
+        *_of_the_box(analysis),
+        Prose(plain(_scope(analysis))),
+        *figures,
+        Bullets(items),
+    ]
+
+
+def _of_the_box(analysis: Analysis) -> list[Block]:
+    """Say of a study of all factors at once which of them drive the error, and how far all may drift together."""
+    design = analysis.main.design
+    if design.sampling != "saltelli" or design.count(PENDING):
+        return []
+    items = [("What drives the error?", " ".join(sensitivity.in_short(analysis.main.ranking)))]
+    limits = limits_of(analysis.store.attributes)
+    for nested in (d for d in analysis.store.designs if d.sampling == "tolerance" and not d.count(PENDING)):
+        found = tolerance.told(nested, limits, tolerances(nested, limits))
+        borne = " ".join(f"For the {target.words}: {text}" for target, text in found)
+        items.append(("How far may all factors drift?", borne))
+    return [Bullets([f"{strong(question)} {plain(text)}" for question, text in items if text])]
 
 
 def _capital(text: str) -> str:

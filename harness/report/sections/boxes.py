@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from harness.statistics import Summary
 UPRIGHT = 9  # levels whose labels fit side by side; more are turned
 _OPENING = 5.8  # inches of the first page that the answer in words leaves to a figure
 _LOWEST = 1.35  # inches per target where that keeps a figure on the first page
+_LABEL = 80  # characters of an axis label that fit the width of the page
 _LOGARITHMIC_FROM = 30.0  # largest error over typical error from which a linear axis would show nothing
 
 
@@ -46,19 +48,26 @@ def _explain(design: Design) -> str:
 
 def heading(design: Design) -> str:
     """Return the question a design answers."""
+    if not design.factors:
+        return "How large is the error?"
     where = "in each band of" if design.sampled else "at each level of"
-    return f"How large is the error {where} {varied(design) if design.factors else 'setting'}?"
+    if design.sampling == "saltelli":
+        where = "over the whole box of"
+    return f"How large is the error {where} {varied(design)}?"
 
 
 def factor_label(design: Design) -> str:
-    """Return the label of the axis of levels, e.g. ``trailer mass of the plant``."""
+    """Return the label of the axis of levels, e.g. ``trailer mass of the plant``, in as many lines as it needs."""
     owners = {"plant": " of the plant", "belief": " believed", "both": " of plant and belief"}
-    label = ", ".join(f.words + owners.get(f.of, "") for f in design.factors) or design.name
-    if len(design.factors) > NAMED:
+    if len({f.of for f in design.factors}) == 1:
+        label = varied(design) + owners[design.factors[0].of]
+    elif len(design.factors) > NAMED:
         label = varied(design)
+    else:
+        label = ", ".join(f.words + owners[f.of] for f in design.factors) or design.name
     if design.matched is not None:
         label += f" (grey: {design.matched_is})"
-    return label
+    return textwrap.fill(label, _LABEL)
 
 
 def tick_labels(design: Design, findings: Findings) -> list[str]:
@@ -91,7 +100,7 @@ def label_levels(axes: Axes, design: Design, findings: Findings) -> None:
 
 def foot(design: Design) -> float:
     """Return the inches that the labels of the levels need below the panels."""
-    return 0.9 if len(design.bands) <= UPRIGHT else 1.9
+    return (0.9 if len(design.bands) <= UPRIGHT else 1.9) + 0.16 * factor_label(design).count("\n")
 
 
 def row_height(design: Design) -> float:

@@ -31,7 +31,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     for findings in analysis.findings:
         design = findings.design
         if "rmse_over_time" in design.data and not design.count(PENDING):
-            ranking = Ranking(design, findings.seed)
+            ranking = findings.ranking
             found += [_picture(AlongDrive(ranking, t)) for t in range(len(design.targets)) if any(ranking.errors[t])]
     if not found:
         return []

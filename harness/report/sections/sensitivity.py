@@ -20,6 +20,9 @@ from harness.statistics import Interval
 DRIVING = 0.1
 """Total index from which on a factor is said to drive the error."""
 
+NAMED = 2
+"""Factors that are named where the answer is told in short."""
+
 _FACTOR_HEIGHT = 0.34
 _LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 _MARKERS = ("o", "s", "^", "D", "v")
@@ -30,7 +33,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     found: list[Block] = []
     for findings in analysis.findings:
         if findings.design.sampling == "saltelli":
-            found += _design(analysis, Ranking(findings.design, findings.seed))
+            found += _design(analysis, findings.ranking)
     return [Heading("Which parameter drives the error?"), *found] if found else []
 
 
@@ -47,6 +50,34 @@ def _design(analysis: Analysis, ranking: Ranking) -> list[Block]:
     if any(any(row) for row in ranking.errors):
         found.append(_convergence_picture(ranking))
     return found
+
+
+def in_short(ranking: Ranking) -> list[str]:
+    """Say for each target which factors drive the error of the estimator that is best over the box."""
+    design, sentences = ranking.design, []
+    for t, target in enumerate(design.targets):
+        best = ranking.best(t)
+        found = ranking.errors[t][best]
+        if found is None:
+            continue
+        large = [i for i in found.order if found.total[i].value >= DRIVING][:NAMED]
+        parts = [f"{design.factors[i].words} (total index {found.total[i].value:.2f})" for i in large]
+        who = f"With {design.estimators[best]}, the error of the {target.words}"
+        by = listed(parts) if parts else "no factor more than by others"
+        sentences.append(f"{who} is driven by {by}{_undecided(ranking, found)}.")
+    return sentences
+
+
+def _undecided(ranking: Ranking, found: Indices) -> str:
+    """Say that the samples do not tell which factor leads, where they do not."""
+    second = found.total[found.order[1]].value if len(found.order) > 1 else 0.0
+    if second < DRIVING or found.lead.lower > 0:
+        return ""
+    one, other = (ranking.design.factors[i].words for i in found.order[:2])
+    return (
+        f"; {found.samples} base samples are too few to decide whether {one} or {other} does more (difference "
+        f"{_told(found.lead)})"
+    )
 
 
 def _words(ranking: Ranking) -> list[str]:
@@ -72,12 +103,13 @@ def _drivers(ranking: Ranking, indices: Sequence[Indices | None], shown: int, wh
         return f"With {design.estimators[shown]} {what} does not vary."
     large = [i for i in found.order if found.total[i].value >= DRIVING]
     small = [found.total[i].value for i in found.order if i not in large]
-    parts = [f"{design.factors[i].words} {_cell(found.total[i])}" for i in large]
+    parts = [f"{design.factors[i].words} {_told(found.total[i])}" for i in large]
     text = f"With {design.estimators[shown]}, the total indices of {what} are {listed(parts)}"
     if not parts:
         text = f"With {design.estimators[shown]}, no factor has a total index of {what} of {DRIVING}"
     elif small:
         text += f"; the other {len(small)} factors have at most {max(small[0], 0.0):.2f} each"
+    text += _undecided(ranking, found)
     other = [
         f"{name} ({design.factors[f.order[0]].words} {f.total[f.order[0]].value:.2f})"
         for name, f in zip(design.estimators, indices, strict=True)
@@ -191,8 +223,18 @@ def _factor_rows(axes: Axes, ranking: Ranking, order: list[int]) -> None:
     axes.grid(axis="x")
 
 
-def _cell(interval: Interval) -> str:
-    return f"{interval.value:.2f} ({interval.lower:.2f} to {interval.upper:.2f})".replace("-", "−")
+def _two_digits(interval: Interval) -> list[str]:
+    return [f"{v:.2f}".replace("-0.00", "0.00").replace("-", "−") for v in interval]
+
+
+def _told(interval: Interval) -> str:
+    value, lower, upper = _two_digits(interval)
+    return f"{value} ({lower} to {upper})"
+
+
+def _in_table(interval: Interval) -> str:
+    value, lower, upper = _two_digits(interval)
+    return f"{value}\n{lower} to {upper}"
 
 
 def _tables(ranking: Ranking, target: int) -> list[Block]:
@@ -203,14 +245,14 @@ def _tables(ranking: Ranking, target: int) -> list[Block]:
         rows = [
             [
                 design.factors[i].words,
-                *("–" if f is None else _cell(getattr(f, kind)[i]) for f in ranking.errors[target]),
+                *("–" if f is None else _in_table(getattr(f, kind)[i]) for f in ranking.errors[target]),
             ]
             for i in order
         ]
         caption = f"{name} Sobol indices of the RMSE of {words} with 95 % intervals, design “{design.name}”."
         sheets.append(Sheet(["factor", *design.estimators], rows, caption))
     rows = [
-        [design.factors[i].words, *("–" if f is None else _cell(f.total[i]) for f in ranking.of_ranks[target])]
+        [design.factors[i].words, *("–" if f is None else _in_table(f.total[i]) for f in ranking.of_ranks[target])]
         for i in order
     ]
     caption = (
@@ -222,7 +264,7 @@ def _tables(ranking: Ranking, target: int) -> list[Block]:
 def _divergence_table(ranking: Ranking) -> Sheet:
     design = ranking.design
     rows = [
-        [f.words, *("–" if found is None else _cell(found.total[i]) for found in ranking.divergence)]
+        [f.words, *("–" if found is None else _in_table(found.total[i]) for found in ranking.divergence)]
         for i, f in enumerate(design.factors)
     ]
     share = [f"{100 * float(np.mean(lost)):.1f} %" for lost in ranking.lost]

@@ -29,7 +29,8 @@ def blocks(analysis: Analysis) -> list[Block]:
             found.append(Prose(plain(f"Design “{design.name}” is not finished; a tolerance needs all of its points.")))
             continue
         borne = tolerances(design, limits)
-        found += [Bullets(_words(design, limits, borne)), Prose(plain(_rule(design, borne)))]
+        items = [f"{strong(_capital(target))} {plain(text)}" for target, text in told(design, limits, borne)]
+        found += [Bullets(items), Prose(plain(_rule(design, borne)))]
         for t, target in enumerate(design.targets):
             if target.name in limits:
                 limit = with_unit(limits[target.name] * target.scale, target.unit)
@@ -56,14 +57,17 @@ def breaks_first(design: Design, borne: Tolerance) -> str:
     return f"{factor.words} {'above' if upwards else 'below'} {with_unit(value_at(factor, reach), factor.unit)}"
 
 
-def _words(design: Design, limits: dict[str, float], borne: dict[tuple[int, int], Tolerance]) -> list[str]:
+def told(
+    design: Design, limits: dict[str, float], borne: dict[tuple[int, int], Tolerance]
+) -> list[tuple[Quantity, str]]:
+    """Say for each target with a limit which estimator bears the largest box, and what breaks the limit first."""
     items = []
     for t, target in enumerate(design.targets):
         if target.name not in limits:
             continue
         limit = with_unit(limits[target.name] * target.scale, target.unit)
         best = max(range(len(design.estimators)), key=lambda e: (borne[t, e].box, borne[t, e].typical))
-        items.append(f"{strong(_capital(target))} {plain(sentence(design, limit, best, borne[t, best]))}")
+        items.append((target, _sentence(design, limit, best, borne[t, best])))
     return items
 
 
@@ -71,8 +75,7 @@ def _capital(target: Quantity) -> str:
     return f"{target.words[:1].upper()}{target.words[1:]}."
 
 
-def sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
-    """Say within how large a box an estimator stays below a limit, and which factor alone breaks it first."""
+def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
     name = design.estimators[e]
     if borne.nominal > 1.0:
         times = "in a lost run" if np.isinf(borne.nominal) else f"{number(borne.nominal, 2)} times as large"
