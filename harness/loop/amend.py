@@ -78,7 +78,7 @@ def estimators_on(
 def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr.Dataset], kind: str) -> Floats:
     """Return the root mean square errors of all outputs ``(ny,)``."""
     whole = trace.fitting.whole
-    filters = Innovations(_with_noise(trace, spec, point), kind, whole.jobs)
+    filters = Innovations(fitted_model(trace, spec, point), kind, whole.jobs)
     squares = []
     for i, (drive, recording) in enumerate(zip(trace.held_out.drives, recordings, strict=True)):
         values = np.array([[point.values[whole.row(n), i]] for n in filters.model.parameter_names])
@@ -96,13 +96,17 @@ def _unseen(filters: Innovations, drive: Drive, held: Held, output: int) -> Floa
     return run.innovation[:, output] ** 2 if np.isfinite(run.log_likelihood) else np.array([np.inf])
 
 
-def _with_noise(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
-    """Return a model with the variances of a point; an effect's own states have none."""
-    noise, states = trace.fitting.noise_at(point), trace.fitting.whole.nominal.states
-    process = dict(zip(states, map(float, noise.process[:, 0]), strict=True))
+def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
+    """Return a model with values and variances of a point.
+
+    An effect's own states have no noise, and a change begins when it does in the first drive.
+    """
+    whole, noise = trace.fitting.whole, trace.fitting.noise_at(point)
+    process = dict(zip(whole.nominal.states, map(float, noise.process[:, 0]), strict=True))
     model = spec.model()
     return replace(
         spec,
+        values={n: float(point.values[whole.row(n), 0]) for n in model.parameter_names},
         process_noise={s: process.get(s, 0.0) for s in model.states},
         measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
     )

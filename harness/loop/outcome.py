@@ -16,11 +16,12 @@ from harness.configure.parameter_set import set_text
 from harness.folder import write_files
 from harness.identify.outcome import Judged
 from harness.identify.residuals import whiteness
-from harness.loop.amend import Estimated
+from harness.loop.amend import Estimated, fitted_model
 from harness.loop.fit import Fitted
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.trace import Candidate, Trace
+from harness.loop.worth import Worth
 from harness.report.store import words
 from models.placement import load_effect, ports_of, split
 from models.signals import SIGNALS
@@ -55,8 +56,10 @@ class Outcome:
         answer: The result in sentences.
         values: What each addition holds, by its name.
         judged: Every drive against the nominal model and the final one.
+        nominal: The nominal model, refitted, for studies.
         amended: The final model, for studies; effects with moments hold those of the first fitted drive.
         estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
+        worth: A study with the amended plant against both beliefs, where asked for; why it could not be run, in words.
     """
 
     trace: Trace
@@ -64,15 +67,18 @@ class Outcome:
     answer: str
     values: dict[str, tuple[Value, ...]]
     judged: tuple[Judged, ...]
+    nominal: ModelSpec
     amended: ModelSpec
     estimators: tuple[Estimated, ...] = ()
+    worth: Worth | str | None = None
 
 
 def outcome_of(trace: Trace) -> Outcome:
     """Return the verdict on a trace with all that the report and ``trace.json`` need."""
     values = _values(trace)
     verdict = verdict_of(trace)
-    return Outcome(trace, verdict, _answer(trace, verdict, values), values, _judged(trace), _amended(trace))
+    nominal = fitted_model(trace, trace.fitting.whole.spec, trace.nominal.point)
+    return Outcome(trace, verdict, _answer(trace, verdict, values), values, _judged(trace), nominal, _amended(trace))
 
 
 def verdict_of(trace: Trace) -> Verdict:
@@ -170,19 +176,9 @@ def _judged(trace: Trace) -> tuple[Judged, ...]:
 
 def _amended(trace: Trace) -> ModelSpec:
     """Return the final model with its effects at the places where they are in force."""
-    whole, spec = trace.fitting.whole, trace.fitting.whole.spec
+    spec = trace.fitting.whole.spec
     effects = (*spec.effects, *dict.fromkeys(h.name for h in trace.effects))
-    point = trace.final.point
-    base = replace(spec, effects=effects)
-    noise = trace.fitting.noise_at(point)
-    model = base.model()
-    process = dict(zip(whole.nominal.states, map(float, noise.process[:, 0]), strict=True))
-    return replace(
-        base,
-        values={n: float(point.values[whole.row(n), 0]) for n in model.parameter_names},
-        process_noise={s: process.get(s, 0.0) for s in model.states},
-        measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
-    )
+    return fitted_model(trace, replace(spec, effects=effects), trace.final.point)
 
 
 def record(outcome: Outcome) -> dict[str, Any]:
@@ -226,7 +222,26 @@ def record(outcome: Outcome) -> dict[str, Any]:
             }
             for e in outcome.estimators
         },
+        "worth": _worth(outcome.worth) if isinstance(outcome.worth, Worth) else None,
     }
+
+
+def _worth(worth: Worth) -> dict[str, Any]:
+    """Return the median errors of a study over all its levels, in SI units, with the ratio and its interval."""
+    targets = worth.nominal.targets
+    gains = [worth.gain(e, t) for e in range(len(worth.nominal.estimators)) for t in range(len(targets))]
+    found: dict[str, Any] = {}
+    for g in gains:
+        t = targets[g.target]
+        found.setdefault(g.estimator, {})[t.name] = {
+            "unit": SIGNALS[t.name].unit,
+            "before": _number(g.before / t.scale),
+            "after": _number(g.after / t.scale),
+            "ratio": _number(g.ratio.value),
+            "ratio_interval_95": [_number(g.ratio.lower), _number(g.ratio.upper)],
+            "lost": {"before": g.lost[0], "after": g.lost[1]},
+        }
+    return {"study": str(worth.study), "moments": worth.moments, "estimators": found}
 
 
 def _residual(outcome: Outcome, outputs: list[str]) -> dict[str, Any]:
@@ -292,20 +307,19 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def amended_file(outcome: Outcome) -> str:
-    """Return the text of the parameter set of the amended model."""
-    names = ", ".join(d.name for d in outcome.trace.fitting.drives)
-    comments = {
-        v.name: f"  # {v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
-    }
-    return set_text(outcome.amended, f"harness trace on {names}", comments)
-
-
 def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
-    """Write ``trace.json`` and ``amended.toml`` and return their paths.
+    """Write ``trace.json``, and both models as parameter files, and return their paths.
 
     Raises:
         UserError: If the folder cannot be written to.
     """
-    contents = {"trace.json": json.dumps(record(outcome), indent=2) + "\n", "amended.toml": amended_file(outcome)}
+    names = ", ".join(d.name for d in outcome.trace.fitting.drives)
+    comments = {
+        v.name: f"  # {v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
+    }
+    contents = {
+        "trace.json": json.dumps(record(outcome), indent=2) + "\n",
+        "nominal.toml": set_text(outcome.nominal, f"the nominal model refitted by harness trace on {names}", {}),
+        "amended.toml": set_text(outcome.amended, f"harness trace on {names}", comments),
+    }
     return write_files(folder, contents)

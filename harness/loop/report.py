@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from harness.identify import figures as fit_figures
-from harness.loop import figures
+from harness.loop import figures, worth_report
 from harness.loop.figures import called
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import COLOURED, Outcome, equation
@@ -27,6 +27,7 @@ def document(outcome: Outcome, command: str) -> Document:
         *_errors(outcome),
         *_estimators(outcome),
         *_found(outcome),
+        *worth_report.blocks(outcome.worth),
         *_rounds(outcome),
         *_residual(outcome),
         *_over_time(outcome),

@@ -1,0 +1,91 @@
+"""A trace from recordings to an outcome on disk: what ``harness trace`` and ``harness loop`` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import xarray as xr
+
+from harness.configure import ModelSpec
+from harness.errors import UserError
+from harness.loop.amend import estimators_on
+from harness.loop.outcome import Outcome, outcome_of, write_outcome
+from harness.loop.trace import ROUNDS, trace
+from harness.loop.whole import Whole
+from harness.loop.worth import REPEATS, refuse_unfit, worth
+from harness.measured.study import names_of
+from models.contracts import ModelError
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be traced.
+
+    Attributes:
+        spec: The nominal model.
+        train: Recordings to fit, each with its ``name`` as attribute.
+        test: Recordings to judge on.
+        free: Parameters of the nominal model that are fitted in any case.
+        estimators: Files in ``harness/estimators``, run with the nominal and the amended model.
+        study: Study that is run with the amended model as the plant and both as beliefs, if any.
+        repeats: Its runs of each level and drive with other noise.
+        excluded: Effects that are not tried.
+        rounds: Largest number of additions.
+        stated_noise: Whether the noise is held as stated.
+        jobs: Threads; all cores by default.
+    """
+
+    spec: ModelSpec
+    train: list[xr.Dataset]
+    test: list[xr.Dataset]
+    free: tuple[str, ...]
+    estimators: tuple[str, ...]
+    study: Path | None = None
+    repeats: int = REPEATS
+    excluded: frozenset[str] = frozenset()
+    rounds: int = ROUNDS
+    stated_noise: bool = False
+    jobs: int | None = None
+
+
+def run_trace(task: Task, folder: Path, say: Callable[[str], None]) -> Outcome:
+    """Trace, run the estimators and the study, and write ``trace.json`` and both models.
+
+    Args:
+        task: What is to be traced.
+        folder: Of the results.
+        say: Is told what is being done.
+
+    Raises:
+        UserError, ModelError: If recordings, model or study do not fit each other.
+    """
+    if task.study is not None:
+        refuse_unfit(task.study, task.spec)
+    say("compiling the library of effects")
+    recordings = task.train + task.test
+    whole = Whole(task.spec, set.intersection(*({str(v) for v in r} for r in recordings)), task.jobs, task.excluded)
+    drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    fitted, held_out = drives[: len(task.train)], drives[len(task.train) :]
+    outcome = outcome_of(trace(whole, fitted, held_out, task.free, say, task.rounds, task.stated_noise))
+    tried = estimators_on(outcome.trace, outcome.amended, task.test, task.estimators, say)
+    outcome = replace(outcome, estimators=tried)
+    write_outcome(outcome, folder)
+    if task.study is not None:
+        outcome = _with_worth(task, outcome, folder, say)
+        write_outcome(outcome, folder)
+    return outcome
+
+
+def _with_worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Outcome:
+    """Run the study; a trace is not lost because a study cannot be run with what it found."""
+    assert task.study is not None
+    if not outcome.trace.added:
+        return replace(outcome, worth=f"Nothing was added to the model, so {task.study} was not run.")
+    models = {"nominal": outcome.nominal, "amended": outcome.amended}
+    try:
+        found = worth(task.study, folder, models, task.estimators, task.repeats, task.jobs, say)
+    except (UserError, ModelError) as error:
+        return replace(outcome, worth=f"{task.study} cannot be run with the amended model: {error}")
+    return replace(outcome, worth=found)
