@@ -1,0 +1,235 @@
+"""What an unknown disturbance does to the innovations of a finished pass, and the disturbance given the innovations.
+
+The innovations of a filter hold all that its recording says, so what is missing can be looked for in them without
+running the filter again (Friedland 1969 for a constant; ``disturbance_kernels`` states the equations). On a linear
+model the answers are those of a Kalman filter and smoother whose state holds the disturbance as well.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.compile import HEADER, compile_model, load_source
+from harness.identify.kernels import fill
+from harness.identify.recordings import Drive
+from harness.lanes import LANES
+from harness.loop import disturbance_kernels as kernels
+from harness.loop.channels import Channel
+from harness.loop.whole import Pass, Whole
+from harness.simulate import paste
+
+Floats = NDArray[np.float64]
+
+_NAMES = "from harness import lanes as plain\nfrom harness.dual_lanes import tangent_of, value_of, with_tangent\n"
+_PROBED = 200
+"""Samples at which it is looked which states of effects matter."""
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """How a disturbance enters the innovations.
+
+    Attributes:
+        entry: ``g``, per sample ``(samples, n)``.
+        direct: ``c``, whitened ``(samples, ny)``.
+    """
+
+    entry: Floats
+    direct: Floats
+
+
+@dataclass(frozen=True)
+class InnovationModel:
+    """The whitened innovations of one pass as a linear model.
+
+    Attributes:
+        transition: ``F`` ``(samples, n, n)``.
+        output: ``C`` ``(samples, ny, n)``.
+        residual: ``r``, zero where missing ``(samples, ny)``.
+        step: s.
+    """
+
+    transition: Floats
+    output: Floats
+    residual: Floats
+    step: float
+
+    def responses(self, inlet: Inlet, disturbances: Floats) -> Floats:
+        """Return how disturbances ``(samples, n)`` move the whitened innovations ``(samples, ny, n)``."""
+        samples, n = disturbances.shape
+        found = np.zeros((*self.residual.shape, n))
+        for s in range(0, n, LANES):
+            part = np.zeros((samples, LANES))
+            width = min(LANES, n - s)
+            part[:, :width] = disturbances[:, s : s + width]
+            moved = np.zeros((*self.residual.shape, LANES))
+            _loops().respond(self.transition, self.output, inlet.entry, inlet.direct, part, moved)
+            found[:, :, s : s + width] = moved[:, :, :width]
+        return found
+
+    def gains(self, inlet: Inlet, time_constant: float, deviations: Floats) -> Floats:
+        """Return what a Gauss-Markov disturbance gains in log-likelihood for standard deviations ``(LANES,)``."""
+        ny, n = self.output.shape[1:]
+        nothing = _notes(0, ny, n)
+        return self._track(inlet, self._decay(time_constant), deviations**2, nothing)
+
+    def smoothed(self, inlet: Inlet, time_constant: float, deviation: float) -> tuple[Floats, Floats]:
+        """Return such a disturbance given all samples, and its standard error, each ``(samples,)``."""
+        samples, ny = self.residual.shape
+        notes = _notes(samples, ny, self.output.shape[2])
+        decay = self._decay(time_constant)
+        self._track(inlet, decay, np.full(LANES, deviation**2), notes)
+        found, error = np.empty(samples), np.empty(samples)
+        parts = (self.transition, self.output, inlet.entry, inlet.direct)
+        _loops().smooth(*parts, decay, notes, found, error)
+        return found, error
+
+    def _decay(self, time_constant: float) -> float:
+        return float(np.exp(-self.step / time_constant))
+
+    def _track(self, inlet: Inlet, decay: float, variances: Floats, notes: tuple[Floats, ...]) -> Floats:
+        gain = np.empty((1, LANES))
+        parts = (self.transition, self.output, inlet.entry, inlet.direct, self.residual)
+        _loops().track(*parts, decay, variances.reshape(1, LANES), gain, notes)
+        return gain[0]
+
+
+def _notes(samples: int, ny: int, n: int) -> tuple[Floats, ...]:
+    return (
+        np.zeros(samples),
+        np.zeros((samples, n + 1)),
+        np.zeros((samples, ny, n + 1)),
+        np.ones((samples, ny)),
+        np.zeros((samples, ny)),
+    )
+
+
+@functools.cache
+def _loops() -> ModuleType:
+    bodies = "\n\n\n".join("@jit\n" + inspect.getsource(f) for f in kernels.PLAIN)
+    return load_source("disturbance", f"{HEADER}\n\n{bodies}\n")
+
+
+def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
+    """Return the weights of the first ``wanted`` terms that the lasso takes in (``disturbance_kernels.lasso``)."""
+    weights = np.zeros(len(pull))
+    _loops().lasso(np.ascontiguousarray(gram), pull, floor, wanted, 50, weights)
+    return weights
+
+
+class Linearisation:
+    """The compiled derivatives of a whole model, loaded before threads share it."""
+
+    def __init__(self, whole: Whole) -> None:
+        self.whole, spec = whole, whole.spec
+        self._compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=True)
+        source = paste(self._compiled, "tangents", [fill, kernels.tangents], _NAMES)
+        self._tangents = load_source("tangents", source).tangents
+        _loops()
+
+    def along(
+        self, drive: Drive, states: Floats, values: Sequence[Floats], parameters: Sequence[Floats], moved: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return derivatives of the next state ``(samples, nx, n)`` and of the outputs ``(samples, ny, n)``.
+
+        Args:
+            drive: With the inputs at the samples.
+            states: Where it is linearised ``(samples, nx)``.
+            values: Parameters there, for each direction ``(np,)``.
+            parameters: Directions in the space of parameters, ``(np,)`` each.
+            moved: Directions of the state ``(nx, n)``.
+        """
+        n, shape = len(values), (len(self.whole.model.states), len(self.whole.model.outputs))
+        found = [np.zeros((len(states), size, n)) for size in shape]
+        for s in range(0, n, LANES):
+            columns = [min(j, n - 1) for j in range(s, s + LANES)]
+            both = np.column_stack([*(values[j] for j in columns), *(parameters[j] for j in columns)])
+            parts = [np.empty((len(states), size, LANES)) for size in shape]
+            directions = np.ascontiguousarray(moved[:, columns])
+            constants = self._compiled.constants(both)
+            self._tangents(drive.inputs, drive.between, constants, states, directions, *parts)
+            for whole, part in zip(found, parts, strict=True):
+                whole[:, :, s : s + LANES] = part[:, :, : n - s]
+        return found[0], found[1]
+
+
+class Linearised:
+    """The whole model linearised along a pass of its filter over one recording.
+
+    Args:
+        linearisation: Of the model.
+        drive: The recording.
+        values: Parameters of the pass ``(np,)``.
+        kept: The pass.
+    """
+
+    def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: Pass) -> None:
+        self._linearisation, self.whole, self.drive, self.values = linearisation, linearisation.whole, drive, values
+        self._states = kept.state.copy()
+        self._states[0] = drive.first_mean
+        self.active = self._active()
+        self._ahead, H = self._along_states(slice(None), self.active)
+        self._gain = kept.gain[:, self.active]
+        # A missing measurement neither corrects nor counts.
+        self._whitening = kept.whitening * np.isfinite(kept.whitened)[:, :, None]
+        corrected = np.eye(len(self.active)) - self._gain @ H
+        self.innovations = InnovationModel(
+            np.ascontiguousarray(self._ahead @ corrected),
+            np.ascontiguousarray(self._whitening @ H),
+            np.nan_to_num(kept.whitened),
+            self.whole.spec.step,
+        )
+
+    def raw(self, channels: Sequence[Channel]) -> tuple[Floats, Floats]:
+        """Return how channels move the next state ``(samples, nx, n)`` and the outputs ``(samples, ny, n)``."""
+        samples, nx, ny = len(self._states), len(self.whole.model.states), len(self.whole.model.outputs)
+        ahead, outputs = np.zeros((samples, nx, len(channels))), np.zeros((samples, ny, len(channels)))
+        step = 1.0 if self.whole.model.discrete else self.whole.spec.step
+        for j, c in enumerate(channels):
+            if c.kind == "equation":
+                ahead[:, self.whole.model.states.index(c.ports[0]), j] = step
+        open_ = [j for j, c in enumerate(channels) if c.kind != "equation"]
+        ahead[:, :, open_], outputs[:, :, open_] = self._linearisation.along(
+            self.drive,
+            self._states,
+            [channels[j].values(self.whole, self.values) for j in open_],
+            [channels[j].direction(self.whole) for j in open_],
+            np.zeros((nx, len(open_))),
+        )
+        return ahead, outputs
+
+    def inlets(self, channels: Sequence[Channel]) -> list[Inlet]:
+        """Return how channels enter the innovations."""
+        ahead, outputs = self.raw(channels)
+        entry = ahead[:, self.active] - self._ahead @ (self._gain @ outputs)
+        direct = self._whitening @ outputs
+        return [
+            Inlet(np.ascontiguousarray(entry[:, :, j]), np.ascontiguousarray(direct[:, :, j]))
+            for j in range(len(channels))
+        ]
+
+    def _active(self) -> NDArray[np.intp]:
+        """Return the states of the nominal model and those of effects that act on it, from some of the samples."""
+        nx, count = self.whole.nx, len(self.whole.model.states)
+        every = slice(1, None, max(1, len(self._states) // _PROBED))
+        A, H = (np.abs(m).max(axis=0) for m in self._along_states(every, np.arange(count)))
+        chosen = set(range(nx)) | {j for j in range(nx, count) if H[:, j].any()}
+        while more := {j for j in range(count) if j not in chosen and A[sorted(chosen), j].any()}:
+            chosen |= more
+        return np.array(sorted(chosen))
+
+    def _along_states(self, samples: slice, rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Return the Jacobians of the next state and of the outputs in some states."""
+        n, nothing = len(rows), np.zeros(len(self.whole.names))
+        drive = replace(self.drive, inputs=self.drive.inputs[samples], between=self.drive.between[samples])
+        states = np.ascontiguousarray(self._states[samples])
+        unit = np.eye(len(self.whole.model.states))[:, rows]
+        ahead, outputs = self._linearisation.along(drive, states, [self.values] * n, [nothing] * n, unit)
+        return ahead[:, rows], outputs
