@@ -15,22 +15,21 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 import typer.core
 from rich.console import Console
 from rich.text import Text
 
-from harness.command_line import RESULTS, STUDIES, pairs, parameter_set, study_path
+from harness.command_line import RESULTS, STUDIES, study_path
 from harness.errors import UserError
 from harness.identify.command import identify
 from harness.loop.command import trace
 from harness.loop.study_command import loop
+from harness.observability_command import observability
 from harness.realtime.command import realtime
-
-if TYPE_CHECKING:
-    from harness.configure import DriveSpec, ModelSpec
+from harness.simulate_command import simulate
 
 FAILED, WRONG, INTERRUPTED = 1, 2, 130
 _state = {"debug": False}
@@ -252,59 +251,6 @@ def _wide_console() -> Console:
     return Console() if sys.stdout.isatty() else Console(width=160)
 
 
-_Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'),
-]
-_Parameters = Annotated[
-    str | None, typer.Option("--parameters", help="Parameter set; the vehicle's only one if absent.")
-]
-_Tyre = Annotated[str, typer.Option("--tyre", help="Tyre.")]
-_Sensors = Annotated[str, typer.Option("--sensors", help="Sensor set.")]
-_Options = Annotated[
-    list[str] | None,
-    typer.Option("--option", metavar="NAME=VALUE", help='Option of the drive: amplitude="60 deg".'),
-]
-
-
-@app.command()
-@_answers_errors
-def simulate(
-    vehicle: Annotated[str, typer.Argument(help="Vehicle; harness list vehicles shows them.")],
-    drive: Annotated[str, typer.Option("--drive", help="Kind of drive; harness list drives shows them.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .csv, .parquet or .nc.")],
-    option: _Options = None,
-    values: _Set = None,
-    parameters: _Parameters = None,
-    tyre: _Tyre = "magic_formula",
-    effect: Annotated[list[str] | None, typer.Option("--effect", help="Effect in force; repeatable.")] = None,
-    sensors: _Sensors = "series",
-    signal: Annotated[list[str] | None, typer.Option("--signal", help="Further quantity to write; repeatable.")] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", min=0, help="Seed of process and measurement noise; none if absent."),
-    ] = None,
-) -> None:
-    """Simulate one drive and write it to a file.
-
-    One column per signal, in SI units, under the names that harness list signals shows.
-    """
-    from harness.recording_file import check_target, write_recording
-
-    check_target(out)
-    spec = _model_spec(vehicle, parameters, tyre, effect or [], sensors, values)
-    for name in signal or []:
-        spec.model().resolve(name)
-    from harness.drives import profile_of
-    from harness.simulate import simulate_drive
-
-    profile = profile_of(spec, _drive_spec(drive, option))
-    recording = simulate_drive(spec, profile, signal or [], seed)
-    write_recording(recording, out)
-    samples, signals = recording.sizes["time"], len(recording.data_vars)
-    Console().print(Text(f"{out}: {samples} samples of {signals} signals"), soft_wrap=True)
-
-
 @app.command()
 @_answers_errors
 def check(
@@ -331,68 +277,6 @@ def check(
     name = file.resolve().name.split(".")[0]
     for path in write_check(findings, out if out is not None else RESULTS / f"check-{name}"):
         console.print(Text(str(path)), soft_wrap=True)
-
-
-@app.command()
-@_answers_errors
-def observability(
-    vehicle: Annotated[str, typer.Argument(help="Vehicle; harness list vehicles shows them.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the figure.")],
-    unknown_input: Annotated[
-        list[str] | None, typer.Option("--unknown-input", help="Input to be estimated; repeatable.")
-    ] = None,
-    drive: Annotated[
-        str | None, typer.Option("--drive", help="Kind of drive; straight, sine, straight if absent.")
-    ] = None,
-    option: _Options = None,
-    values: _Set = None,
-    parameters: _Parameters = None,
-    tyre: _Tyre = "magic_formula",
-    sensors: _Sensors = "series",
-) -> None:
-    """Check structural observability along a drive.
-
-    Can the states be told from the measurements at all? Straight ahead and under lateral excitation.
-    """
-    spec = _model_spec(vehicle, parameters, tyre, [], sensors, values)
-    profile = None
-    if drive is not None:
-        from harness.drives import profile_of
-
-        profile = profile_of(spec, _drive_spec(drive, option))
-    elif option:
-        raise UserError("--option belongs to a drive; name it with --drive")
-    from harness.observability import report as check
-
-    check(vehicle, spec.parameters, tyre, sensors, unknown_input or [], out, spec.values, profile)
-
-
-def _model_spec(
-    vehicle: str,
-    parameters: str | None,
-    tyre: str,
-    effects: list[str],
-    sensors: str,
-    values: list[str] | None,
-) -> ModelSpec:
-    """Resolve a model given on the command line as a study's ``[plant]`` would be."""
-    from harness.configure import resolve_single
-
-    table = {
-        "vehicle": vehicle,
-        "parameters": parameter_set(vehicle, parameters),
-        "tyre": tyre,
-        "effects": effects,
-        "sensors": sensors,
-        "values": pairs(values, "--set"),
-    }
-    return resolve_single(table, "command line")
-
-
-def _drive_spec(kind: str, options: list[str] | None) -> DriveSpec:
-    from harness.configure import DriveSpec
-
-    return DriveSpec(kind, kind, pairs(options, "--option"), f"--drive {kind}", Path())
 
 
 @app.command()
@@ -439,6 +323,8 @@ def schema(
     Console().print(Text(str(out)), soft_wrap=True)
 
 
+app.command()(_answers_errors(simulate))
+app.command()(_answers_errors(observability))
 app.command()(_answers_errors(identify))
 app.command()(_answers_errors(trace))
 app.command()(_answers_errors(loop))

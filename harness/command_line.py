@@ -1,14 +1,36 @@
-"""What the commands share: where studies and results are, pairs of name and value, a vehicle's parameter set."""
+"""What the commands share: where studies and results are, and a model or a drive stated by options."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from harness.errors import UserError
 
+if TYPE_CHECKING:
+    from harness.configure import DriveSpec, ModelSpec
+
 STUDIES = Path("studies")
 RESULTS = Path("results")
+
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'),
+]
+ParametersOption = Annotated[
+    str | None,
+    typer.Option("--parameters", help="Parameter set, or a TOML parameter file; the vehicle's only set if absent."),
+]
+TyreOption = Annotated[
+    str | None, typer.Option("--tyre", help="Tyre; that of the parameter file, or magic_formula where one is needed.")
+]
+SensorsOption = Annotated[str, typer.Option("--sensors", help="Sensor set.")]
+DriveOption = Annotated[
+    list[str] | None,
+    typer.Option("--option", metavar="NAME=VALUE", help='Option of the drive: amplitude="60 deg".'),
+]
 
 
 def study_path(study: str) -> Path:
@@ -64,3 +86,57 @@ def parameter_set(vehicle: str, given: str | None) -> str:
         there = ", ".join(fit) or "none, so write one or a TOML parameter file"
         raise UserError(f"--parameters: which set of '{vehicle}'? There are: {there}")
     return fit[0]
+
+
+def model_table(
+    vehicle: str,
+    parameters: str | None,
+    tyre: str | None,
+    effects: list[str] | None,
+    sensors: str | None,
+    values: list[str] | None,
+) -> dict[str, Any]:
+    """Return a model given on the command line as ``[plant]`` of a study would state it.
+
+    Tyre and effects that are not given are those of the parameter set.
+
+    Raises:
+        UserError, ModelError: If there is no such vehicle or parameter set.
+    """
+    from harness.configure.parameter_set import load_set
+    from models import registry
+
+    name = parameter_set(vehicle, parameters)
+    if tyre is None:
+        needed = "magic_formula" if registry.load("models.vehicles", vehicle).AXLES else None
+        tyre = load_set(name, Path(), "--parameters").tyre or needed
+    table = {
+        "vehicle": vehicle,
+        "parameters": name,
+        "tyre": tyre,
+        "effects": effects or None,
+        "sensors": sensors,
+        "values": pairs(values, "--set"),
+    }
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def model_spec(
+    vehicle: str,
+    parameters: str | None,
+    tyre: str | None,
+    effects: list[str] | None,
+    sensors: str,
+    values: list[str] | None,
+) -> ModelSpec:
+    """Resolve a model given on the command line."""
+    from harness.configure import resolve_single
+
+    return resolve_single(model_table(vehicle, parameters, tyre, effects, sensors, values), "command line")
+
+
+def drive_spec(kind: str, options: list[str] | None) -> DriveSpec:
+    """Return a drive given on the command line."""
+    from harness.configure import DriveSpec
+
+    return DriveSpec(kind, kind, pairs(options, "--option"), f"--drive {kind}", Path())

@@ -20,6 +20,7 @@ from rich.text import Text
 
 from harness.errors import UserError
 from models import registry
+from models.placement import OF_SIGNAL
 
 if TYPE_CHECKING:
     from models.contracts import Option, Parameter
@@ -118,7 +119,7 @@ def _details(console: Console, role: str, name: str) -> None:
     elif role == "parameters":
         _parameter_set(console, name, module.VEHICLE, module.VALUES)
     elif role in ("vehicles", "tyres", "effects"):
-        rows = [(p.name, _range(p.unit, p.lower, p.upper), _unit(p.unit), p.meaning) for p in module.PARAMETERS]
+        rows = [(p.name, *_allowed(p), p.meaning) for p in module.PARAMETERS]
         _table(console, f"parameters of {name}", ("parameter", "allowed", "unit", "meaning"), rows)
     elif role == "sensors":
         _table(console, f"outputs of {name}", ("output", "signal"), list(module.OUTPUTS.items()))
@@ -151,6 +152,13 @@ def _signals(console: Console) -> None:
 
 def _unit(unit: str) -> str:
     return "" if unit == "dimensionless" else unit
+
+
+def _allowed(p: Parameter) -> tuple[str, str]:
+    """Return range and unit of a parameter; one of a measured signal counts that signal's usual magnitude."""
+    if p.unit == OF_SIGNAL:
+        return f"{_shown(p.lower, '')} to {_shown(p.upper, '')} times its usual size", "that of the signal"
+    return _range(p.unit, p.lower, p.upper), _unit(p.unit)
 
 
 def _shown(value: float, unit: str) -> str:

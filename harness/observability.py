@@ -244,7 +244,7 @@ def plot(dataset: xr.Dataset) -> Figure:
 def report(
     vehicle: str,
     parameters: str,
-    tyre: str,
+    tyre: str | None,
     sensors: str,
     unknown_inputs: Sequence[str],
     out: Path,
@@ -256,7 +256,7 @@ def report(
     Args:
         vehicle: File in ``models/vehicles``.
         parameters: File in ``models/parameters``.
-        tyre: File in ``models/tyres``.
+        tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
         sensors: File in ``models/sensors``.
         unknown_inputs: Inputs that the estimator does not know.
         out: Folder of the figure; made if absent.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,15 +11,13 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.command_line import study_path
 from harness.errors import UserError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from harness.configure import ModelSpec
-
-SHORTEST = 20.0
-"""s; what shorter drives show is as much the first state as the vehicle."""
 
 
 def trace(
@@ -48,37 +45,35 @@ def trace(
     estimators: Annotated[
         str, typer.Option("--estimators", help="Estimators run on the test drives before and after; empty for none.")
     ] = "ekf,ukf,cdkf",
+    study: Annotated[
+        str | None, typer.Option("--study", help="Study that says what the amendment is worth, of the same vehicle.")
+    ] = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Its runs of each level with other noise.")] = 8,
     jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
 ) -> None:
     """Find the physical effect or parameter that a model lacks, and how much better it is with it.
 
-    Writes trace.json, the amended model as a parameter set (amended.toml), and a report.
+    Writes trace.json, the nominal and the amended model as parameter files, and a report.
     """
-    from harness.loop.amend import estimators_on
-    from harness.loop.outcome import outcome_of, write_outcome
     from harness.loop.report import document
-    from harness.loop.trace import trace as search
-    from harness.loop.whole import Whole
+    from harness.loop.run import Task, run_trace
+    from harness.measured.study import fitted_parameters
     from harness.report.document import write
 
     _refuse_the_same(train, test)
     fitted, held_out = ([_load(path, channels) for path in paths] for paths in (train, test))
-    spec = _nominal(model, fitted + held_out, parameters, tyre, effect, sensors, values)
-    chosen, kinds = _free(spec, free), _kinds(estimators)
+    spec, notes = _nominal(model, fitted + held_out, parameters, tyre, effect, sensors, values)
+    chosen = fitted_parameters(spec, _listed(free), "--free")
+    path = None if study is None else study_path(study)
+    task = Task(spec, fitted, held_out, chosen, _kinds(estimators), path, repeats, jobs=jobs, notes=notes)
     console = Console(stderr=True)
-    with console.status("compiling the library of effects") as status:
-        whole = Whole(spec, set.intersection(*({str(v) for v in r} for r in fitted + held_out)), jobs)
-        drives = [whole.drive(r, Path(str(r.attrs["file"])).stem) for r in fitted + held_out]
-        found = search(whole, drives[: len(fitted)], drives[len(fitted) :], chosen, status.update)
-        outcome = outcome_of(found)
-        tried = estimators_on(found, outcome.amended, held_out, kinds, status.update)
-        outcome = replace(outcome, estimators=tried)
-        status.update("writing the report")
+    outcome = run_trace(task, out, console)
+    with console.status("writing the report"):
         command = " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
-        written = [*write_outcome(outcome, out), *write(document(outcome, command), out)]
+        write(document(outcome, command), out)
     Console().print(Text(outcome.answer, style="bold"), soft_wrap=True)
-    for path in written:
-        Console().print(Text(str(path)), soft_wrap=True)
+    for name in ("report.html", "report.pdf", "trace.json", "nominal.toml", "amended.toml"):
+        Console().print(Text(str(out / name)), soft_wrap=True)
 
 
 def _refuse_the_same(train: list[Path], test: list[Path]) -> None:
@@ -99,14 +94,7 @@ def _content(path: Path) -> bytes | Path:
 def _load(path: Path, channels: Path | None) -> xr.Dataset:
     from harness.measured import load_recording
 
-    recording = load_recording(path, channels)
-    time = recording["time"].to_numpy()
-    if time[-1] - time[0] < SHORTEST:
-        raise UserError(
-            f"{path}: lasts {time[-1] - time[0]:.1f} s, too short to decide what is missing; record at least "
-            f"{SHORTEST:.0f} s, better two minutes with lane changes, a steady circle and quick steering"
-        )
-    return recording
+    return load_recording(path, channels).assign_attrs(name=path.name.split(".")[0])
 
 
 def _nominal(
@@ -117,30 +105,21 @@ def _nominal(
     effects: list[str] | None,
     sensors: str | None,
     values: list[str] | None,
-) -> ModelSpec:
-    """Return the nominal model; integrated finely, because errors of integration look like a lag of the steering."""
-    from harness.command_line import pairs, parameter_set
-    from harness.configure import resolve_single
+) -> tuple[ModelSpec, tuple[str, ...]]:
+    """Return the nominal model, and what cannot be traced because a sensor is missing."""
+    from harness.command_line import model_table
     from harness.identify.recordings import step_of
-    from models import registry
+    from harness.measured.study import finely
 
-    if tyre is None and registry.load("models.vehicles", model).AXLES:
-        tyre = "magic_formula"
-    table = {
-        "vehicle": model,
-        "parameters": parameter_set(model, parameters),
-        "tyre": tyre,
-        "effects": effects or [],
-        "sensors": sensors or _most_sensors(model, tyre, recordings),
-        "values": pairs(values, "--set"),
-        "integrator": "rk4",
-        "step": step_of(recordings[0]),
-    }
-    return resolve_single({k: v for k, v in table.items() if v is not None}, "command line")
+    table = model_table(model, parameters, tyre, effects, sensors, values)
+    notes: tuple[str, ...] = ()
+    if sensors is None:
+        table["sensors"], notes = _most_sensors(model, table.get("tyre"), recordings)
+    return finely(table, step_of(recordings[0]), "command line"), notes
 
 
-def _most_sensors(model: str, tyre: str | None, recordings: list[xr.Dataset]) -> str:
-    """Return the set of sensors that uses most signals of the recordings.
+def _most_sensors(model: str, tyre: str | None, recordings: list[xr.Dataset]) -> tuple[str, tuple[str, ...]]:
+    """Return the set of sensors that uses most signals of the recordings, and what a larger one would need.
 
     Raises:
         UserError: If there is none; with the signals that each lacks.
@@ -154,7 +133,14 @@ def _most_sensors(model: str, tyre: str | None, recordings: list[xr.Dataset]) ->
     if not complete:
         lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)
         raise UserError(f"--sensors: the recordings hold no set of sensors of '{model}' whole: {lacking}")
-    return max(complete, key=lambda n: len(needs[n]))
+    best, largest = (max(some, key=lambda n: len(needs[n])) for some in (complete, names))
+    if len(needs[best]) == len(needs[largest]):
+        return best, ()
+    note = (
+        f"the recordings lack {', '.join(sorted(needs[largest] - there))}, so sensors '{best}' are traced with "
+        f"({', '.join(sorted(needs[best]))}), and effects that only '{largest}' would show are not found"
+    )
+    return best, (note,)
 
 
 def _fits(model: str, tyre: str | None, sensors: str) -> bool:
@@ -169,23 +155,15 @@ def _fits(model: str, tyre: str | None, sensors: str) -> bool:
     return True
 
 
-def _free(spec: ModelSpec, given: str) -> tuple[str, ...]:
-    """Return the nominal parameters that are fitted in any case."""
-    from models.registry import closest
-
-    known = spec.model().parameter_names
-    names = tuple(n for n in (part.strip() for part in given.split(",")) if n)
-    for name in names:
-        if name not in known:
-            raise UserError(f"--free: the model has no parameter '{name}'{closest(name, known)}")
-    return names or tuple(p.name for p in spec.model().parameters if p.unit in ("N/rad", "1/rad"))
+def _listed(given: str) -> tuple[str, ...]:
+    return tuple(n for n in (part.strip() for part in given.split(",")) if n)
 
 
 def _kinds(given: str) -> tuple[str, ...]:
     """Return the estimators to run, each known."""
     from harness.estimate import load_estimator
 
-    kinds = tuple(k for k in (part.strip() for part in given.split(",")) if k)
+    kinds = _listed(given)
     for kind in kinds:
         load_estimator(kind)
     return kinds

@@ -60,6 +60,7 @@ class Outcome:
         amended: The final model, for studies; effects with moments hold those of the first fitted drive.
         estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
         worth: A study with the amended plant against both beliefs, where asked for; why it could not be run, in words.
+        notes: What is odd about the recordings, with the evidence.
     """
 
     trace: Trace
@@ -71,6 +72,7 @@ class Outcome:
     amended: ModelSpec
     estimators: tuple[Estimated, ...] = ()
     worth: Worth | str | None = None
+    notes: tuple[str, ...] = ()
 
 
 def outcome_of(trace: Trace) -> Outcome:
@@ -188,6 +190,7 @@ def record(outcome: Outcome) -> dict[str, Any]:
     return {
         "verdict": outcome.verdict,
         "answer": outcome.answer,
+        "notes": list(outcome.notes),
         "residual": _residual(outcome, outputs),
         "candidates": [_candidate(c, n) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
         "added": [_added(h, outcome) for h in trace.effects],

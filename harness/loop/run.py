@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import xarray as xr
+from rich.console import Console
+from rich.text import Text
 
 from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.loop.amend import estimators_on
+from harness.loop.fitness import oddities, refuse_recordings
 from harness.loop.outcome import Outcome, outcome_of, write_outcome
 from harness.loop.trace import ROUNDS, trace
 from harness.loop.whole import Whole
-from harness.loop.worth import REPEATS, refuse_unfit, worth
+from harness.loop.worth import REPEATS, refuse_study, worth
 from harness.measured.study import names_of
 from models.contracts import ModelError
 
@@ -35,6 +38,7 @@ class Task:
         rounds: Largest number of additions.
         stated_noise: Whether the noise is held as stated.
         jobs: Threads; all cores by default.
+        notes: What else the report has to say about the recordings.
     """
 
     spec: ModelSpec
@@ -48,33 +52,42 @@ class Task:
     rounds: int = ROUNDS
     stated_noise: bool = False
     jobs: int | None = None
+    notes: tuple[str, ...] = ()
 
 
-def run_trace(task: Task, folder: Path, say: Callable[[str], None]) -> Outcome:
+def run_trace(task: Task, folder: Path, console: Console) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
+
+    What is odd about the recordings is printed before anything is computed, and stands in the outcome.
 
     Args:
         task: What is to be traced.
         folder: Of the results.
-        say: Is told what is being done.
+        console: Where warnings and what is being done are shown.
 
     Raises:
         UserError, ModelError: If recordings, model or study do not fit each other.
     """
-    if task.study is not None:
-        refuse_unfit(task.study, task.spec)
-    say("compiling the library of effects")
     recordings = task.train + task.test
-    whole = Whole(task.spec, set.intersection(*({str(v) for v in r} for r in recordings)), task.jobs, task.excluded)
-    drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
-    fitted, held_out = drives[: len(task.train)], drives[len(task.train) :]
-    outcome = outcome_of(trace(whole, fitted, held_out, task.free, say, task.rounds, task.stated_noise))
-    tried = estimators_on(outcome.trace, outcome.amended, task.test, task.estimators, say)
-    outcome = replace(outcome, estimators=tried)
-    write_outcome(outcome, folder)
+    refuse_recordings(recordings)
     if task.study is not None:
-        outcome = _with_worth(task, outcome, folder, say)
+        refuse_study(task.study, task.spec)
+    notes = (*task.notes, *oddities(recordings))
+    for note in notes:
+        console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
+    with console.status("compiling the library of effects") as status:
+        signals = set.intersection(*({str(v) for v in r} for r in recordings))
+        whole = Whole(task.spec, signals, task.jobs, task.excluded)
+        drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+        fitted, held_out = drives[: len(task.train)], drives[len(task.train) :]
+        found = trace(whole, fitted, held_out, task.free, status.update, task.rounds, task.stated_noise)
+        outcome = replace(outcome_of(found), notes=notes)
+        tried = estimators_on(found, outcome.amended, task.test, task.estimators, status.update)
+        outcome = replace(outcome, estimators=tried)
         write_outcome(outcome, folder)
+        if task.study is not None:
+            outcome = _with_worth(task, outcome, folder, status.update)
+            write_outcome(outcome, folder)
     return outcome
 
 

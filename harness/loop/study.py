@@ -13,6 +13,9 @@
     question = "Did the tyres change?"
     train = [{ file = "taped.csv" }]
     test = [{ file = "taped_again.csv" }]
+
+    [worth]                                               # this study with the amended plant and both beliefs
+    study = "../mass.toml"                                # from this file
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from harness.configure.file import Name, Table
 from harness.configure.problems import Problems
 from harness.errors import UserError
 from harness.loop.amend import ESTIMATORS
+from harness.loop.worth import REPEATS
 from harness.measured.bank import with_bank
 from harness.measured.study import MeasuredFile, MeasuredStudy, SpanTable
 from models.registry import closest, names
@@ -48,6 +52,15 @@ class ChangedTable(Table):
     test: list[SpanTable] = Field(min_length=1, description="drives to judge on")
 
 
+class WorthTable(Table):
+    """What the amendment is worth: a study with the amended plant, its estimators believing either model."""
+
+    study: Name = Field(description="study file, from this file; of the same vehicle and tyre")
+    repeats: Annotated[StrictInt, Field(ge=1)] = Field(
+        default=REPEATS, description="runs of each level and drive with other noise"
+    )
+
+
 class LoopFile(MeasuredFile):
     """The whole file."""
 
@@ -59,6 +72,7 @@ class LoopFile(MeasuredFile):
     bank_map: StrictBool = Field(default=False, description="map the bank of the road over the path of fitted drives")
     exclude: list[ExcludeTable] = Field(default_factory=list, description="effects that are not to be tried")
     changed: ChangedTable | None = Field(default=None, description="drives in which the vehicle may have changed")
+    worth: WorthTable | None = Field(default=None, description="study that says what the amendment is worth")
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,8 +13,6 @@ from rich.text import Text
 from harness.folder import write_files
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import xarray as xr
 
     from harness.configure import ModelSpec
@@ -43,14 +40,14 @@ def loop(
     if study.absent:
         Console().print(Text(study.absent), soft_wrap=True)
         return
-    folder = out if out is not None else RESULTS / f"loop-{file.stem}"
-    with Console(stderr=True).status("reading the recordings") as status:
+    folder, console = out if out is not None else RESULTS / f"loop-{file.stem}", Console(stderr=True)
+    with console.status("reading the recordings"):
         drives = study.drives()
-        found = _trace(study, study.nominal(), drives, "", folder, jobs, status.update)
-        answers = [found.answer]
-        if study.raw.changed is not None:
-            changed = _trace(study, found.amended, drives, "changed.", folder / "changed", jobs, status.update)
-            answers += [study.raw.changed.question, changes(changed)]
+    found = _trace(study, study.nominal(), drives, "", folder, jobs, console)
+    answers = [found.answer]
+    if study.raw.changed is not None:
+        changed = _trace(study, found.amended, drives, "changed.", folder / "changed", jobs, console)
+        answers += [study.raw.changed.question, changes(changed)]
     for answer in answers:
         Console().print(Text(answer, style="bold"), soft_wrap=True)
     Console().print(Text(str(folder / "report.html")), soft_wrap=True)
@@ -63,31 +60,32 @@ def _trace(
     part: str,
     folder: Path,
     jobs: int | None,
-    say: Callable[[str], None],
+    console: Console,
 ) -> Outcome:
     """Trace the drives of one part and write its results; of changed drives nothing is refitted beforehand."""
-    from harness.loop.amend import estimators_on
-    from harness.loop.outcome import outcome_of, write_outcome
-    from harness.loop.trace import trace
-    from harness.loop.whole import Whole
-    from harness.measured.study import names_of
+    from harness.loop.run import Task, run_trace
+    from harness.loop.worth import REPEATS
     from harness.report.document import Document, write
 
-    train, test = drives[f"{part}train"], drives[f"{part}test"]
-    free = () if part else study.fitted_parameters()
-    say("compiling the library of effects")
-    available = set.intersection(*({str(v) for v in r} for r in train + test))
-    whole = Whole(spec, available, jobs, study.excluded)
-    named = [whole.drive(r, name) for r, name in zip(train + test, names_of(train + test), strict=True)]
-    found = trace(whole, named[: len(train)], named[len(train) :], free, say, study.raw.rounds, study.raw.stated_noise)
-    outcome = outcome_of(found)
-    tried = estimators_on(found, outcome.amended, test, study.raw.estimators, say)
-    outcome = replace(outcome, estimators=tried)
-    say("writing the report")
-    title = study.raw.changed.question if part and study.raw.changed else study.raw.title
-    write_outcome(outcome, folder)
-    write_files(folder, {"loop.json": json.dumps(held_out(outcome), indent=2) + "\n"})
-    write(Document(title, _blocks(study, outcome, part)), folder)
+    raw, worth = study.raw, None if part else study.raw.worth
+    task = Task(
+        spec,
+        drives[f"{part}train"],
+        drives[f"{part}test"],
+        () if part else study.fitted_parameters(),
+        tuple(raw.estimators),
+        study.path.parent / worth.study if worth else None,
+        worth.repeats if worth else REPEATS,
+        study.excluded,
+        raw.rounds,
+        raw.stated_noise,
+        jobs,
+    )
+    outcome = run_trace(task, folder, console)
+    title = raw.changed.question if part and raw.changed else raw.title
+    with console.status("writing the report"):
+        write_files(folder, {"loop.json": json.dumps(held_out(outcome), indent=2) + "\n"})
+        write(Document(title, _blocks(study, outcome, part)), folder)
     return outcome
 
 

@@ -94,7 +94,7 @@ def _by_run(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values.reshape(len(values), -1).T
 
 
-def refuse_unfit(path: Path, spec: ModelSpec) -> None:
+def refuse_study(path: Path, spec: ModelSpec) -> None:
     """Refuse a study that cannot be run with a traced model, before the tracing.
 
     Raises:

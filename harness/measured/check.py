@@ -57,14 +57,18 @@ def check_recording(file: str | Path, channels: Path | None = None, parameters: 
         ModelError: If there is no such parameter set.
     """
     recording = load_recording(file, channels)
-    signals = signals_of(recording)
-    derived = [n for n in signals if recording[n].attrs["derived"]]
-    step = float(recording["time"][1] - recording["time"][0])
     axles = []
     if parameters is not None:
         values = dict(registry.load("models.parameters", parameters).VALUES)
         axles = axles_of([recording], values, f"--parameters {parameters}")
-    return Findings(recording, check(signals, step, derived), axles)
+    return Findings(recording, agreement(recording), axles)
+
+
+def agreement(recording: xr.Dataset) -> list[Fit]:
+    """Compare the signals of a recording with what kinematics makes of the others; derived ones need no check."""
+    signals = signals_of(recording)
+    derived = [n for n in signals if recording[n].attrs["derived"]]
+    return check(signals, float(recording["time"][1] - recording["time"][0]), derived)
 
 
 def _overview(recording: xr.Dataset) -> str:

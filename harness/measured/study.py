@@ -27,7 +27,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import xarray as xr
@@ -47,6 +47,34 @@ SHORTEST = 20.0
 
 FINEST = 0.01
 """s; longest integration step: errors of integration look like a lag of the steering."""
+
+
+def finely(table: Mapping[str, Any], step: float, where: str) -> ModelSpec:
+    """Return a model as a study states one, integrated finely.
+
+    Args:
+        table: Keys and values as in ``[plant]``.
+        step: Sample time in s.
+        where: Named in errors.
+
+    Raises:
+        UserError: If there cannot be such a model.
+    """
+    fine = {"integrator": "rk4", "step": step, "substeps": math.ceil(step / FINEST)}
+    return resolve_single({**table, **fine}, where)
+
+
+def fitted_parameters(spec: ModelSpec, named: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return the parameters to fit: those named, or the cornering stiffnesses.
+
+    Raises:
+        UserError: If the model has no parameter of a name.
+    """
+    model = spec.model()
+    for i, name in enumerate(named):
+        if name not in model.parameter_names:
+            raise UserError(f"{where}[{i}]: the model has no parameter '{name}'{closest(name, model.parameter_names)}")
+    return tuple(named) or tuple(p.name for p in model.parameters if p.unit in ("N/rad", "1/rad"))
 
 
 class SpanTable(Table):
@@ -161,9 +189,7 @@ class MeasuredStudy:
         Raises:
             UserError: If the file states one that cannot be.
         """
-        stated = self.raw.model.model_dump(exclude_unset=True)
-        finely = {"integrator": "rk4", "step": self.step, "substeps": math.ceil(self.step / FINEST)}
-        return resolve_single({**stated, **finely}, f"{self.path}: model")
+        return finely(self.raw.model.model_dump(exclude_unset=True), self.step, f"{self.path}: model")
 
     def fitted_parameters(self) -> tuple[str, ...]:
         """Return the parameters to fit: those that the file names, or the cornering stiffnesses.
@@ -171,13 +197,7 @@ class MeasuredStudy:
         Raises:
             UserError: If the model has no parameter of that name.
         """
-        model = self.nominal().model()
-        for i, name in enumerate(self.raw.free):
-            if name not in model.parameter_names:
-                raise UserError(
-                    f"{self.path}: free[{i}]: the model has no parameter '{name}'{closest(name, model.parameter_names)}"
-                )
-        return tuple(self.raw.free) or tuple(p.name for p in model.parameters if p.unit in ("N/rad", "1/rad"))
+        return fitted_parameters(self.nominal(), self.raw.free, f"{self.path}: free")
 
     def _load(self, file: str) -> xr.Dataset:
         if not (self.folder / file).exists():
