@@ -79,6 +79,65 @@ class BankMap:
         return np.asarray(np.interp(at, at[known], self.bank[nearest[known]]))
 
 
+@dataclass(frozen=True)
+class _Passages:
+    """What some drives felt on a road.
+
+    Attributes:
+        path: Its places ``(places, 4)``.
+        drives: Samples of each drive on it: place, and the columns of ``_columns`` ``(samples, 4)``.
+    """
+
+    path: Floats
+    drives: tuple[Floats, ...]
+
+    def slopes(self) -> Floats:
+        """Return the lean of the car and the lever arm of its accelerometer: within each place, over all drives."""
+        place, felt, *car = np.concatenate(self.drives).T
+        _, place = np.unique(place.astype(int), return_inverse=True)
+        count = np.bincount(place)
+        within = np.column_stack([c - (np.bincount(place, c) / count)[place] for c in (felt, *car)])
+        return np.asarray(np.linalg.lstsq(within[:, 1:], within[:, 0], rcond=None)[0])
+
+    def bank(self, slopes: Floats, without: int | None = None) -> BankMap:
+        """Return the map by all drives, or by all but one."""
+        place, felt, *car = np.concatenate([d for i, d in enumerate(self.drives) if i != without]).T
+        found, place = np.unique(place.astype(int), return_inverse=True)
+        mean = np.bincount(place, felt - np.column_stack(car) @ slopes) / np.bincount(place)
+        return BankMap(self.path[found], np.arcsin(np.clip((mean - mean.mean()) / GRAVITY, -1.0, 1.0)))
+
+
+def with_bank(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> list[xr.Dataset]:
+    """Return all drives with the signal ``bank_angle``.
+
+    No drive gets the bank that it felt itself: a held-out drive gets that of the fitted ones, a fitted one that of the
+    other fitted ones. Lean and lever arm are of the car and not of the place; all fitted drives tell them, because two
+    laps at one speed alone could not.
+
+    Raises:
+        UserError: If fewer than two drives are fitted, a drive lacks a signal, never moves, or does not fit the map.
+    """
+    if len(fitted) < 2:
+        raise UserError("bank_map: a road is mapped by at least two fitted drives, for no drive may teach itself")
+    passages = _passages(fitted)
+    slopes = passages.slopes()
+    whole = passages.bank(slopes)
+    drives = [*((r, passages.bank(slopes, i)) for i, r in enumerate(fitted)), *((r, whole) for r in held_out)]
+    attributes = {**signal_attributes("bank_angle"), "derived": 1}
+    return [r.assign(bank_angle=("time", m.along(r), attributes)) for r, m in drives]
+
+
+def _passages(recordings: Sequence[xr.Dataset]) -> _Passages:
+    path = _path(recordings)
+    tree, drives = KDTree(path), []
+    for recording in recordings:
+        columns, moving = _columns(recording)
+        distance, nearest = tree.query(_places(recording))
+        on = moving & (distance < _BESIDE)
+        drives.append(np.column_stack([nearest[on], columns[on]]))
+    return _Passages(path, tuple(drives))
+
+
 def bank_map(recordings: Sequence[xr.Dataset]) -> BankMap:
     """Map the bank of a road that was driven several times.
 
@@ -88,42 +147,8 @@ def bank_map(recordings: Sequence[xr.Dataset]) -> BankMap:
     Raises:
         UserError: If a drive lacks a signal or never moves.
     """
-    path = _path(recordings)
-    tree, passages = KDTree(path), []
-    for recording in recordings:
-        columns, moving = _columns(recording)
-        distance, nearest = tree.query(_places(recording))
-        on = moving & (distance < _BESIDE)
-        passages.append(np.column_stack([nearest[on], columns[on]]))
-    place, e, *regressors = np.concatenate(passages).T
-    found, place = np.unique(place.astype(int), return_inverse=True)
-    count = np.bincount(place)
-
-    def mean(values: Floats) -> Floats:
-        return np.asarray(np.bincount(place, values) / count)
-
-    within = np.column_stack([c - mean(c)[place] for c in (e, *regressors)])
-    slopes = np.linalg.lstsq(within[:, 1:], within[:, 0], rcond=None)[0]
-    felt = mean(e - np.column_stack(regressors) @ slopes)
-    return BankMap(path[found], np.arcsin(np.clip((felt - felt.mean()) / GRAVITY, -1.0, 1.0)))
-
-
-def with_bank(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> list[xr.Dataset]:
-    """Return all drives with the signal ``bank_angle``.
-
-    No drive gets the bank that it felt itself: a held-out drive gets that of the fitted ones, a fitted one that of the
-    other fitted ones.
-
-    Raises:
-        UserError: If fewer than two drives are fitted, or a drive does not fit the map.
-    """
-    if len(fitted) < 2:
-        raise UserError("bank_map: a road is mapped by at least two fitted drives, for no drive may teach itself")
-    whole = bank_map(fitted)
-    others = [bank_map([r for r in fitted if r is not each]) for each in fitted]
-    drives = [*zip(fitted, others, strict=True), *((r, whole) for r in held_out)]
-    attributes = {**signal_attributes("bank_angle"), "derived": 1}
-    return [r.assign(bank_angle=("time", m.along(r), attributes)) for r, m in drives]
+    passages = _passages(recordings)
+    return passages.bank(passages.slopes())
 
 
 def _path(recordings: Sequence[xr.Dataset]) -> Floats:
