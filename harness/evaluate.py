@@ -161,7 +161,11 @@ class Bench:
         return np.sqrt(squares.mean(axis=1)).transpose(2, 1, 0).astype(np.float32)
 
     def histories(self) -> list[xr.Dataset]:
-        """Return the runs the study wants drawn over time; where the plant lacks a signal its truth is NaN."""
+        """Return the runs the study wants drawn over time.
+
+        Where the plant lacks a signal its truth is NaN; so is an estimate from its divergence on, and everything from
+        where the plant leaves its range.
+        """
         return [self._history(wanted) for wanted in self.study.history]
 
     def _history(self, wanted: HistorySpec) -> xr.Dataset:
@@ -180,6 +184,10 @@ class Bench:
                 truth[:, i] = batch.truth[:, self.plant.signal_names.index(name), 0]
         places = [self.signals.index(name) for name in shown]
         kept = np.stack([r.kept[:, :, places, 0] for r in runs if r.kept is not None], axis=1)
+        sample = np.arange(len(kept))[:, None]
+        left = sample[:, 0] >= batch.left_at[0]
+        kept[(sample >= [r.diverged_at[0] for r in runs]) | left[:, None]] = np.nan
+        truth[left] = np.nan
         dataset = xr.Dataset(
             {
                 "truth": (("time", "target"), truth),
@@ -196,7 +204,8 @@ class Bench:
             self.belief.model.outputs, self._measured, held.measurement_noise[0], strict=True
         ):
             if output in shown:  # sensors name an output after what it measures
-                dataset[f"measured_{output}"] = ("time", batch.measurements[:, measured, 0], {"variance": variance})
+                values = np.where(left, np.nan, batch.measurements[:, measured, 0])
+                dataset[f"measured_{output}"] = ("time", values, {"variance": variance})
         stated = [e.has_covariance for e in self.estimators]
         dataset["std"] = dataset["std"].where(xr.DataArray(stated, dims="estimator"))
         for i, name in enumerate(self.plant.model.inputs):

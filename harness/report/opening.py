@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.report.analysis import Findings
-from harness.report.store import ESTIMATOR_DIVERGED, FAILED, OK, PENDING, PLANT_DIVERGED, Design, Quantity, words
+from harness.report.store import ESTIMATOR_DIVERGED, FAILED, OK, PENDING, PLANT_DIVERGED, Design, Quantity
 from harness.report.style import number, with_unit
 
 ALIKE = 0.03
@@ -62,6 +62,7 @@ class _Change:
     Attributes:
         quantity: The target.
         names: Estimators with a score in both bands.
+        among: Number of all estimators.
         home: Band compared with; None where there is only one band.
         worst: Band of the largest growth.
         before: Median per estimator in ``home``.
@@ -70,6 +71,7 @@ class _Change:
 
     quantity: Quantity
     names: tuple[str, ...]
+    among: int
     home: int | None
     worst: int
     before: NDArray[np.float64]
@@ -99,6 +101,8 @@ class _Change:
         return f"{subject} {self.quantity.words} {change}{self._others(best)}"
 
     def _others(self, best: int) -> str:
+        if len(self.names) == 1 < self.among:
+            return f" with {self.names[0]}"  # all others lost more runs
         if not self.differs:
             return ""
         last, unit = int(np.argmax(self.after)), self.quantity.unit
@@ -137,7 +141,8 @@ def _change(design: Design, quantity: Quantity, medians: NDArray[np.float64]) ->
     both = known[home] & known[worst] if compared else known[home]
     worst = worst if compared else home
     names = tuple(name for name, chosen in zip(design.estimators, both, strict=True) if chosen)
-    return _Change(quantity, names, home if compared else None, worst, medians[home][both], medians[worst][both])
+    among = len(design.estimators)
+    return _Change(quantity, names, among, home if compared else None, worst, medians[home][both], medians[worst][both])
 
 
 def _least(medians: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -150,7 +155,7 @@ def _most(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
     """Say which level is meant and what it is compared with, e.g. ``with the trailer mass at 8 t``."""
-    label = words(design.bands[worst])
+    label = design.bands[worst]
     if not design.factors:
         return "in the case as stated"
     if design.sampling == "saltelli":
@@ -168,7 +173,7 @@ def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
         text = f"with the {varied(design)} {owner} {label}"
     if home is None or not first:
         return text
-    other = words(design.bands[home])
+    other = design.bands[home]
     if within:
         return f"{text} instead of {other}"
     if believed and all(f.of == "plant" for f in design.factors[: 1 if single else None]):

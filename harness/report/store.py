@@ -243,6 +243,13 @@ class Design:
         return self.planned - self.count(OK, band, estimator)
 
 
+def run_in_words(history: xr.Dataset, drive: bool = True) -> str:
+    """Name a run that is drawn over time: its own name, its level and, if asked for, its drive."""
+    attributes = [history.attrs.get("name"), words(str(history.attrs.get("band_label") or ""))]
+    named = ", ".join(str(a) for a in [*attributes, drive and history.attrs.get("drive")] if a)
+    return named[:1].upper() + named[1:]
+
+
 @dataclass
 class Store:
     """A finished result folder.
@@ -284,7 +291,7 @@ def _design(path: Path, name: str) -> Design:
         estimators=[str(e) for e in data["estimator"].values],
         targets=[quantity(t, "" if units is None else str(units.values[k])) for k, t in enumerate(names)],
         drives=[str(d) for d in data["drive"].values],
-        bands=[str(b) for b in labels.values],
+        bands=[words(str(b)) for b in labels.values],
         factors=[_factor(row, data) for row in _decode(data.attrs.get("factors", "[]"))],
         state_dimension=int(data.attrs.get("state_dimension", 0)),
         output_dimension=int(data.attrs.get("output_dimension", 0)),

@@ -83,6 +83,13 @@ def test_process_noise_grows_with_the_step_but_measurement_noise_does_not(load):
     assert slow.plant.measurement_noise["yaw_rate_trailer"] == 1e-4
 
 
+def test_a_band_of_nothing_is_the_believed_value_beside_its_bands(load):
+    banded = ('levels = ["8 t", "24 t", "32 t"]', 'bands = ["0 %", "10 %"]'), ("repeats = 2", "samples = 4")
+    (factor,) = load(*banded).designs[0].factors
+    assert (factor.lower, factor.upper) == ((24000.0, 21600.0), (24000.0, 26400.0))
+    assert factor.labels == ("±0 %", "±10 %")
+
+
 def test_hash_ignores_form_and_sees_content(load):
     first = load().hash
     assert len(first) == 64

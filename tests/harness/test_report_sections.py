@@ -98,10 +98,25 @@ def test_two_factors(tmp_path):
     assert [f.words for f in design.factors] == ["trailer mass", "friction"]
     assert boxes.factor_label(design).startswith("trailer mass of the plant, friction of plant and belief")
     assert answer_in_short(Findings(design, 0)).startswith("At the level 16 t instead of 24 t, the median")
+    for factor in design.factors:
+        object.__setattr__(factor, "of", "plant")
+    assert boxes.factor_label(design) == "trailer mass and friction of the plant (grey: as believed)"
+    object.__setattr__(design.factors[0], "words", "a factor whose name would reach far beyond the edges of the page")
+    assert max(len(line) for line in boxes.factor_label(design).splitlines()) <= 80
+    design.factors[1].lower[1] = 0.4
+    assert design.matched_is == "around what is believed"
     (folder / "run.json").unlink()  # only the store is needed
     facts = next(b for b in made.blocks(Analysis(read(folder))) if isinstance(b, Sheet)).rows
     assert "seed" in dict(facts)
     assert "duration" not in dict(facts)
+
+
+def test_of_bands_about_the_same_value_the_narrowest_is_the_believed_one(tmp_path):
+    data = synthetic.design(levels=(24.0, 24.0, 24.0), repeats=2)
+    factor = {**json.loads(data.attrs["factors"])[0], "lower": [20e3, 24e3, 12e3], "upper": [28e3, 24e3, 36e3]}
+    data.attrs["factors"] = json.dumps([factor])
+    design = read(synthetic.write(tmp_path, {"bands": data})).designs[0]
+    assert (design.matched, design.matched_is) == (1, "as believed")
 
 
 def test_history_errors_and_thinning():
@@ -130,7 +145,18 @@ def test_every_run_gets_a_figure(small):
     first = analysis.store.histories[0].isel(target=[0])
     analysis.store.histories = [first, first.assign_attrs(name="again")]
     captions = [b.caption for b in history.blocks(analysis) if isinstance(b, Picture)]
-    assert [c.split(":")[0] for c in captions] == ["The run 8 t, winding-road", "The run again, 8 t, winding-road"]
+    assert [c.split(":")[0] for c in captions] == ["The run “8 t, winding-road”", "The run “Again, 8 t, winding-road”"]
+
+
+def test_an_estimate_that_diverged_is_drawn_and_counted_up_to_then(small):
+    analysis = Analysis(read(small))
+    run = analysis.store.histories[0]
+    run["estimate"][4000:, 1] = np.nan  # 100 samples a second
+    figure, table = (b for b in history.blocks(analysis) if isinstance(b, Picture | Sheet))
+    said = "UKF diverged after 39.99 s: nothing is shown or counted from there on."
+    assert figure.caption.endswith(said)
+    assert table.caption.endswith(said)
+    assert "EKF diverged" not in figure.caption
 
 
 def test_history_table_states_the_error_of_the_drawn_run(mass):

@@ -90,6 +90,15 @@ def test_headline_names_the_best_estimator_where_they_differ_and_what_was_lost(o
     assert text.endswith("Of 126 runs, in 2 the estimator diverged (UKF 2).")
 
 
+def test_headline_names_the_estimator_that_alone_can_be_compared(one_design):
+    text = answer_in_short(one_design(status=_lose_the_second).main)
+    assert text.count(" with EKF") == 2  # once for each target
+
+
+def _lose_the_second(fates: np.ndarray) -> None:
+    fates[..., 1] = 1
+
+
 def _lose_two(fates: np.ndarray) -> None:
     fates[3, 0, 0, :2, 1] = 1
 

@@ -194,12 +194,17 @@ def test_a_plant_that_leaves_its_range_is_a_result_with_a_time(tmp_path):
     path = tmp_path / "wild.toml"
     path.write_text(wild)
     study = load_study(path)
-    result = Bench(study).evaluate(units(study, study.designs[0])[0])
+    bench = Bench(study)
+    result = bench.evaluate(units(study, study.designs[0])[0])
     left = result["status"] != OK
     assert left.any()
     assert set(np.unique(result["status"][left])) <= {ESTIMATOR_DIVERGED, PLANT_DIVERGED}
     assert np.isfinite(result["time_of_divergence"][left]).all()
     assert (result["time_of_divergence"][left] < 20).all()
+    drawn, end = bench.histories()[0], result["time_of_divergence"][0, 0, 0]  # the first run of the unit
+    assert left[0, 0, 0]
+    assert drawn["estimate"].where(drawn["time"] < end - 1e-9, drop=True).notnull().all()
+    assert drawn["estimate"].where(drawn["time"] > end - 1e-9, drop=True).isnull().all()
 
 
 def test_a_matched_filter_is_consistent():

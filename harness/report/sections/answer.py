@@ -13,7 +13,7 @@ from harness.report.opening import ALIKE, answer_in_short, at, listed
 from harness.report.ranking import limits_of, tolerances
 from harness.report.sections import boxes, sensitivity, tolerance
 from harness.report.sections.history import inside
-from harness.report.store import FATES, OK, PENDING, Design
+from harness.report.store import FATES, OK, PENDING, Design, words
 from harness.report.style import number, percent, probability, span, with_unit
 
 SURE = 0.5  # share within ± 2σ below which an estimator is sure of a wrong value
@@ -308,7 +308,7 @@ def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.
         f"{number(float(np.sqrt(c.ratio)), 2)} times the standard deviation that {name} states (the square root)."
     ]
     run = next(
-        (h for h in histories if (h.attrs.get("design"), h.attrs.get("band_label")) == (design.name, label)), None
+        (h for h in histories if (h.attrs["design"], words(h.attrs["band_label"])) == (design.name, label)), None
     )
     shares = {} if run is None else inside(run, name)
     if run is not None and shares:

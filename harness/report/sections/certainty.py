@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Prose, Sheet, plain
-from harness.report.store import Quantity, quantity
+from harness.report.store import Quantity, quantity, run_in_words
 
 EDGES = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, np.inf)
 """m/s^2; borders of the classes."""
@@ -103,10 +103,10 @@ def _run(data: xr.Dataset) -> list[Block]:
         said += _sentence(target, found)
     if not rows:
         return []
-    which = ", ".join(str(data.attrs[key]) for key in ("name", "band_label", "drive") if data.attrs.get(key))
+    which = run_in_words(data)
     header = ["target", "estimator", *(f"{_label(k)} m/s²" for k in seen)]
     caption = (
-        f"The run {which}: median of the standard deviation stated by each estimator, by the largest lateral "
+        f"The run “{which}”: median of the standard deviation stated by each estimator, by the largest lateral "
         f"acceleration in the {WINDOW:g} s before."
     )
     return [Prose(plain(f"{which}: {' '.join(said)}")), Sheet(header, rows, caption, left=2)]

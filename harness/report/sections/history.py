@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
-from harness.report.store import Quantity, quantity
+from harness.report.store import Quantity, quantity, run_in_words
 from harness.report.style import Look, looks
 
 _EXPLAIN = (
@@ -20,7 +20,7 @@ _EXPLAIN = (
     "it says it is; the study names the run."
 )
 _ROW = 1.65  # inches per quantity
-_LOWEST = 1.3  # inches per quantity where that saves a page
+_LOWEST = 1.1  # inches per quantity where that saves a page
 _AS_PIXELS_FROM = 4000  # points from which vectors make the file large and slow
 _POINTS = 900  # drawn per line: more than a printer resolves on the width of a page
 
@@ -48,16 +48,10 @@ def _run(analysis: Analysis, data: xr.Dataset) -> list[Block]:
     found: list[Block] = []
     rows: list[Quantity] = [*targets, *inputs]
     per_page = int((style.TALLEST - 1.3) // _LOWEST)
-    for start in range(0, len(rows), per_page):
-        found.append(_picture(data, rows[start : start + per_page], chosen))
+    for some in np.array_split(np.arange(len(rows)), -(-len(rows) // per_page)):
+        found.append(_picture(data, [rows[i] for i in some], chosen))
     found.append(_errors(data, targets, estimators))
     return found
-
-
-def _which(data: xr.Dataset) -> str:
-    """Say which run is drawn."""
-    parts = [str(data.attrs[key]) for key in ("name", "band_label", "drive") if data.attrs.get(key)]
-    return ", ".join(parts)
 
 
 def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) -> Picture:
@@ -75,17 +69,29 @@ def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) ->
             handles.append(Patch(color="#b0b0b0", label="± 2σ"))
         if any(f"measured_{row.name}" in data for row in rows):
             handles.append(Line2D([], [], color=style.MEASURED, marker=".", ls="", label="measured"))
-        style.head(fig, f"Do the estimates follow the true values ({_which(data)})?", handles)
+        style.head(fig, f"Do the estimates follow the true values ({run_in_words(data)})?", handles)
         svg = style.svg(fig)
     names = ", ".join(row.words for row in rows)
     caption = (
-        f"The run {_which(data)}: true and estimated {names}. The band in the colour of an estimator is twice the "
-        "standard deviation it states to either side; a true value outside it is an error it does not know of."
+        f"The run “{run_in_words(data)}”: true and estimated {names}. The band in the colour of an estimator is twice "
+        "the standard deviation it states to either side; a true value outside it is an error it does not know of."
     )
     alone = [row.words for row in rows if not _has_truth(data, row)]
     if alone:
         caption += f" The plant has no {' and no '.join(alone)}: the estimate stands alone."
-    return Picture(svg, caption, f"Time history of {names}")
+    return Picture(svg, caption + _ended(data), f"Time history of {names}")
+
+
+def _ended(data: xr.Dataset) -> str:
+    """Say which estimates end before the drive does, and when."""
+    known = np.isfinite(data["estimate"].values)
+    time = data["time"].values
+    parts = []
+    for k, name in enumerate(data["estimator"].values):
+        samples = np.flatnonzero(known[:, k].any(axis=1))
+        if samples.size and samples[-1] < len(time) - 1:
+            parts.append(f"{name} diverged after {time[samples[-1]]:.2f} s")
+    return f" {'; '.join(parts)}: nothing is shown or counted from there on." if parts else ""
 
 
 def _has_truth(data: xr.Dataset, row: Quantity) -> bool:
@@ -200,4 +206,4 @@ def _errors(data: xr.Dataset, targets: list[Quantity], estimators: list[str]) ->
                 ]
             )
     header = ["target", "estimator", "RMSE", "largest error", "inside ± 2σ"]
-    return Sheet(header, rows, f"Errors of the run {_which(data)}.", left=2)
+    return Sheet(header, rows, f"Errors of the run “{run_in_words(data)}”.{_ended(data)}", left=2)

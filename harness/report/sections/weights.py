@@ -12,7 +12,7 @@ import xarray as xr
 
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Prose, Sheet, plain
-from harness.report.store import quantity
+from harness.report.store import quantity, run_in_words
 
 _FIRST = 4  # samples told one by one
 FOLLOWS, IGNORES = 0.95, 0.05
@@ -23,7 +23,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     """Return the gains of the drawn runs; nothing where no state was measured that was drawn."""
     rows, said = [], []
     for data in analysis.store.histories:
-        name = ", ".join(str(data.attrs[key]) for key in ("name", "band_label") if data.attrs.get(key))
+        name = run_in_words(data, drive=False)
         for target, estimator, gains in gains_of(data):
             rows.append([name, quantity(target).words, estimator, *(f"{k:.4f}" for k in [*gains[:_FIRST], gains[-1]])])
             if gains[-1] >= FOLLOWS:
