@@ -5,6 +5,7 @@ BIN    := $(VENV)/bin
 JOBS   ?=
 LOOPS   := $(patsubst studies/loops/%.toml,loop-%,$(filter-out %/semitrailer.toml,$(wildcard studies/loops/*.toml)))
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
+RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup studies loop $(LOOPS) report test lint bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(STUDIES)
@@ -53,7 +54,7 @@ $(LOOPS): loop-%: studies/loops/%.toml $(VENV)/run.stamp
 study-%:
 	@echo "there is no studies/$*.toml; there are: $(STUDIES)" >&2; exit 2
 
-studies: $(STUDIES) study-realtime ## run every study, gather them in results/campaign/report.html and .pdf
+studies: $(filter-out $(RECORDED),$(STUDIES)) study-realtime ## run every study that needs no recording, gather them in results/campaign/report.html and .pdf
 	$(BIN)/harness campaign results --out results/campaign
 
 report: $(VENV)/run.stamp ## rewrite the reports of all finished studies

@@ -1,23 +1,15 @@
 """A study of a few short runs, for tests of whoever runs studies, and the bits of a store."""
 
+from small_study import EKF, SEMITRAILER
+
 from harness.store import STORE
 
-STUDY = """
+STUDY = f"""
 name = "probe"
 title = "Does the runner keep its promises?"
 seed = 0
 targets = ["lateral_force_axle_21", "articulation_angle"]
-[plant]
-vehicle = "semitrailer"
-parameters = "ziaukas_2023"
-tyre = "magic_formula"
-sensors = "series"
-[belief]
-unknown_inputs = ["steering_wheel_angle"]
-[[estimator]]
-name = "EKF"
-kind = "ekf"
-[[drive]]
+{SEMITRAILER}{EKF}[[drive]]
 name = "weave"
 kind = "sine"
 duration = 20
@@ -43,12 +35,12 @@ levels = ["24 t"]
 band = "5 %"
 [[history]]
 design = "level"
-levels = { trailer_mass = "8 t" }
+levels = {{ trailer_mass = "8 t" }}
 drive = "weave"
 [[history]]
 name = "as believed"
 design = "level"
-levels = { trailer_mass = "24 t" }
+levels = {{ trailer_mass = "24 t" }}
 drive = "weave"
 signals = ["yaw_rate_tractor"]
 """

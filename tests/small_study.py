@@ -1,11 +1,6 @@
-"""The text of a small study, for tests of how study files are read."""
+"""Texts of small studies: what those of the tests share, and one for tests of how study files are read."""
 
-STUDY = """\
-name = "small"
-title = "A question?"
-seed = 0
-targets = ["lateral_force_axle_21", "articulation_angle"]
-
+SEMITRAILER = """\
 [plant]
 vehicle = "semitrailer"
 parameters = "ziaukas_2023"
@@ -15,15 +10,24 @@ sensors = "series"
 [belief]
 unknown_inputs = ["steering_wheel_angle"]
 
-[[drive]]
-name = "sine"
-kind = "sine"
-
+"""
+EKF = """\
 [[estimator]]
 name = "EKF"
 kind = "ekf"
 
-[[design]]
+"""
+STUDY = f"""\
+name = "small"
+title = "A question?"
+seed = 0
+targets = ["lateral_force_axle_21", "articulation_angle"]
+
+{SEMITRAILER}[[drive]]
+name = "sine"
+kind = "sine"
+
+{EKF}[[design]]
 name = "level"
 repeats = 2
 [[design.factor]]

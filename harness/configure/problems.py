@@ -92,6 +92,9 @@ def add_validation_errors(problems: Problems, error: ValidationError, table: typ
             problems.add(place, f"unknown key '{location[-1]}'{closest(str(location[-1]), known)}")
         elif item["type"] == "missing":
             problems.add(place, f"this key is required; add '{location[-1]}'")
+        elif item["type"] == "too_short":
+            least, there = item["ctx"]["min_length"], item["ctx"]["actual_length"]
+            problems.add(place, f"{'is empty' if not there else f'has {there}'}; give at least {least}")
         else:
             message = item["msg"].removeprefix("Value error, ")
             given = item["input"]

@@ -23,7 +23,7 @@ REFUSALS = {
         "design[0].factor[0].level: unknown key 'level'; closest: levels",
     ),
     "missing name": ([('name = "small"\n', "")], "name: this key is required; add 'name'"),
-    "no targets": ([('["lateral_force_axle_21", "articulation_angle"]', "[]")], "targets: "),
+    "no targets": ([('["lateral_force_axle_21", "articulation_angle"]', "[]")], "targets: is empty; give at least 1"),
     "unknown target": (
         [("articulation_angle", "articulation_angel")],
         "targets[1]: the plant cannot give it: model 'semitrailer+magic_formula' has no quantity "

@@ -9,23 +9,15 @@ import pytest
 from SALib.sample import sobol_sequence
 from SALib.util import scale_samples
 from scipy.stats import qmc
+from small_study import EKF, SEMITRAILER
 
 from harness.configure import load_study
 from harness.design import Unit, lanes, points, samples_per_unit, unit_box, units
 
-STUDY = """\
+STUDY = f"""\
 name = "designs"
 targets = ["articulation_angle"]
-[plant]
-vehicle = "semitrailer"
-parameters = "ziaukas_2023"
-tyre = "magic_formula"
-sensors = "series"
-[belief]
-unknown_inputs = ["steering_wheel_angle"]
-[[estimator]]
-kind = "ekf"
-[[drive]]
+{SEMITRAILER}{EKF}[[drive]]
 name = "sine"
 kind = "sine"
 [[drive]]
@@ -133,8 +125,8 @@ def test_points_stay_inside_their_band(study):
 
 
 def test_points_do_not_depend_on_estimators_or_seed(study, tmp_path):
-    text = STUDY.replace('kind = "ekf"', 'name = "other"\nkind = "ekf"\n[[estimator]]\nkind = "ekf"')
-    other = _study(tmp_path, text.replace('name = "designs"', 'name = "designs"\nseed = 7'))
+    text = STUDY.replace('name = "designs"', 'name = "designs"\nseed = 7')
+    other = _study(tmp_path, text + EKF.replace("EKF", "other"))
     assert len(other.estimators) == 2
     for design in study.designs:
         mine, theirs = points(study, design), points(other, other.design(design.name))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
-from test_run import STUDY
+from probe_study import STUDY
 
 from harness.configure import load_study
 from harness.design import Unit, lanes, points, saltelli_points

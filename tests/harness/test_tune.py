@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from small_study import EKF, SEMITRAILER
 
 from harness.configure import load_drives, load_study
 from harness.design import Unit, scale_noise
@@ -11,23 +12,14 @@ from harness.errors import UserError
 from harness.evaluate import Bench, Case
 from harness.tune import tune, write_tuning
 
-STUDY = """
+STUDY = f"""
 name = "tuned"
 seed = 4
 targets = ["articulation_angle"]
-[plant]
-vehicle = "semitrailer"
-parameters = "ziaukas_2023"
-tyre = "magic_formula"
-sensors = "series"
-[belief]
-unknown_inputs = ["steering_wheel_angle"]
-[belief.noise]
+{SEMITRAILER}[belief.noise]
 measurement_scale = 20
-[[estimator]]
-name = "EKF"
-kind = "ekf"
-[[drive]]
+
+{EKF}[[drive]]
 name = "weave"
 kind = "sine"
 duration = 30
