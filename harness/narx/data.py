@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.compile import compile_model
-from harness.configure import ModelSpec
+from harness.configure import DriveSpec, ModelSpec
 from harness.configure.vehicle import resolve_single
-from harness.drives import build_drive, read_drives
+from harness.drives import profile_of, read_drives
 from harness.errors import UserError
 from harness.lanes import LANES
 from harness.simulate import Simulator, in_lanes, input_table, variances
-from models import registry
-from models.contracts import DriveContext, Profile
+from models.contracts import Profile
 from models.registry import closest
 
 Floats = NDArray[np.float64]
@@ -96,7 +95,7 @@ def make(spec: ModelSpec, drives: Path = DRIVES, seed: int = 1, inputs=INPUTS, o
         if part not in PARTS:
             raise UserError(f"{drives}, drive '{name}': the name must begin with {', '.join(p + '-' for p in PARTS)}")
     profiles = {
-        name: build_drive(kind, options, context(spec, drives.parent), f"{drives}, drive '{name}'")
+        name: profile_of(spec, DriveSpec(name, kind, options, f"{drives}, drive '{name}'", drives.parent))
         for name, (kind, options) in tables.items()
     }
     series = simulate(spec, profiles, seed, inputs, outputs)
@@ -105,13 +104,6 @@ def make(spec: ModelSpec, drives: Path = DRIVES, seed: int = 1, inputs=INPUTS, o
         if not chosen[part]:
             raise UserError(f"{drives}: no drive begins with '{part}-'; the network needs some")
     return Data(**chosen, step=spec.step)
-
-
-def context(spec: ModelSpec, base: Path) -> DriveContext:
-    """Return what a drive needs to know of a plant; files are relative to ``base``."""
-    vehicle = registry.load("models.vehicles", spec.vehicle)
-    wheelbase = vehicle.wheelbase(spec.values) if hasattr(vehicle, "wheelbase") else 1.0
-    return DriveContext(wheelbase, spec.values.get("steering_ratio", 1.0), spec.step, str(base))
 
 
 def simulate(

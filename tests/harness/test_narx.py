@@ -8,7 +8,7 @@ import pytest
 
 from harness.compile import compile_model
 from harness.configure import load_study
-from harness.drives import build_drive
+from harness.drives import profile_of
 from harness.errors import UserError
 from harness.estimate import Estimator
 from harness.estimators import narx
@@ -429,7 +429,7 @@ def test_the_committed_network_says_how_it_was_made_and_estimates_a_drive_it_has
     study = load_study(ROOT / "studies" / "mass.toml")
     drive = next(d for d in study.drives if d.name == "winding-road")
     spec = training_data.semitrailer()
-    profile = build_drive(drive.kind, drive.options, training_data.context(spec, drive.base), drive.where)
+    profile = profile_of(spec, drive)
     series = training_data.simulate(spec, {drive.name: profile}, 77, network.inputs, network.outputs)[0]
     error = network.free_run(series.inputs) - series.outputs
     rmse, of_zero = (np.sqrt(np.mean(e**2, axis=0)) for e in (error, series.outputs))
