@@ -1,0 +1,111 @@
+"""Effects of steering and coupling against physics: gains and phases, play, energy taken from turning."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from _effects import VALUES, built, look, point, values
+from _numeric import euler, evaluator, jacobian
+
+
+def test_offset_and_ratio_of_the_steering():
+    ratio = VALUES["car"]["steering_ratio"]
+    (offset,) = look(
+        "car", ("steering_offset",), ("road_wheel_angle",), {"steering_offset": 0.01}, steering_wheel_angle=1.0
+    )
+    (slower,) = look(
+        "car", ("steering_ratio",), ("road_wheel_angle",), {"steering_ratio_error": 0.25}, steering_wheel_angle=1.0
+    )
+    assert offset == pytest.approx(1 / ratio + 0.01)
+    assert slower == pytest.approx(1 / (1.25 * ratio))
+
+
+@pytest.mark.parametrize("progression", [-0.8, 0.5, 3.0])
+def test_a_progressive_ratio_is_odd_monotonic_and_reaches_its_gain(progression):
+    own = {"steering_progression": progression, "steering_centre_width": 0.05}
+    ratio = VALUES["car"]["steering_ratio"]
+    wheel = np.linspace(-1.0, 1.0, 201)
+
+    def f(angle: float) -> float:
+        at = {"steering_wheel_angle": angle * ratio}
+        return look("car", ("steering_ratio_nonlinear",), ("road_wheel_angle",), own, **at)[0]
+
+    angle = np.array([f(d) for d in wheel])
+    assert angle == pytest.approx(-angle[::-1])
+    assert (np.diff(angle) > 0).all()
+    assert angle[-1] == pytest.approx((1 + progression) * 1.0, rel=0.01)
+    assert f(0.05) == pytest.approx(0.05 * (1 + progression / 2))
+
+
+def follow(effect: str, own: dict, wheel: np.ndarray, step: float, tyre: str = "linear") -> np.ndarray:
+    """Return the road-wheel angle over time for one of the steering wheel, of a car at rest otherwise."""
+    model = built("car", (effect,), tyre)
+    numbers = values(model, "car", **own)
+    f, angle = evaluator(model, numbers), evaluator(model, numbers, ("road_wheel_angle",))
+    inputs = np.array([point(model, steering_wheel_angle=w, speed=2.0)[1] for w in wheel])
+    x = euler(f, point(model)[0], inputs, step)
+    return np.array([angle(state, u)[0] for state, u in zip(x, inputs, strict=True)])
+
+
+@pytest.mark.parametrize("effect", ["steering_lag", "steering_delay"])
+@pytest.mark.parametrize("amount", [0.0, 0.02, 0.1, 0.2])
+def test_lag_and_delay_have_gain_and_phase_of_their_names(effect, amount):
+    """Measured at 1 Hz, where a driver steers; exact at zero."""
+    step, omega, ratio = 1e-3, 2 * np.pi, VALUES["car"]["steering_ratio"]
+    time = np.arange(0, 4, step)
+    angle = follow(effect, {effect: amount}, ratio * np.sin(omega * time), step)[-1000:]
+    gain = 2 * np.mean(angle * np.exp(-1j * omega * time[-1000:])) * 1j
+    wanted = 1 / (1 + 1j * omega * amount) if effect == "steering_lag" else np.exp(-1j * omega * amount)
+    assert abs(gain - wanted) < (1e-9 if amount == 0 else 0.02)
+
+
+@pytest.mark.parametrize("effect", ["steering_lag", "steering_delay", "sensor_delay@yaw_rate", "tyre_relaxation"])
+@pytest.mark.parametrize("amount", [0.0, 0.01, 0.3])
+def test_states_of_lags_are_stable_in_steps_of_ten_milliseconds(effect, amount):
+    model = built("car", (effect,), "linear")
+    name = next(n for n in model.parameter_names if n.startswith(effect.partition("@")[0]))
+    own = dict.fromkeys([n for n in model.parameter_names if n.startswith(name[:12])], amount)
+    f = evaluator(model, values(model, "car", **{n: v for n, v in own.items() if n not in VALUES["car"]}))
+    x, u = point(model, speed=35.0)
+    A = np.eye(len(x)) + 0.01 * jacobian(f, x, u, np.ones(len(x)))
+    assert np.abs(np.linalg.eigvals(A)).max() < 1.0
+
+
+def test_compliant_steering_yields_to_the_force_and_lessens_the_turn():
+    model = built("car", ("steering_compliance",), "linear")
+    _, u = point(model, steering_wheel_angle=0.5)
+    turn = {}
+    for compliance in (0.0, 2e-6):
+        numbers = values(model, "car", steering_compliance=compliance)
+        x = euler(evaluator(model, numbers), point(model)[0], np.tile(u, (1500, 1)), 0.005)[-1]
+        force, angle = evaluator(model, numbers, ("lateral_force_steered_axle", "road_wheel_angle"))(x, u)
+        turn[compliance] = x[model.states.index("yaw_rate")]
+        assert angle == pytest.approx(0.5 / VALUES["car"]["steering_ratio"] - compliance * force, rel=1e-3)
+    assert 0 < turn[2e-6] < turn[0.0]
+
+
+def test_play_is_crossed_on_every_reversal_and_only_there():
+    half, step = 0.01, 1e-3
+    time = np.arange(0, 8, step)
+    wheel = 0.05 * np.sin(2 * np.pi * 0.25 * time)
+    angle = follow("steering_backlash", {"steering_backlash": half}, wheel * VALUES["car"]["steering_ratio"], step)
+    late = time > 4
+    lost = wheel - angle
+    assert np.abs(lost).max() <= half
+    rising, falling = np.gradient(wheel) > 1e-5, np.gradient(wheel) < -1e-5
+    middle = late & (np.abs(wheel) < 0.005)
+    assert lost[middle & rising] == pytest.approx(half, rel=0.15)  # pushed from below: the wheels are behind
+    assert lost[middle & falling] == pytest.approx(-half, rel=0.15)
+    area = np.sum((angle[late] - wheel[late]) * np.gradient(wheel[late]))
+    assert area < -3 * half * 0.05  # a loop of hysteresis, of height 2 b and about 0.1 wide
+
+
+@pytest.mark.parametrize(("effect", "size"), [("kingpin_friction", 8e3), ("kingpin_damping", 2e4)])
+def test_the_kingpin_takes_energy_from_turning_and_acts_on_both_bodies(effect, size):
+    for rate in (-0.2, 0.3):
+        at = {"yaw_rate_tractor": 0.1, "yaw_rate_trailer": 0.1 + rate}
+        (moment,) = look("semitrailer", (effect,), ("coupling_moment",), {effect: size}, **at)
+        assert moment * rate < 0
+    assert abs(moment) == pytest.approx(8e3 if effect == "kingpin_friction" else 2e4 * 0.3)
+    still = {"yaw_rate_tractor": 0.1, "yaw_rate_trailer": 0.1}
+    assert look("semitrailer", (effect,), ("coupling_moment",), {effect: size}, **still) == pytest.approx([0.0])

@@ -1,0 +1,159 @@
+"""Effects on loads, axles and tyres against physics: weight and balance, ellipse, brush tyre, relaxation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from _effects import VALUES, G, built, look, point, values
+from _numeric import evaluator
+
+from models import registry
+from models.assemble import assemble
+
+
+def loads(vehicle: str, effects: tuple[str, ...], own: dict, **at) -> np.ndarray:
+    axles = registry.load("models.vehicles", vehicle).AXLES
+    return np.array(look(vehicle, effects, tuple(f"vertical_load_axle_{a}" for a in axles), own, **at))
+
+
+@pytest.mark.parametrize("lift", [-0.3, 0.4, 0.99])
+@pytest.mark.parametrize("axle", ["21", "22", "23"])
+def test_lifting_an_axle_keeps_weight_and_balance(axle, lift):
+    v = VALUES["semitrailer"]
+    found = dict(
+        zip(
+            ("11", "12", "21", "22", "23"),
+            loads("semitrailer", ("lifted_axle",), {f"axle_lift_{axle}": lift}),
+            strict=True,
+        )
+    )
+    assert sum(found.values()) == pytest.approx((v["tractor_mass"] + v["trailer_mass"]) * G)
+    on_axles = {a: found[a] for a in ("21", "22", "23")}
+    about_kingpin = sum(load * (v["kingpin_from_rear"] - v[f"axle_{a}_from_rear"]) for a, load in on_axles.items())
+    assert about_kingpin == pytest.approx(v["trailer_mass"] * G * (v["kingpin_from_rear"] - v["trailer_cog_from_rear"]))
+    others = [load for a, load in on_axles.items() if a != axle]
+    assert others[0] == pytest.approx(others[1])
+    assert on_axles[axle] == pytest.approx((1 - lift) * others[0])
+
+
+@pytest.mark.parametrize("vehicle", ["semitrailer", "car"])
+def test_braking_moves_load_forward_and_keeps_the_weight(vehicle):
+    bodies = ("_tractor", "_trailer") if vehicle == "semitrailer" else ("",)
+    heights = {f"longitudinal_transfer_height{b}": 1.0 for b in bodies}
+    braking = {f"pitch_speed{b}": 20.0 + 4.0 * 0.15 for b in bodies}  # 4 m/s^2 behind the pitch's lag
+    steady = {f"pitch_speed{b}": 20.0 for b in bodies}
+    effect = ("longitudinal_load_transfer",)
+    still, brakes = loads(vehicle, effect, heights, **steady), loads(vehicle, effect, heights, **braking)
+    assert still == pytest.approx(loads(vehicle, effect, {}, **braking))
+    assert brakes.sum() == pytest.approx(still.sum())
+    assert brakes[0] > still[0]
+    assert brakes[-1] < still[-1]
+    v = VALUES[vehicle]
+    if vehicle == "car":
+        moved = v["mass"] * 4.0 / (v["cog_to_front_axle"] + v["cog_to_rear_axle"])
+        assert brakes - still == pytest.approx([moved, -moved])
+
+
+def test_uphill_loads_the_rear_as_driving_does():
+    effects = ("road_grade", "longitudinal_load_transfer")
+    at, own = {"pitch_speed": 20.0}, {"longitudinal_transfer_height": 0.6}
+    up = loads("car", effects, {**own, "road_grade": 0.1}, **at)
+    drives = loads("car", effects, own, pitch_speed=20.0 - G * np.sin(0.1) * 0.15)
+    assert up == pytest.approx(drives)
+    assert up[1] > loads("car", effects, own, **at)[1]
+
+
+def test_a_bend_costs_an_axle_capacity_and_stiffness_alike_to_both_sides():
+    names = ("lateral_force_capacity_axle_21", "cornering_stiffness_axle_21", "cornering_stiffness_axle_11")
+    own = {"lateral_transfer_loss_2": 0.5}
+    effect = ("lateral_load_transfer",)
+    straight = look("semitrailer", effect, names, own)
+    left, right = (look("semitrailer", effect, names, own, yaw_rate_trailer=w) for w in (0.2, -0.2))
+    assert left == pytest.approx(right)
+    assert left[:2] / straight[:2] == pytest.approx([1 / (1 + 0.5 * (4.0 / G) ** 2)] * 2)
+    assert left[2] == straight[2]
+
+
+def test_a_shifted_load_moves_weight_and_keeps_it():
+    own = {"payload_shift_trailer": -0.5, "payload_shift_time": 10.0}
+    before, after = (loads("semitrailer", ("payload_shift",), own, time=t) for t in (10.0, 11.0))
+    assert before == pytest.approx(loads("semitrailer", ("payload_shift",), {"payload_shift_time": 0.0}))
+    assert after.sum() == pytest.approx(before.sum())
+    assert after[2] > before[2]
+    assert after[1] < before[1]
+    moved = assemble("semitrailer", "magic_formula")
+    there = {**VALUES["semitrailer"], "trailer_cog_from_rear": VALUES["semitrailer"]["trailer_cog_from_rear"] - 0.5}
+    x, u = np.full(10, 0.1), np.array([0.5, 20.0, 0.0])
+    model = built("semitrailer", ("payload_shift",))
+    shifted = evaluator(model, values(model, "semitrailer", **own))(x, np.append(u, 11.0))
+    assert shifted == pytest.approx(evaluator(moved, there)(x, u), rel=1e-9)
+
+
+def test_an_axle_that_steers_itself_loses_slip_and_one_that_rolls_steers_into_the_bend():
+    name = ("slip_angle_axle_23",)
+    at = {"lateral_velocity_trailer": 0.4, "yaw_rate_trailer": 0.1}
+    (plain,) = look("semitrailer", ("self_steering_axle",), name, {}, **at)
+    (half,) = look("semitrailer", ("self_steering_axle",), name, {"self_steering_23": 0.5}, **at)
+    (rolled,) = look("semitrailer", ("roll_steer",), name, {"roll_steer_2": 0.002}, **at)
+    assert half == pytest.approx(plain / 2)
+    assert rolled == pytest.approx(plain + 0.002 * 0.1 * 20.0)
+
+
+def test_relaxing_forces_build_up_over_their_way():
+    length, speed, step = 0.8, 20.0, 1e-4
+    model = built("car", ("tyre_relaxation",), "linear")
+    numbers = values(model, "car", tyre_relaxation_front=length)
+    f = evaluator(model, numbers)
+    force = evaluator(model, numbers, ("steady_lateral_force_axle_front",))
+    x, u = point(model, steering_wheel_angle=0.1)
+    held = [i for i, n in enumerate(model.states) if not n.startswith("relaxed")]
+    end = int(length / speed / step)
+    run = []
+    for _ in range(10 * end):
+        run.append(force(x, u)[0])
+        slope = f(x, u)
+        slope[held] = 0.0
+        x = x + step * slope
+    after_length = (run[end] - run[0]) / (run[-1] - run[0])
+    assert after_length == pytest.approx(1 - np.exp(-1), abs=0.03)
+
+
+def test_a_linear_tyre_that_saturates_is_the_brush_tyre():
+    """With inverse friction 1 / mu, at any slip; the brush tyre's slip is tan(alpha), the linear one's as well."""
+    mu = VALUES["car"]["friction"]
+    own = {"inverse_friction_front": 1 / mu, "inverse_friction_rear": 1 / mu}
+    names = tuple(f"steady_lateral_force_axle_{a}" for a in ("front", "rear"))
+    brush = built("car", (), "brush")
+    for v_y in (-6.0, -0.5, 0.1, 1.0, 3.0):
+        found = look("car", ("tyre_saturation",), names, own, tyre="linear", lateral_velocity=v_y, yaw_rate=0.1)
+        x, u = point(brush, lateral_velocity=v_y, yaw_rate=0.1)
+        assert found == pytest.approx(evaluator(brush, values(brush, "car"), names)(x, u), rel=1e-9)
+
+
+def test_offset_and_drift_of_a_tyre():
+    names = ("steady_lateral_force_axle_11", "steady_lateral_force_axle_12")
+    assert look("semitrailer", ("tyre_force_offset",), names, {"tyre_force_offset_11": 300.0}) == pytest.approx(
+        [300.0, 0.0]
+    )
+    stiffness = ("cornering_stiffness_axle_11",)
+    start, later = (
+        look("semitrailer", ("tyre_stiffness_drift",), stiffness, {"stiffness_drift_11": 1e-3}, time=t)
+        for t in (0, 100)
+    )
+    assert later / start == pytest.approx([np.exp(0.1)])
+
+
+def test_driving_and_braking_take_lateral_force_as_the_ellipse_does():
+    v = VALUES["semitrailer"]
+    name = ("steady_lateral_force_axle_12",)
+    share, mu = 1.0, v["friction"]
+    own = {"combined_slip_12": (share / mu) ** 2}
+    at = {"lateral_velocity_tractor": -0.3}
+    found = {
+        a: look("semitrailer", ("combined_slip",), name, own, drive_speed=20.0 - 0.15 * a, **at)[0]
+        for a in (-1.0, 0.0, 1.0)
+    }
+    F_x = v["tractor_mass"] + v["trailer_mass"]
+    F_z = loads("semitrailer", ("combined_slip",), {}, drive_speed=20.0)[1]
+    assert found[1.0] == pytest.approx(found[-1.0])
+    assert found[1.0] / found[0.0] == pytest.approx(np.sqrt(1 - (F_x / (mu * F_z)) ** 2), rel=0.01)
