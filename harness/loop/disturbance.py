@@ -168,12 +168,17 @@ class Linearised:
         drive: The recording.
         values: Parameters of the pass ``(np,)``.
         kept: The pass.
+
+    Attributes:
+        states: Where it is linearised: the corrected mean ``(samples, nx)``.
+        active: Rows of the states that count.
+        innovations: What it makes of the innovations.
     """
 
     def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: Pass) -> None:
         self._linearisation, self.whole, self.drive, self.values = linearisation, linearisation.whole, drive, values
-        self._states = kept.state.copy()
-        self._states[0] = drive.first_mean
+        self.states = kept.state.copy()
+        self.states[0] = drive.first_mean
         self.active = self._active()
         self._ahead, H = self._along_states(slice(None), self.active)
         self._gain = kept.gain[:, self.active]
@@ -189,7 +194,7 @@ class Linearised:
 
     def raw(self, channels: Sequence[Channel]) -> tuple[Floats, Floats]:
         """Return how channels move the next state ``(samples, nx, n)`` and the outputs ``(samples, ny, n)``."""
-        samples, nx, ny = len(self._states), len(self.whole.model.states), len(self.whole.model.outputs)
+        samples, nx, ny = len(self.states), len(self.whole.model.states), len(self.whole.model.outputs)
         ahead, outputs = np.zeros((samples, nx, len(channels))), np.zeros((samples, ny, len(channels)))
         step = 1.0 if self.whole.model.discrete else self.whole.spec.step
         for j, c in enumerate(channels):
@@ -198,7 +203,7 @@ class Linearised:
         open_ = [j for j, c in enumerate(channels) if c.kind != "equation"]
         ahead[:, :, open_], outputs[:, :, open_] = self._linearisation.along(
             self.drive,
-            self._states,
+            self.states,
             [channels[j].values(self.whole, self.values) for j in open_],
             [channels[j].direction(self.whole) for j in open_],
             np.zeros((nx, len(open_))),
@@ -218,7 +223,7 @@ class Linearised:
     def _active(self) -> NDArray[np.intp]:
         """Return the states of the nominal model and those of effects that act on it, from some of the samples."""
         nx, count = self.whole.nx, len(self.whole.model.states)
-        every = slice(1, None, max(1, len(self._states) // _PROBED))
+        every = slice(1, None, max(1, len(self.states) // _PROBED))
         A, H = (np.abs(m).max(axis=0) for m in self._along_states(every, np.arange(count)))
         chosen = set(range(nx)) | {j for j in range(nx, count) if H[:, j].any()}
         while more := {j for j in range(count) if j not in chosen and A[sorted(chosen), j].any()}:
@@ -229,7 +234,7 @@ class Linearised:
         """Return the Jacobians of the next state and of the outputs in some states."""
         n, nothing = len(rows), np.zeros(len(self.whole.names))
         drive = replace(self.drive, inputs=self.drive.inputs[samples], between=self.drive.between[samples])
-        states = np.ascontiguousarray(self._states[samples])
+        states = np.ascontiguousarray(self.states[samples])
         unit = np.eye(len(self.whole.model.states))[:, rows]
         ahead, outputs = self._linearisation.along(drive, states, [self.values] * n, [nothing] * n, unit)
         return ahead[:, rows], outputs

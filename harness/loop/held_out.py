@@ -54,12 +54,8 @@ class HeldOut:
         here, moments = self._own_moments(added, moved_to(point, len(self.drives)))
         likelihood = self.fitting.log_likelihood(here) - 0.5 * moments * np.log(self.fitting.samples)
         free = tuple(self.whole.free_run(d, here.values[:, i]).outputs for i, d in enumerate(self.drives))
-        errors = np.concatenate([d.measurements - f for d, f in zip(self.drives, free, strict=True)])
-        with np.errstate(invalid="ignore"):
-            square = np.nanmean(errors**2, axis=0)
-        strays = any(np.isnan(f).any() for f in free)
-        excess = np.inf if strays else float(np.sum(np.maximum(square / self.variances - 1.0, 0.0)))
-        return Judgement(likelihood, np.sqrt(square), excess, free, here)
+        error, excess = strayed(self.drives, free, self.variances)
+        return Judgement(likelihood, error, excess, free, here)
 
     def _own_moments(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
         """Return the point with the moments of these drives: the best of a grid, then of their neighbourhood."""
@@ -78,3 +74,18 @@ class HeldOut:
         point = replace(point, values=values)
         moved = tuple(c for c in coordinates(self.whole, (), added, len(self.drives)) if c.parameter.name in names)
         return self.fitting.only(moved, point, 10).point, len(moved)
+
+
+def strayed(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, float]:
+    """Return error and excess of a model alone, as ``Judgement`` has them.
+
+    Args:
+        drives: The recordings.
+        free: Outputs of the model alone, by drive ``(samples, ny)``.
+        variances: Of the sensors' noise ``(ny,)``.
+    """
+    errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
+    with np.errstate(invalid="ignore"):
+        square = np.nanmean(errors**2, axis=0)
+    strays = any(np.isnan(f).any() for f in free)
+    return np.sqrt(square), np.inf if strays else float(np.sum(np.maximum(square / variances - 1.0, 0.0)))

@@ -65,10 +65,14 @@ class Pinpoint:
         fitting: The recordings.
         point: Where the model was fitted.
         channels: The entries; every one there is by default.
+        ranked: Whether to rank them; without, they are only led through the filter.
     """
 
-    def __init__(self, fitting: Fitting, point: Point, channels: Sequence[Channel] | None = None) -> None:
+    def __init__(
+        self, fitting: Fitting, point: Point, channels: Sequence[Channel] | None = None, ranked: bool = True
+    ) -> None:
         whole, numbers = fitting.whole, range(len(fitting.drives))
+        self.whole = whole
         self.channels = tuple(channels_of(whole) if channels is None else channels)
         self.drives = fitting.drives
         kept, compiled = fitting.passes(point), Linearisation(whole)
@@ -78,7 +82,7 @@ class Pinpoint:
 
         self.linear = whole.share(linearised, numbers)
         self._inlets = whole.share(lambda i: self.linear[i].inlets(self.channels), numbers)
-        found = whole.share(self._suspect, self.channels)
+        found = whole.share(self._suspect, self.channels if ranked else ())
         self.suspects = tuple(sorted(found, key=lambda s: -s.gain))
 
     def inlets(self, channel: Channel) -> list[Inlet]:

@@ -1,0 +1,255 @@
+"""Something is missing that has no name: the disturbance it makes, as a curve over a signal.
+
+The dictionary proposes entries and signals. Of each pair a smooth curve is fitted to the innovations together with the
+parameters that the model's own fit moves, each time without one of the drives, and is judged by the likelihood of that
+one. The best is taken, then the best beside it, as long as the drives left out become likelier. What is left must make
+the held-out drives likelier as well.
+
+Free running, a curve over motion is fed by the motion of the model itself and not by the measured one: what it closes
+of the error is a prediction. Inputs are those of the recording, as for every model.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.compile import compile_model
+from harness.identify.recordings import Drive
+from harness.lanes import LANES
+from harness.loop.curves import FUNCTIONS, Basis, Curve
+from harness.loop.dictionary import Proposal, proposals
+from harness.loop.drivers import Driver, drivers_of, rates
+from harness.loop.fit import Fitted, Fitting, Point
+from harness.loop.held_out import HeldOut, Judgement, strayed
+from harness.loop.hypotheses import Coordinate
+from harness.loop.pinpoint import Pinpoint
+from harness.loop.whole import Whole
+
+Floats = NDArray[np.float64]
+
+NEEDED = 25.0
+"""Gain in log-likelihood of the drives left out, below which a curve is not taken."""
+
+CURVES = 3
+"""Largest number of curves."""
+
+_ENTRIES = 8
+_PAIRS = 12
+_STABLE = 0.2
+"""Entries that the dictionary sees, pairs of which curves are fitted, and the least stability of a pair."""
+
+_STIFFNESS = (1e-4, 1e-2, 1.0)
+"""Penalty on second differences, over the mean information on a weight."""
+
+
+@dataclass(frozen=True)
+class Unnamed:
+    """What is missing, without a name.
+
+    Attributes:
+        curves: In the order they were taken.
+        shift: Parameters that move with them: value by name.
+        held_out_gain: In log-likelihood of the held-out drives, as the innovations promise.
+        judgement: The model with the curves, free running on the held-out drives.
+        disturbances: On the held-out drives, as the model's own motion makes them ``(samples, curves)``.
+    """
+
+    curves: tuple[Curve, ...]
+    shift: dict[str, float]
+    held_out_gain: float
+    judgement: Judgement
+    disturbances: tuple[Floats, ...]
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Gram matrix and pull of columns over one fold."""
+
+    gram: Floats
+    pull: Floats
+
+
+class _Drives:
+    """Drives with a pinpointed model: signals, and the innovations' response to curves and to parameters."""
+
+    def __init__(self, pinpoint: Pinpoint, fitting: Fitting, point: Point, moved: Sequence[Coordinate]) -> None:
+        self.pinpoint, self.drives = pinpoint, fitting.drives
+        self.drivers = drivers_of(fitting.whole)
+        kept = fitting.passes(point)
+        own = tuple(replace(c, drives=tuple(range(len(self.drives)))) for c in moved)
+        self.moved = [-fitting.columns(own, point, i, k).reshape(k.whitened.size, len(own)) for i, k in enumerate(kept)]
+        self.residual = [linear.innovations.residual.reshape(-1) for linear in pinpoint.linear]
+        states = [linear.states for linear in pinpoint.linear]
+        self.signals = [
+            np.column_stack([d.of(x, drive.inputs, rates(drive)) for d in self.drivers])
+            for x, drive in zip(states, self.drives, strict=True)
+        ]
+
+    def signal(self, driver: Driver) -> list[Floats]:
+        """Return a signal by drive."""
+        j = next(j for j, d in enumerate(self.drivers) if d.name == driver.name)
+        return [s[:, j] for s in self.signals]
+
+    def responses(self, proposal: Proposal, basis: Basis) -> list[Floats]:
+        """Return what the functions of a curve do to the innovations, by drive ``(samples * ny, FUNCTIONS)``."""
+        return [
+            linear.innovations.responses(inlet, basis.of(s)).reshape(-1, FUNCTIONS)
+            for linear, inlet, s in zip(
+                self.pinpoint.linear,
+                self.pinpoint.inlets(proposal.channel),
+                self.signal(proposal.driver),
+                strict=True,
+            )
+        ]
+
+    def sums(self, columns: Sequence[Sequence[Floats]]) -> list[_Sums]:
+        """Return the sums by fold: a drive each, or halves of the only one."""
+        found = []
+        for i, r in enumerate(self.residual):
+            X = np.concatenate([self.moved[i], *(c[i] for c in columns)], axis=1)
+            cuts = (0, len(r)) if len(self.residual) > 1 else (0, len(r) // 2, len(r))
+            for a, b in itertools.pairwise(cuts):
+                found.append(_Sums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
+        return found
+
+
+def find_unnamed(
+    fitting: Fitting, held_out: HeldOut, final: Fitted, before: Judgement, pinpoint: Pinpoint
+) -> Unnamed | None:
+    """Return what a model lacks as curves; ``None`` if nothing predicts drives that it was not fitted to.
+
+    Args:
+        fitting: The fitted drives.
+        held_out: The drives kept aside.
+        final: Where the model was fitted.
+        before: The model on the drives kept aside.
+        pinpoint: At ``final``.
+    """
+    whole = fitting.whole
+    moved = [c for c in final.coordinates if not c.parameter.per_drive]
+    here = _Drives(pinpoint, fitting, final.point, moved)
+    suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
+    if not suspects:
+        return None
+    pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved)
+    pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
+    curves, weights = _selected(here, pairs, len(moved))
+    if not curves:
+        return None
+    point = _shifted(before.point, moved, weights[: len(moved)])
+    shift = {c.parameter.name: float(point.values[c.row, 0]) for c in moved}
+    there = Pinpoint(held_out.fitting, before.point, [*dict.fromkeys(c.channel for c in curves)], ranked=False)
+    kept_aside = _Drives(there, held_out.fitting, before.point, moved)
+    columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
+    gain = sum(_gain(s, weights) for s in kept_aside.sums(columns))
+    if gain <= 0:
+        return None
+    runs = whole.share(
+        lambda i: _run(whole, held_out.drives[i], point.values[:, i], there, i, curves), range(len(held_out.drives))
+    )
+    free = tuple(outputs for outputs, _ in runs)
+    error, excess = strayed(held_out.drives, free, held_out.variances)
+    judgement = Judgement(before.log_likelihood + gain, error, excess, free, point)
+    return Unnamed(tuple(curves), shift, gain, judgement, tuple(d for _, d in runs))
+
+
+def _gain(sums: _Sums, weights: Floats) -> float:
+    return float(sums.pull @ weights - 0.5 * weights @ sums.gram @ weights)
+
+
+def _selected(here: _Drives, pairs: Sequence[Proposal], fixed: int) -> tuple[list[Curve], Floats]:
+    """Return curves by forward selection, judged on the drives left out, and the weights of parameters and curves."""
+    tried = []
+    for pair in pairs:
+        basis = Basis.over(np.concatenate(here.signal(pair.driver)))
+        tried.append((pair, basis, here.responses(pair, basis)))
+    chosen: list[tuple[Proposal, Basis, list[Floats], float]] = []
+    reached, stiffness = _left_out(here.sums([]), fixed, 0, _STIFFNESS[0]), _STIFFNESS[0]
+    while len(chosen) < CURVES:
+        best: tuple[float, float, int] | None = None
+        for j, (_, _, columns) in enumerate(tried):
+            if any(columns is c for _, _, c, _ in chosen):
+                continue
+            sums = here.sums([*(c for _, _, c, _ in chosen), columns])
+            for tension in _STIFFNESS:
+                value = _left_out(sums, fixed, len(chosen) + 1, tension)
+                if best is None or value > best[0]:
+                    best = (value, tension, j)
+        if best is None or best[0] - reached < NEEDED:
+            break
+        chosen.append((*tried[best[2]], best[0] - reached))
+        reached, stiffness = best[0], best[1]
+    sums = here.sums([c for _, _, c, _ in chosen])
+    weights, covariance = _solved(sums, fixed, len(chosen), stiffness)
+    curves = []
+    for j, (pair, basis, _, predicted) in enumerate(chosen):
+        rows = slice(fixed + j * FUNCTIONS, fixed + (j + 1) * FUNCTIONS)
+        own = weights[rows], covariance[rows, rows]
+        curves.append(Curve(pair.channel, pair.driver, basis, *own, pair.stability, predicted))
+    return curves, weights
+
+
+def _left_out(sums: Sequence[_Sums], fixed: int, curves: int, tension: float) -> float:
+    """Return the gain of every fold, predicted from the others."""
+    found = 0.0
+    for i, left_out in enumerate(sums):
+        weights, _ = _solved([s for j, s in enumerate(sums) if j != i], fixed, curves, tension)
+        found += _gain(left_out, weights)
+    return found
+
+
+def _solved(sums: Sequence[_Sums], fixed: int, curves: int, tension: float) -> tuple[Floats, Floats]:
+    """Return the penalised weights of parameters and curves, and their covariance."""
+    gram, pull = sum(s.gram for s in sums), sum(s.pull for s in sums)
+    information = np.array(gram, dtype=float)
+    for j in range(curves):
+        rows = slice(fixed + j * FUNCTIONS, fixed + (j + 1) * FUNCTIONS)
+        mean = np.trace(information[rows, rows]) / FUNCTIONS
+        information[rows, rows] += mean * (tension * Basis.roughness() + 1e-8 * np.eye(FUNCTIONS))
+    scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+    covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    covariance = covariance / np.outer(scale, scale)
+    return covariance @ pull, covariance
+
+
+def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
+    """Return a point with its parameters moved within their bounds."""
+    values = point.values.copy()
+    for c, step in zip(moved, steps, strict=True):
+        values[c.row] = c.value(np.clip(c.coordinate(float(values[c.row, 0])) + step, *c.bounds))
+    return replace(point, values=values)
+
+
+def _run(
+    whole: Whole, drive: Drive, values: Floats, pinpoint: Pinpoint, number: int, curves: Sequence[Curve]
+) -> tuple[Floats, Floats]:
+    """Run the model alone with the disturbances that its own motion makes; return outputs and disturbances.
+
+    How an entry moves the next state is taken along the measured drive; it hardly depends on the motion.
+    """
+    spec = whole.spec
+    compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False)
+    ahead, direct = pinpoint.linear[number].raw([c.channel for c in curves])
+    grids = [np.linspace(*c.basis.ends, 400) for c in curves]
+    tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
+    constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
+    x = np.repeat(whole.free_run(drive, values).states[0][:, None], LANES, axis=1)
+    y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
+    limits = np.array([whole.model.valid.get(name, np.inf) for name in whole.model.states])
+    outputs, found = np.full((len(drive.time), compiled.ny), np.nan), np.zeros((len(drive.time), len(curves)))
+    slopes = rates(drive)
+    for k in range(len(drive.time)):
+        if not np.all(np.abs(x[:, 0]) <= limits):
+            break
+        now = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
+        d = np.array([np.interp(driver.of(*now)[0], grid, table) for driver, grid, table in tables])
+        compiled.kernels.output(x, np.repeat(drive.inputs[k][:, None], LANES, axis=1), constants, y)
+        outputs[k], found[k] = y[:, 0] + direct[k] @ d, d
+        compiled.kernels.next_state(x, np.repeat(drive.between[k][:, None], LANES, axis=1), constants, xn, w)
+        x, xn = xn + (ahead[k] @ d)[:, None], x
+    return outputs, found
