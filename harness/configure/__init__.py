@@ -5,7 +5,7 @@ together; ``specs`` is what all later stages read.
 """
 
 from harness.configure.file import study_schema, write_schema
-from harness.configure.load import load_drives, load_study
+from harness.configure.load import load_drives, load_study, read_study
 from harness.configure.specs import (
     NOISE_GROUPS,
     NOISE_SCALES,
@@ -31,6 +31,7 @@ __all__ = [
     "Study",
     "load_drives",
     "load_study",
+    "read_study",
     "resolve_single",
     "study_schema",
     "write_schema",

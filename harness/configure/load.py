@@ -1,4 +1,4 @@
-"""Read a study file: ``load_study`` is the only door between TOML and the rest of the harness."""
+"""Read a study file: ``load_study`` is the door between TOML and the harness, ``read_study`` the same for a text."""
 
 from __future__ import annotations
 
@@ -48,9 +48,20 @@ def load_study(path: str | Path) -> Study:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem, each with
             file, key and remedy. Problems of form (unknown keys, wrong types) come before those of content.
     """
-    path = Path(path)
+    return read_study(_read(Path(path)), Path(path))
+
+
+def read_study(text: str, path: Path) -> Study:
+    """Return the study of a text as if it stood in a file, see ``load_study``.
+
+    Args:
+        text: TOML.
+        path: Names the study in errors; files that it names are looked for in this one's folder first.
+
+    Raises:
+        UserError: If anything in it is wrong.
+    """
     problems = Problems(str(path))
-    text = _read(path)
     raw = _parse(text, StudyFile, problems)
     problems.stop()
     assert raw is not None

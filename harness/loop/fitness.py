@@ -8,8 +8,10 @@ import numpy as np
 import xarray as xr
 
 from harness.errors import UserError
+from harness.identify.recordings import drive_from
 from harness.measured.check import agreement
 from harness.measured.study import SHORTEST
+from models.assemble import Model
 
 CALM = 0.3
 """m/s^2; lateral acceleration that a road with a cross slope of 3 % has without any steering."""
@@ -17,13 +19,14 @@ CALM = 0.3
 _LIVELY = "quick steering, a steady circle to either side and lane changes, two minutes or more"
 
 
-def refuse_recordings(recordings: Sequence[xr.Dataset]) -> None:
-    """Refuse a recording that can decide nothing.
+def refuse_recordings(recordings: Sequence[xr.Dataset], model: Model) -> None:
+    """Refuse a recording that can decide nothing, before anything is compiled.
 
     Raises:
-        UserError: If one is too short or too calm; with what to drive.
+        UserError: If one is too short or too calm, with what to drive; if an input of the model is missing or has gaps.
     """
     for recording in recordings:
+        drive_from(recording, model, str(recording.attrs["file"]))
         file, time = recording.attrs["file"], recording["time"].to_numpy()
         if time[-1] - time[0] < SHORTEST:
             raise UserError(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 from harness.identify import figures as fit_figures
-from harness.loop import figures, worth_report
+from harness.loop import figures, glance, worth_report
 from harness.loop.figures import called
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import COLOURED, Outcome, equation
 from harness.loop.trace import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
 from harness.report import style
-from harness.report.document import Block, Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
+from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
 from harness.report.store import print_unit, quantity, words
 
 
@@ -23,7 +23,7 @@ def document(outcome: Outcome, command: str) -> Document:
         command: How it was made, for the last section.
     """
     blocks = [
-        *_answer(outcome),
+        *glance.blocks(outcome),
         *_errors(outcome),
         *_estimators(outcome),
         *_found(outcome),
@@ -36,24 +36,6 @@ def document(outcome: Outcome, command: str) -> Document:
     ]
     vehicle = words(outcome.trace.fitting.whole.spec.vehicle)
     return Document(f"What does the model of the {vehicle} lack?", blocks)
-
-
-def _answer(outcome: Outcome) -> list[Block]:
-    trace = outcome.trace
-    sentences = []
-    for number, r in enumerate(trace.rounds, 1):
-        if r.added is not None:
-            sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
-            if len(r.confusable) > 1:
-                others = ", ".join(called(n) for n in r.confusable[1:])
-                sentences.append(f"These drives hardly tell it from {others}.")
-        elif any(c.fitted for c in r.candidates):
-            sentences.append(
-                f"Round {number} added nothing: with {called(r.candidates[0].hypothesis.name)}, {r.reason}."
-            )
-        else:
-            sentences.append(f"Round {number} added nothing: {r.reason}.")
-    return [Heading("What was found?"), Prose(strong(outcome.answer)), Bullets([plain(s) for s in sentences])]
 
 
 def _errors(outcome: Outcome) -> list[Block]:

@@ -69,7 +69,7 @@ def run_trace(task: Task, folder: Path, console: Console) -> Outcome:
         UserError, ModelError: If recordings, model or study do not fit each other.
     """
     recordings = task.train + task.test
-    refuse_recordings(recordings)
+    refuse_recordings(recordings, task.spec.model())
     if task.study is not None:
         refuse_study(task.study, task.spec)
     notes = (*task.notes, *oddities(recordings))

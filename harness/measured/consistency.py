@@ -228,7 +228,7 @@ def _with_findings(fit: Fit) -> Fit:
     """Say what the fit shows to be wrong."""
     relation = fit.relation
     name = (
-        f"{relation.signal} against the {relation.formula}"
+        f"{relation.signal} against {'' if relation.formula.startswith('its ') else 'the '}{relation.formula}"
         if relation.exact
         else f"{relation.signal}, {relation.formula}"
     )

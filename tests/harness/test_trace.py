@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -12,17 +14,21 @@ from harness.configure import resolve_single
 from harness.drives import build_drive
 from harness.identify.innovations import Innovations, hold
 from harness.loop.fit import Fitting
+from harness.loop.fitness import oddities
 from harness.loop.hypotheses import coordinates, hypotheses
 from harness.loop.score import ScoreTest, best_amplitudes, cosine
 from harness.loop.trace import first_variances
 from harness.loop.whole import Noise, Whole
+from harness.measured import load_recording
 from harness.recording_file import write_recording
+from harness.report.store import read
 from harness.simulate import simulate_drive
 from models import registry
 from models.contracts import DriveContext
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"}
 SIGNALS = ("steering_wheel_angle", "speed", "yaw_rate", "lateral_acceleration", "lateral_velocity")
+ROOT = Path(__file__).parents[2]
 FREE = ("stiffness_peak_front", "stiffness_peak_rear")
 
 
@@ -153,9 +159,22 @@ def traced(tmp_path, drives, *more):
     return CliRunner().invoke(app, [*arguments, "--test", str(paths[-1]), "--out", str(tmp_path / "out"), *more])
 
 
+STUDY = """
+name = "load"
+title = "How much does a load matter?"
+seed = 3
+targets = ["yaw_rate", "lateral_velocity"]
+drive = [{ name = "weave", kind = "sine", duration = "20 s", speed = "20 m/s", amplitude = "30 deg" }]
+plant = { vehicle = "car", parameters = "blanco_2021", tyre = "linear", sensors = "car_navigation" }
+estimator = [{ name = "EKF", kind = "ekf" }]
+design = [{ name = "load", factor = [{ parameter = "mass", shift = ["0 %", "10 %"] }] }]
+"""
+
+
 def test_a_trace_finds_what_nobody_told_it_of(tmp_path):
     drives = [driven(i + 30, ["steering_lag"], steering_lag=0.08) for i in range(2)]
-    result = traced(tmp_path, drives, "--estimators", "ekf")
+    (tmp_path / "load.toml").write_text(STUDY)
+    result = traced(tmp_path, drives, "--estimators", "ekf", "--study", str(tmp_path / "load.toml"))
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "trace.json").read_text())
     assert found["verdict"] == "amended"
@@ -170,10 +189,50 @@ def test_a_trace_finds_what_nobody_told_it_of(tmp_path):
         assert error["after"] < 1.01 * error["before"]
     assert found["estimators"]["ekf"]["yaw_rate"]["after"] < 0.8 * found["estimators"]["ekf"]["yaw_rate"]["before"]
     assert (tmp_path / "out" / "report.pdf").stat().st_size > 10_000
-    again = resolve_single(
-        {**CAR, "parameters": str(tmp_path / "out" / "amended.toml"), "effects": ["steering_lag"]}, "test"
+    again, nominal = (
+        resolve_single({**CAR, "parameters": str(tmp_path / "out" / f"{name}.toml")}, "test")
+        for name in ("amended", "nominal")
     )
     assert again.values["steering_lag"] == lag["value"]
+    assert (again.effects, nominal.effects) == (("steering_lag",), ())
+    gained = found["worth"]["estimators"]["EKF"]["yaw_rate"]
+    assert gained["ratio_interval_95"][1] < 0.9
+    assert gained["after"] < gained["before"]
+    runs = [read(tmp_path / "out" / "worth" / name) for name in ("nominal", "amended")]
+    masses = [r.designs[0].factors[0].values.tolist() for r in runs]
+    assert masses[0] == masses[1]
+    assert runs[0].designs[0].planned == 8
+
+
+def test_a_study_of_another_vehicle_is_refused_before_anything_is_compiled(tmp_path):
+    drives = [driven(i, duration=25.0) for i in (47, 48)]
+    result = traced(tmp_path, drives, "--study", str(ROOT / "studies" / "mass.toml"))
+    assert result.exit_code == 2
+    assert "plant.vehicle is 'semitrailer', that of the traced model 'car'" in " ".join(result.output.split())
+
+
+def test_a_drive_that_is_too_calm_says_what_to_drive(tmp_path):
+    calm = [driven(i, duration=25.0) for i in (49, 50)]
+    calm[1] = calm[1].assign(yaw_rate=0.02 * calm[1]["yaw_rate"])
+    result = traced(tmp_path, calm)
+    assert result.exit_code == 2
+    assert "drive_1.csv: for 95 % of the time the lateral acceleration" in " ".join(result.output.split())
+    assert "too calm to decide what is missing; drive quick steering" in " ".join(result.output.split())
+
+
+def test_a_wrong_sign_and_spikes_are_reported_with_the_evidence(tmp_path):
+    recording = driven(51, duration=25.0)
+    rate = -recording["yaw_rate"].to_numpy()
+    rate[[300, 900]] += 1.0
+    names = {n: recording[n].to_numpy() for n in ("time", *SIGNALS)}
+    table = pd.DataFrame({**names, "yaw_rate": rate})
+    table.to_csv(tmp_path / "drive.csv", index=False)
+    notes = oddities([load_recording(tmp_path / "drive.csv").assign_attrs(name="drive")])
+    assert any("wrong sign" in n and "R²" in n for n in notes), notes
+    assert any("yaw_rate: 2 single samples jump out and back (t = 3.00, 9.00 s)" in n for n in notes), notes
+    names["yaw_rate"] = recording["yaw_rate"].to_numpy()
+    pd.DataFrame(names).to_csv(tmp_path / "right.csv", index=False)
+    assert not oddities([load_recording(tmp_path / "right.csv").assign_attrs(name="right")])
 
 
 def test_the_same_drive_under_another_name_is_refused(tmp_path):

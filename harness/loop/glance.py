@@ -1,0 +1,123 @@
+"""The head of a trace's report: verdict, effect, size, certainty and improvement in one table."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from harness.loop import worth_report
+from harness.loop.figures import called
+from harness.loop.hypotheses import ALL_PARAMETERS
+from harness.loop.outcome import Outcome, Value
+from harness.loop.trace import BIC_NEEDED
+from harness.loop.worth import Worth
+from harness.report import style
+from harness.report.document import Block, Bullets, Heading, Prose, Sheet, plain, strong
+from harness.report.opening import listed
+from harness.report.store import print_unit, quantity, words
+
+_MEANING = {
+    "adequate": "adequate: nothing is missing that these drives can show",
+    "amended": "amended: what is missing has a name, and holds on the drives kept aside",
+    "unresolved": "unresolved: something is missing that no effect of the library explains",
+}
+
+
+def blocks(outcome: Outcome) -> list[Block]:
+    """Return the answer, the table, what was odd about the recordings, and how each round of the search ended."""
+    found: list[Block] = [Heading("What was found?"), Prose(strong(outcome.answer))]
+    rows = [["verdict", _MEANING[outcome.verdict]]]
+    rows += [["what", called(h.name)] for h in outcome.trace.added]
+    rows += [["how large", line] for line in _sizes(outcome)]
+    rows += [["how sure", line] for line in _certainty(outcome)]
+    rows += [["how much better", line] for line in _improvements(outcome)]
+    if isinstance(outcome.worth, Worth):
+        rows.append(["in a study", worth_report.answer(outcome.worth)])
+    shown = [[label if i == 0 or rows[i - 1][0] != label else "", text] for i, (label, text) in enumerate(rows)]
+    found.append(Sheet(["", ""], shown, "The answer at a glance; the sections below give the evidence.", left=2))
+    if outcome.notes:
+        found += [
+            Prose(plain("These are odd about the recordings, and may look like a missing effect:")),
+            Bullets([plain(note) for note in outcome.notes]),
+        ]
+    return [*found, Bullets([plain(s) for s in _rounds(outcome)])]
+
+
+def _sizes(outcome: Outcome) -> list[str]:
+    """Return the parameters of what was added, largest in standard errors first where they are many."""
+    stated, found = outcome.trace.fitting.whole.spec.values, []
+    for h in outcome.trace.added:
+        values = outcome.values[h.name]
+        if h.name == ALL_PARAMETERS:
+            moved = sorted(values, key=lambda v: -abs(v.value - stated[v.name]) / v.std if v.std else 0.0)[:3]
+            found += [f"{_size(v)}, stated {style.number(_scaled(stated[v.name], v.unit)[0])}" for v in moved]
+            continue
+        for v in values:
+            was = f", stated {style.number(_scaled(stated[v.name], v.unit)[0])}" if v.name in stated else ""
+            found.append(f"{_size(v)}{was}")
+    return found
+
+
+def _size(v: Value) -> str:
+    value, unit = _scaled(v.value, v.unit)
+    spread = f" ± {style.number(_scaled(v.std, v.unit)[0], 2)}" if math.isfinite(v.std) else ""
+    return f"{words(v.name.replace('@', ' in '))} {style.number(value)}{spread} {unit}".rstrip()
+
+
+def _scaled(value: float, unit: str) -> tuple[float, str]:
+    """Return a number as reports show it: angles in degrees."""
+    angle = unit == "rad" or unit.startswith("rad/")
+    return (math.degrees(value) if angle else value), print_unit(unit.replace("rad", "deg", 1) if angle else unit)
+
+
+def _certainty(outcome: Outcome) -> list[str]:
+    """Return what speaks for each addition, and what these drives hardly tell from it."""
+    found = []
+    for r in outcome.trace.rounds:
+        if r.added is None or r.added.held_out is None or r.added.hypothesis not in outcome.trace.added:
+            continue
+        gain = r.added.held_out.log_likelihood - r.before.log_likelihood
+        text = (
+            f"{called(r.added.hypothesis.name)}: {style.number(r.added.bic)} units of BIC on the fitted drives "
+            f"({BIC_NEEDED:.0f} needed), log-likelihood {style.number(gain)} higher on those kept aside"
+        )
+        others = [called(n) for n in r.confusable[1:]]
+        found.append(f"{text}; hardly told from {listed(others)}" if others else text)
+    return found
+
+
+def _improvements(outcome: Outcome) -> list[str]:
+    """Return how far the model alone, and the estimators, come closer to the held-out drives."""
+    trace, found = outcome.trace, []
+    if not trace.added:
+        return []
+    outputs = list(trace.fitting.whole.model.outputs)
+    fall = trace.before.error / trace.after.error
+    for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2]:
+        q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
+        before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], trace.after.error[a], noise))
+        found.append(f"model alone, {q.words}: RMSE {before} to {after} {q.unit} (noise of the sensor {floor})")
+    for e in outcome.estimators:
+        with np.errstate(invalid="ignore"):
+            a = int(np.nanargmax(np.where(np.isfinite(e.after), e.before / e.after, -np.inf)))
+        q = quantity(outputs[a])
+        before, after = (style.number(q.scale * v) for v in (e.before[a], e.after[a]))
+        found.append(f"{e.kind.upper()}, {q.words} without its sensor: RMSE {before} to {after} {q.unit}")
+    return found
+
+
+def _rounds(outcome: Outcome) -> list[str]:
+    sentences = []
+    for number, r in enumerate(outcome.trace.rounds, 1):
+        if r.added is not None:
+            sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
+        elif any(c.fitted for c in r.candidates):
+            best = called(r.candidates[0].hypothesis.name)
+            sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
+        else:
+            sentences.append(f"Round {number} added nothing: {r.reason}.")
+    if outcome.trace.dropped:
+        names = listed([called(h.name) for h in outcome.trace.dropped])
+        sentences.append(f"Later additions made {names} superfluous.")
+    return sentences
