@@ -17,10 +17,12 @@ from harness.folder import write_files
 from harness.identify.outcome import Judged
 from harness.identify.residuals import whiteness
 from harness.loop.amend import Estimated, fitted_model
+from harness.loop.curves import described
 from harness.loop.fit import Fitted
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.loop.trace import Candidate, Trace
+from harness.loop.trace import Candidate, Say, Trace
+from harness.loop.where import Where, pinpoint_record, unnamed_record, where
 from harness.loop.worth import Worth
 from harness.report.store import words
 from models.placement import load_effect, ports_of, split
@@ -58,6 +60,7 @@ class Outcome:
         judged: Every drive against the nominal model and the final one.
         nominal: The nominal model, refitted, for studies.
         amended: The final model, for studies; effects with moments hold those of the first fitted drive.
+        where: Where the model lacks something, and what is left without a name.
         estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
         worth: A study with the amended plant against both beliefs, where asked for; why it could not be run, in words.
         notes: What is odd about the recordings, with the evidence.
@@ -70,30 +73,60 @@ class Outcome:
     judged: tuple[Judged, ...]
     nominal: ModelSpec
     amended: ModelSpec
+    where: Where
     estimators: tuple[Estimated, ...] = ()
     worth: Worth | str | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def after(self) -> Judgement:
+        """The final model on the held-out drives: with what has no name, if that helps there."""
+        return final_judgement(self.trace, self.where)
 
-def outcome_of(trace: Trace) -> Outcome:
-    """Return the verdict on a trace with all that the report and ``trace.json`` need."""
-    values = _values(trace)
-    verdict = verdict_of(trace)
+
+def outcome_of(trace: Trace, say: Say = lambda _: None) -> Outcome:
+    """Return the verdict on a trace with all that the report and ``trace.json`` need.
+
+    Args:
+        trace: What was found.
+        say: Is told what is being done.
+    """
+    say("looking for where something is missing")
+    values, found = _values(trace), where(trace, _strays(trace))
+    verdict = verdict_of(trace, found)
     nominal = fitted_model(trace, trace.fitting.whole.spec, trace.nominal.point)
-    return Outcome(trace, verdict, _answer(trace, verdict, values), values, _judged(trace), nominal, _amended(trace))
+    answer = _answer(trace, verdict, found)
+    return Outcome(trace, verdict, answer, values, _judged(trace), nominal, _amended(trace), found)
 
 
-def verdict_of(trace: Trace) -> Verdict:
+def verdict_of(trace: Trace, found: Where) -> Verdict:
     """Return whether the model is adequate, amended, or lacks something that has no name here.
 
-    Something is still missing if the final model strays on the held-out drives further than the noise of the sensors
-    and the last round held a hypothesis that promised enough but did not pass.
+    Something is still missing if the final model strays on the held-out drives further than the noise of the sensors,
+    with the curves that have no name if there are any, and either there are some or the last round held a hypothesis
+    that promised enough but did not pass.
     """
-    last = trace.rounds[-1]
-    failed = last.added is None and any(c.fitted is not None for c in last.candidates)
-    if failed and trace.after.excess > EXCESS:
+    if (_failed(trace) or found.unnamed is not None) and final_judgement(trace, found).excess > EXCESS:
         return "unresolved"
-    return "amended" if trace.effects else "adequate"
+    return "amended" if trace.effects or found.unnamed is not None else "adequate"
+
+
+def final_judgement(trace: Trace, found: Where) -> Judgement:
+    """Return the final model on the held-out drives, with the curves that have no name if it strays less with them."""
+    if found.unnamed is not None and found.unnamed.judgement.excess < trace.after.excess:
+        return found.unnamed.judgement
+    return trace.after
+
+
+def _strays(trace: Trace) -> bool:
+    """Whether something is left that the named effects do not explain."""
+    return trace.after.excess > EXCESS and (_failed(trace) or not trace.effects)
+
+
+def _failed(trace: Trace) -> bool:
+    """Whether the last round held a hypothesis that promised enough but did not pass."""
+    last = trace.rounds[-1]
+    return last.added is None and any(c.fitted is not None for c in last.candidates)
 
 
 def _values(trace: Trace) -> dict[str, tuple[Value, ...]]:
@@ -129,19 +162,23 @@ def _errors(trace: Trace, fitted: Fitted) -> dict[tuple[str, int], float]:
     return found
 
 
-def _answer(trace: Trace, verdict: Verdict, values: dict[str, tuple[Value, ...]]) -> str:
+def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     parameters = [h for h in trace.added if h.kind == "parameter"]
     named = ", ".join(words(h.name.replace("@", " of ")) for h in trace.effects)
     wrong = ", ".join(words(h.name) for h in parameters)
     also = f" The stated values of {wrong} were wrong." if parameters else ""
-    gap = f" The held-out error beyond the noise of the sensors falls {_fall(trace.before, trace.after)}."
-    match verdict:
-        case "adequate":
-            return f"The model is adequate: nothing is missing that these drives can show.{also}{gap if also else ''}"
-        case "amended":
-            return f"The model lacks {named}.{also}{gap}"
-    found = f" {named[:1].upper()}{named[1:]} explains part of it.{gap}" if trace.effects else ""
-    return f"Something is missing that no effect of the library explains.{found}{also}"
+    after = final_judgement(trace, found)
+    gap = f" The held-out error beyond the noise of the sensors falls {_fall(trace.before, after)}."
+    curves = [] if found.unnamed is None else [described(c) for c in found.unnamed.curves]
+    unnamed = f" What is missing acts as {'; '.join(curves)}." if curves else ""
+    if verdict == "adequate":
+        return f"The model is adequate: nothing is missing that these drives can show.{also}{gap if also else ''}"
+    if verdict == "amended":
+        lacking = f"The model lacks {named}." if named else "The model lacks something outside the library."
+        return f"{lacking}{unnamed}{also}{gap}"
+    part = f" {named[:1].upper()}{named[1:]} explains part of it." if named else ""
+    closed = gap if named or curves else ""
+    return f"Something is missing that no effect of the library explains.{part}{unnamed}{closed}{also}"
 
 
 def _fall(before: Judgement, after: Judgement) -> str:
@@ -192,9 +229,11 @@ def record(outcome: Outcome) -> dict[str, Any]:
         "answer": outcome.answer,
         "notes": list(outcome.notes),
         "residual": _residual(outcome, outputs),
+        "pinpoint": pinpoint_record(outcome.where),
         "candidates": [_candidate(c, n) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
         "added": [_added(h, outcome) for h in trace.effects],
         "parameters": [_added(h, outcome) for h in trace.added if h.kind == "parameter"],
+        "unnamed": unnamed_record(outcome.where.unnamed),
         "rounds": [
             {
                 "added": r.added.hypothesis.name if r.added else None,
@@ -209,11 +248,11 @@ def record(outcome: Outcome) -> dict[str, Any]:
             name: {
                 "unit": SIGNALS[name].unit,
                 "before": _number(trace.before.error[a]),
-                "after": _number(trace.after.error[a]),
+                "after": _number(outcome.after.error[a]),
             }
             for a, name in enumerate(outputs)
         },
-        "excess": {"before": _number(trace.before.excess), "after": _number(trace.after.excess)},
+        "excess": {"before": _number(trace.before.excess), "after": _number(outcome.after.excess)},
         "log_likelihood": {
             "train": {"before": trace.nominal.log_likelihood, "after": trace.final.log_likelihood},
             "test": {"before": trace.before.log_likelihood, "after": trace.after.log_likelihood},

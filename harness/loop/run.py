@@ -81,7 +81,7 @@ def run_trace(task: Task, folder: Path, console: Console) -> Outcome:
         drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
         fitted, held_out = drives[: len(task.train)], drives[len(task.train) :]
         found = trace(whole, fitted, held_out, task.free, status.update, task.rounds, task.stated_noise)
-        outcome = replace(outcome_of(found), notes=notes)
+        outcome = replace(outcome_of(found, status.update), notes=notes)
         tried = estimators_on(found, outcome.amended, task.test, task.estimators, status.update)
         outcome = replace(outcome, estimators=tried)
         write_outcome(outcome, folder)
