@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from pathlib import Path
 
@@ -92,8 +93,6 @@ def test_points_that_depend_on_the_belief_are_those_of_the_amended_one_in_both(t
 
 @pytest.mark.parametrize(("what", "value"), [("vehicle", "car"), ("tyre", "linear")])
 def test_a_study_of_another_vehicle_or_tyre_is_refused(what, value, models):
-    import dataclasses
-
     with pytest.raises(UserError, match=f"plant.{what} is '.*', that of the traced model '{value}'"):
         stage.refuse_study(MASS, dataclasses.replace(models["nominal"], **{what: value}))
     stage.refuse_study(MASS, models["nominal"])
