@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from harness.loop import worth_report
+from harness.loop.curves import described
 from harness.loop.figures import called
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import Outcome, Value
@@ -29,6 +30,8 @@ def blocks(outcome: Outcome) -> list[Block]:
     found: list[Block] = [Heading("What was found?"), Prose(strong(outcome.answer))]
     rows = [["verdict", _MEANING[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.trace.added]
+    if outcome.where.unnamed is not None:
+        rows += [["what", f"without a name: {described(c)}"] for c in outcome.where.unnamed.curves]
     rows += [["how large", line] for line in _sizes(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]
@@ -90,13 +93,13 @@ def _certainty(outcome: Outcome) -> list[str]:
 def _improvements(outcome: Outcome) -> list[str]:
     """Return how far the model alone, and the estimators, come closer to the held-out drives."""
     trace, found = outcome.trace, []
-    if not trace.added:
+    if not trace.added and outcome.where.unnamed is None:
         return []
-    outputs = list(trace.fitting.whole.model.outputs)
-    fall = trace.before.error / trace.after.error
+    outputs, after_all = list(trace.fitting.whole.model.outputs), outcome.after.error
+    fall = trace.before.error / after_all
     for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2]:
         q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
-        before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], trace.after.error[a], noise))
+        before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], after_all[a], noise))
         found.append(f"model alone, {q.words}: RMSE {before} to {after} {q.unit} (noise of the sensor {floor})")
     for e in outcome.estimators:
         with np.errstate(invalid="ignore"):
