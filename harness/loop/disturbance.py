@@ -170,6 +170,7 @@ class Linearised:
         kept: The pass.
 
     Attributes:
+        whitened: Innovations of the pass ``(samples, ny)``, NaN where missing.
         states: Where it is linearised: the corrected mean ``(samples, nx)``.
         active: Rows of the states that count.
         innovations: What it makes of the innovations.
@@ -177,7 +178,7 @@ class Linearised:
 
     def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: Pass) -> None:
         self._linearisation, self.whole, self.drive, self.values = linearisation, linearisation.whole, drive, values
-        self.states = kept.state.copy()
+        self.whitened, self.states = kept.whitened, kept.state.copy()
         self.states[0] = drive.first_mean
         self.active = self._active()
         self._ahead, H = self._along_states(slice(None), self.active)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from harness.identify import figures as fit_figures
-from harness.loop import figures, glance, worth_report
+from harness.loop import figures, glance, where_report, worth_report
 from harness.loop.figures import called
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import COLOURED, Outcome, equation
@@ -27,9 +27,12 @@ def document(outcome: Outcome, command: str) -> Document:
         *_errors(outcome),
         *_estimators(outcome),
         *_found(outcome),
+        *where_report.unnamed(outcome),
         *worth_report.blocks(outcome.worth),
+        *where_report.where(outcome),
         *_rounds(outcome),
         *_residual(outcome),
+        *where_report.innovations(outcome),
         *_over_time(outcome),
         *_excitation(outcome),
         *_made(outcome, command),
@@ -39,7 +42,7 @@ def document(outcome: Outcome, command: str) -> Document:
 
 
 def _errors(outcome: Outcome) -> list[Block]:
-    before, after, rows = outcome.trace.before, outcome.trace.after, []
+    before, after, rows = outcome.trace.before, outcome.after, []
     noise = outcome.trace.held_out.variances**0.5
     for a, name in enumerate(outcome.trace.fitting.whole.model.outputs):
         q = quantity(name)

@@ -1,0 +1,136 @@
+"""Sections of a trace's report: where something is missing, what has no name, and what the innovations hang on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.loop import vehicle_picture, where_figures
+from harness.loop.correlation import LARGEST_LAG, consistency, cross_correlation
+from harness.loop.curves import amount, described, entry
+from harness.loop.drivers import drivers_of, rates
+from harness.loop.outcome import Outcome
+from harness.loop.unnamed import Unnamed
+from harness.report import style
+from harness.report.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
+from harness.report.store import words
+
+
+def where(outcome: Outcome) -> list[Block]:
+    """Return where an unknown disturbance would explain most, and how it would look."""
+    found, whole = outcome.where, outcome.trace.fitting.whole
+    blocks: list[Block] = [Heading("Where is something missing?")]
+    if not found.shown:
+        said = "Nowhere: no slowly varying disturbance makes the drives likelier."
+        return [*blocks, Prose(strong(said))]
+    first = found.shown[0]
+    said = (
+        f"Most would be explained by a disturbance of the {entry(first.channel)} of some "
+        f"{amount(first.deviation, first.channel)} that changes within {style.number(first.time_constant)} s."
+    )
+    caveat = (
+        "An unknown Gauss-Markov disturbance is put into each equation, each published force, moment or angle and each "
+        "sensor in turn. It is a hint: entries that act alike take from each other, and a disturbance follows whatever "
+        "the model does not explain, also what is random."
+    )
+    title = "Gain in log-likelihood by an unknown disturbance at each entry, nominal model and final one."
+    blocks += [
+        Prose(strong(said)),
+        Prose(plain(caveat)),
+        Picture(where_figures.ranking(found.nominal.suspects, found.final.suspects), title, title),
+    ]
+    plan = vehicle_picture.plan_of(whole)
+    if plan is not None:
+        caption = (
+            "The vehicle from above, not to scale across. The area of a mark is the gain in log-likelihood of the "
+            "nominal model; numbers are ranks. Entries at the same place stand beside each other."
+        )
+        picture = vehicle_picture.picture(plan, found.nominal.suspects)
+        blocks.append(Picture(picture, caption, "Top view of the vehicle with marks where a disturbance may act."))
+    # The drive in which the disturbances stand out most from their errors.
+    clarity = [np.mean([np.mean((h[i].mean / h[i].error.mean()) ** 2) for h in found.histories])
+               for i in range(len(found.nominal.drives))]  # fmt: skip
+    i = int(np.argmax(clarity))
+    drive = found.nominal.drives[i]
+    caption = f"Smoothed disturbance of the nominal model over {drive.name}, with its 95 % band, one entry at a time."
+    figure = where_figures.histories(drive, found.shown, [h[i] for h in found.histories])
+    return [*blocks, Picture(figure, caption, f"Disturbances over time in {drive.name} with bands.")]
+
+
+def unnamed(outcome: Outcome) -> list[Block]:
+    """Return what is missing without a name, if anything was found."""
+    found = outcome.where.unnamed
+    if found is None:
+        return []
+    return [
+        Heading("What is missing without a name?"),
+        Bullets([strong(_sentence(described(c))) for c in found.curves]),
+        Prose(plain(_worth(outcome, found))),
+        Picture(
+            where_figures.curves(outcome.where.final, found.curves),
+            "Curves fitted to the innovations of the fitted drives. Points: mean of the disturbance that the smoother "
+            "finds without knowing the signal; it is drawn towards zero where the drives say little.",
+            "Disturbance over the signal that drives it, with a band.",
+        ),
+        Sheet(
+            ["entry", "driver", "stability", "predicted gain"],
+            [
+                [entry(c.channel), c.driver.words, style.percent(c.stability), style.number(c.predicted)]
+                for c in found.curves
+            ],
+            "Stability: share of the halves of the fitted drives in which a sparse dictionary chose the pair. "
+            "Predicted gain: in log-likelihood of each fitted drive, from the curve fitted to the others.",
+            left=2,
+        ),
+    ]
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _worth(outcome: Outcome, found: Unnamed) -> str:
+    before, after = outcome.trace.after.excess, found.judgement.excess
+    moved = f"The held-out drives become likelier by {style.number(found.held_out_gain)} in log-likelihood."
+    fed = (
+        "Free running, the curves are fed by the motion of the model itself and by the recorded inputs, not by the "
+        "measured motion."
+    )
+    if after < before:
+        return f"{moved} Their excess falls from {style.number(before)} to {style.number(after)}. {fed}"
+    return f"{moved} Their free-running error does not fall, so the final model is the one without. {fed}"
+
+
+def innovations(outcome: Outcome) -> list[Block]:
+    """Return whether the innovations are as large as the filter says, and what they hang on."""
+    trace = outcome.trace
+    whole, linear = trace.fitting.whole, outcome.where.final.linear
+    drivers = drivers_of(whole)
+    whitened = [p.whitened for p in linear]
+    checks = [consistency(p.drive.time[1:], w[1:]) for p, w in zip(linear, whitened, strict=True)]
+    signals = [np.column_stack([d.of(p.states, p.drive.inputs, rates(p.drive)) for d in drivers]) for p in linear]
+    found = cross_correlation([w[1:] for w in whitened], [s[1:] for s in signals], whole.spec.step)
+    outputs = list(whole.model.outputs)
+    share = np.abs(found.values / found.band[:, None])
+    _, a, j = np.unravel_index(int(np.argmax(share)), share.shape)
+    said = (
+        f"Most of all, the innovation of the {words(outputs[a])} hangs on the {drivers[j].words}, "
+        f"{style.number(share.max())} times the band of white noise."
+        if share.max() > 2.0
+        else "No innovation hangs on the past of a signal."
+    )
+    return [
+        Prose(plain(said)),
+        Picture(
+            where_figures.nis([p.drive.name for p in linear], checks),
+            "Normalised innovation squared of the final model over the number of measured values, mean of a second, "
+            "with the band in which it stays 95 times of 100 if the filter states its uncertainty rightly.",
+            "Normalised innovation squared over time with its band.",
+        ),
+        Picture(
+            where_figures.correlations(found, outputs, drivers),
+            f"Correlation of the whitened innovations of the final model with signals up to {LARGEST_LAG:g} s before, "
+            "all fitted drives; grey: where that of white innovations stays 95 times of 100. Drawn are the signals on "
+            "which any innovation hangs most.",
+            "Cross-correlations of innovations and earlier signals.",
+        ),
+    ]
