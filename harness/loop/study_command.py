@@ -141,10 +141,10 @@ def changes(outcome: Outcome) -> str:
 def _blocks(study: LoopStudy, outcome: Outcome, part: str) -> list[Block]:
     from harness.loop.report import document
     from harness.measured.study import spans_sheet
-    from harness.report.document import Prose, Sheet, plain, strong
+    from harness.report.document import Heading, Prose, Sheet, plain, strong
 
     blocks = list(document(outcome, f"harness loop {study.path}").blocks)
-    first = next(i for i, b in enumerate(blocks) if isinstance(b, Sheet)) + 1
+    _, first, *_ = (i for i, b in enumerate(blocks) if isinstance(b, Heading))  # the end of what was found
     spans = study.spans()
     further: list[Block] = [
         _errors(outcome),
