@@ -4,16 +4,18 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?=
 LOOPS   := $(patsubst studies/loops/%.toml,loop-%,$(filter-out %/semitrailer.toml,$(wildcard studies/loops/*.toml)))
+IDENTIFY := $(patsubst studies/identify/%.toml,study-identify-%,$(wildcard studies/identify/*.toml))
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test lint bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test lint bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
 	@echo "                          there are: $(STUDIES)"
 	@echo "loop-<name>               trace what a model lacks in measured drives: $(LOOPS)"
+	@echo "study-identify-<name>     parameters of a car from measured drives (Sun 3.3): $(IDENTIFY)"
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 26
 
 $(VENV)/run.stamp: requirements.lock pyproject.toml
@@ -40,6 +42,10 @@ study-identify-swarm: $(VENV)/run.stamp ## find the semitrailer's parameters by 
 
 study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with particles, REPEATS=50 times (Sun 3.2)
 	$(BIN)/python -m harness.identify.studies.em $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-em
+
+# One target for every file in studies/identify/: cars identified from measured drives, which are not part of the project.
+$(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
+	$(BIN)/python -m harness.identify.studies.measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime

@@ -76,20 +76,26 @@ class Space:
         measurement: First variance of each output ``(ny,)``.
         priors: Standard deviation of the prior about the first value by parameter: of its logarithm where the
             parameter is positive, else in its unit.
+        process: Whether the process noise moves too.
 
     Raises:
         UserError: If a name is unknown or a parameter has no room to move.
     """
 
     def __init__(
-        self, spec: ModelSpec, free: Sequence[str], measurement: Floats, priors: Mapping[str, float] | None = None
+        self,
+        spec: ModelSpec,
+        free: Sequence[str],
+        measurement: Floats,
+        priors: Mapping[str, float] | None = None,
+        process: bool = True,
     ) -> None:
         self.spec = spec
         self._held = hold(spec)
         self._held = replace(self._held, measurement=np.asarray(measurement, dtype=float).reshape(-1, 1))
         self.coordinates = (
             *_parameters(spec, free, priors or {}),
-            *_process(spec),
+            *(_process(spec) if process else ()),
             *_measurement(spec, self._held.measurement[:, 0]),
         )
         self.start = np.array([c.start for c in self.coordinates])

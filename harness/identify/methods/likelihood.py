@@ -47,6 +47,7 @@ class Settings(BaseModel):
     iterations: int = Field(60, ge=1, description="largest number of passes with derivatives per stage")
     annealings: int = Field(3, ge=0, description="how often the process noise is forced down, while that gains")
     profiles: bool = Field(True, description="whether the likelihood along each parameter is computed")
+    process_noise: bool = Field(True, description="whether the process noise is estimated; false holds it as stated")
     priors: dict[str, float] = Field(
         default_factory=dict,
         description="standard deviation of a prior about the first value by parameter; of the logarithm if positive",
@@ -86,7 +87,7 @@ class Search:
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         self.problem, self.iterations = problem, settings.iterations
-        self.space = Space(problem.spec, problem.free, first_noise(problem), settings.priors)
+        self.space = Space(problem.spec, problem.free, first_noise(problem), settings.priors, settings.process_noise)
         self.objective = Objective(self._values, self._slopes, self.space.lower, self.space.upper)
         self.diverged = 0
         self.history: list[float] = []
