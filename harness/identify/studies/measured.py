@@ -157,7 +157,7 @@ def calibrated(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset
     }
     found["lateral_velocity"] = found["lateral_velocity"] - values["reference_from_cog"] * found["yaw_rate"]
     steered = recording["steering_wheel_angle"] / values["steering_ratio"] + values.get("steering_offset", 0.0)
-    return recording.assign(road_wheel_angle=steered, **found)
+    return recording.assign({**found, "road_wheel_angle": steered})
 
 
 def _arguments() -> argparse.ArgumentParser:
