@@ -237,7 +237,7 @@ def names_of(recordings: Sequence[xr.Dataset]) -> list[str]:
 def spans_sheet(spans: Mapping[str, Sequence[SpanTable]]) -> Sheet:
     """Return the table of the drives for a report, by what they were used for."""
     rows = [
-        [s.file, purpose, "all" if s.span is None else " to ".join(map(str, s.span))]
+        [s.name or s.file, purpose, "all" if s.span is None else " to ".join(map(str, s.span))]
         for purpose, tables in spans.items()
         for s in tables
     ]

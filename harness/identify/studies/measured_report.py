@@ -32,7 +32,7 @@ def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTab
     further: list[Block] = [
         _errors(found),
         Prose(plain(_steering(found))),
-        spans_sheet(spans),
+        spans_sheet({"fitted": spans["train"], "kept": spans["test"]}),
         Heading("Where does the search begin, and where does it end?"),
         Prose(plain(_slopes(found))),
         check_figures.axles(found.axles_before, title="How stiff are the axles, by the published car?"),
@@ -54,7 +54,8 @@ def _errors(found: Identified) -> Sheet:
     header = ["drive", "role", "output", "unit", "published", "from slopes", "identified"]
     caption = (
         "Root mean square of measurement minus the model alone, which sees no measurement after the first sample "
-        "(table 3.3 of Sun): as published, with the stiffnesses that the search starts from, and as identified."
+        "(table 3.3 of Sun): as published, with the stiffnesses that the search starts from, and as identified. A model that "
+        "leaves the range in which its equations hold counts up to then."
     )
     return Sheet(header, rows, caption, left=4)
 
