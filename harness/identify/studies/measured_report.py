@@ -54,8 +54,8 @@ def _errors(found: Identified) -> Sheet:
     header = ["drive", "role", "output", "unit", "published", "from slopes", "identified"]
     caption = (
         "Root mean square of measurement minus the model alone, which sees no measurement after the first sample "
-        "(table 3.3 of Sun): as published, with the stiffnesses that the search starts from, and as identified. A model that "
-        "leaves the range in which its equations hold counts up to then."
+        "(table 3.3 of Sun): as published, with the stiffnesses that the search starts from, and as identified. "
+        "A model that leaves the range in which its equations hold counts up to then."
     )
     return Sheet(header, rows, caption, left=4)
 
