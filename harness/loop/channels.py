@@ -6,6 +6,7 @@ vehicle does, is a disturbance of that port, and its direction in the space of p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -40,6 +41,7 @@ class Channel:
         begins: Parameters that say when it begins.
         never: Parameters that say when it ends.
         shapes: Parameters that mean nothing while it is absent, with a value.
+        limit: Largest magnitude that the library allows.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Channel:
     begins: tuple[str, ...] = ()
     never: tuple[str, ...] = ()
     shapes: Mapping[str, float] = field(default_factory=dict)
+    limit: float = math.inf
 
     def __hash__(self) -> int:
         return hash(self.name)
@@ -94,7 +97,7 @@ def _per_second(unit: str) -> str:
 def _of_effect(whole: Whole, h: Hypothesis) -> list[Channel]:
     spec = whole.spec
     model = assemble(spec.vehicle, spec.tyre, (*spec.effects, h.name), spec.sensors)
-    unit = {p.name: p.unit for p in model.parameters}
+    known = {p.name: p for p in model.parameters}
     found = []
     for name in h.amplitudes:
         ports = _changed_by(model, name)
@@ -105,12 +108,13 @@ def _of_effect(whole: Whole, h: Hypothesis) -> list[Channel]:
                 Channel(
                     _joined([p.removeprefix("sensor_") for p in ports]) if sensor else _joined(ports),
                     "sensor" if sensor else "port",
-                    unit[name],
+                    known[name].unit,
                     ports,
                     {name: 1.0},
                     h.moments[:1],
                     h.moments[1:],
                     shapes,
+                    max(abs(known[name].lower), abs(known[name].upper)),
                 )
             )
     return found
@@ -149,7 +153,8 @@ def _coupling(whole: Whole, ports: Mapping[tuple[str, ...], Channel]) -> Channel
     if leader is None or follower is None:
         return None
     reaction = {name: -share for name, share in leader.parameters.items()}
-    moments = [tuple(dict.fromkeys((*getattr(leader, k), *getattr(follower, k)))) for k in ("begins", "never")]
-    return Channel(
-        _COUPLING, "port", follower.unit, (_COUPLING,), {**reaction, **follower.parameters}, moments[0], moments[1]
+    begins, never = (
+        tuple(dict.fromkeys((*getattr(leader, when), *getattr(follower, when)))) for when in ("begins", "never")
     )
+    parameters, limit = {**reaction, **follower.parameters}, min(leader.limit, follower.limit)
+    return Channel(_COUPLING, "port", follower.unit, (_COUPLING,), parameters, begins, never, limit=limit)

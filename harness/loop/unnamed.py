@@ -67,6 +67,15 @@ class Unnamed:
 
 
 @dataclass(frozen=True)
+class _Term:
+    """A curve that may be taken: its pair, its functions, and what they do to the innovations of each drive."""
+
+    proposal: Proposal
+    basis: Basis
+    responses: list[Floats]
+
+
+@dataclass(frozen=True)
 class _Sums:
     """Gram matrix and pull of columns over one fold."""
 
@@ -167,31 +176,41 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], fixed: int) -> tuple[lis
     tried = []
     for pair in pairs:
         basis = Basis.over(np.concatenate(here.signal(pair.driver)))
-        tried.append((pair, basis, here.responses(pair, basis)))
-    chosen: list[tuple[Proposal, Basis, list[Floats], float]] = []
-    reached, stiffness = _left_out(here.sums([]), fixed, 0, _STIFFNESS[0]), _STIFFNESS[0]
+        tried.append(_Term(pair, basis, here.responses(pair, basis)))
+    chosen: list[_Term] = []
+    predicted: list[float] = []
+    stiffness = _STIFFNESS[0]
+    reached = _left_out(here.sums([]), fixed, 0, stiffness)
     while len(chosen) < CURVES:
-        best: tuple[float, float, int] | None = None
-        for j, (_, _, columns) in enumerate(tried):
-            if any(columns is c for _, _, c, _ in chosen):
+        best: tuple[float, float, _Term] | None = None
+        for term in tried:
+            if any(term is c for c in chosen):
                 continue
-            sums = here.sums([*(c for _, _, c, _ in chosen), columns])
+            terms = [*chosen, term]
+            sums = here.sums([t.responses for t in terms])
             for tension in _STIFFNESS:
-                value = _left_out(sums, fixed, len(chosen) + 1, tension)
-                if best is None or value > best[0]:
-                    best = (value, tension, j)
+                value = _left_out(sums, fixed, len(terms), tension)
+                if (best is None or value > best[0]) and _possible(sums, fixed, terms, tension):
+                    best = (value, tension, term)
         if best is None or best[0] - reached < NEEDED:
             break
-        chosen.append((*tried[best[2]], best[0] - reached))
+        predicted.append(best[0] - reached)
         reached, stiffness = best[0], best[1]
-    sums = here.sums([c for _, _, c, _ in chosen])
-    weights, covariance = _solved(sums, fixed, len(chosen), stiffness)
+        chosen.append(best[2])
+    weights, covariance = _solved(here.sums([t.responses for t in chosen]), fixed, len(chosen), stiffness)
     curves = []
-    for j, (pair, basis, _, predicted) in enumerate(chosen):
+    for j, (term, gain) in enumerate(zip(chosen, predicted, strict=True)):
         rows = slice(fixed + j * FUNCTIONS, fixed + (j + 1) * FUNCTIONS)
-        own = weights[rows], covariance[rows, rows]
-        curves.append(Curve(pair.channel, pair.driver, basis, *own, pair.stability, predicted))
+        pair, own = term.proposal, (weights[rows], covariance[rows, rows])
+        curves.append(Curve(pair.channel, pair.driver, term.basis, *own, pair.stability, gain))
     return curves, weights
+
+
+def _possible(sums: Sequence[_Sums], fixed: int, terms: Sequence[_Term], tension: float) -> bool:
+    """Whether no curve leaves the range that the library allows at its entry; B-splines lie within their weights."""
+    weights, _ = _solved(sums, fixed, len(terms), tension)
+    sizes = np.abs(weights[fixed:]).reshape(len(terms), FUNCTIONS).max(axis=1)
+    return all(size <= term.proposal.channel.limit for size, term in zip(sizes, terms, strict=True))
 
 
 def _left_out(sums: Sequence[_Sums], fixed: int, curves: int, tension: float) -> float:
