@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ from harness.campaign.answer import answer
 from harness.campaign.claims import ANGLE, FORCE, Finding, findings
 from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
+from harness.realtime import report as realtime
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Document, Heading, Prose, Sheet, plain, write
 from harness.report.sections import boxes, drives
+from harness.report.store import words
 from harness.report.style import number
 
 FIGURES = {
@@ -42,14 +45,23 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
     campaign = Results(Path(results))
     found = findings(campaign)
     blocks: list[Block] = [*answer(campaign, found), *_findings(campaign, found)]
-    for study, figure in FIGURES.items():
-        analysis = Analysis(campaign.stores[study])
-        blocks.append(Heading(f"Bild {figure}: {study.replace('-', ' ')}"))
-        blocks += boxes.pictures(analysis, analysis.findings[0])
+    blocks += _figures(campaign)
     blocks += drives.blocks(Analysis(campaign.stores["ideal"]))
     blocks += _made(campaign)
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
     return write(Document(title, blocks), Path(out))
+
+
+def _figures(campaign: Results) -> list[Block]:
+    """Return the figures of the dissertation, drawn from our data; each caption says which one it is."""
+    text = "Levels across, targets down, as there, with every estimator of a study. Each study has a report of its own."
+    found: list[Block] = [Heading("The dissertation's figures from our data"), Prose(plain(text))]
+    for study, number_there in FIGURES.items():
+        analysis = Analysis(campaign.stores[study])
+        for picture in boxes.pictures(analysis, analysis.findings[0]):
+            found.append(replace(picture, caption=f"Bild {number_there} ({words(study)}). {picture.caption}"))
+    times = realtime.figure(campaign.times)
+    return [*found, replace(times, caption=f"Bild 6.9 (computing time). {times.caption}")]
 
 
 def _findings(campaign: Results, found: list[Finding]) -> list[Block]:
@@ -124,6 +136,5 @@ def _made(campaign: Results) -> list[Block]:
         rows.append([name, str(store.attributes.get("study_hash", "–"))[:12], str(store.seed), str(runs)])
     return [
         Heading("How it was made"),
-        Prose(plain("Every study has a report of its own beside its scores; this one only compares them.")),
         Sheet(["study", "hash of its text", "seed", "runs"], rows, "Studies of the campaign."),
     ]

@@ -61,7 +61,7 @@ def write_report(outcome: xr.Dataset, folder: Path) -> list[Path]:
     """
     blocks: list[Block] = [
         Prose(plain(headline(outcome)) + " " + plain(_ratios_in_words(outcome))),
-        _figure(outcome),
+        figure(outcome),
         *_tables(outcome),
         Heading("What does this say of a controller?"),
         Bullets([plain(text) for text in _meaning(outcome)]),
@@ -102,7 +102,8 @@ def _ratios_in_words(outcome: xr.Dataset) -> str:
     return "; ".join(parts) + "." if parts else ""
 
 
-def _figure(outcome: xr.Dataset) -> Picture:
+def figure(outcome: xr.Dataset) -> Picture:
+    """Draw the times over the drive (Bild 6.9) and how often a step takes how long."""
     names = [str(n) for n in outcome["estimator"].values]
     looks = style.looks(names)
     cycle, times = outcome.attrs["cycle"], _MICRO * outcome["step_time"]

@@ -43,7 +43,12 @@ def _write_times(folder: Path) -> None:
             "step_time": (("pace", "estimator", "time"), np.ones((2, 3, 100))),
             "ratio": (("pace", "estimator", "end"), ratio),
         },
-        coords={"pace": np.array(PACES, dtype=object), "estimator": np.array(EVERYONE, dtype=object)},
+        coords={
+            "pace": np.array(PACES, dtype=object),
+            "estimator": np.array(EVERYONE, dtype=object),
+            "time": 0.01 * np.arange(100),
+        },
+        attrs={"cycle": 0.01},
     )
     write_times(times, folder)
 
@@ -195,6 +200,12 @@ def test_report_is_written(campaign, tmp_path: Path):
     campaign()
     html, pdf = write_campaign(tmp_path, tmp_path / "campaign")
     text = html.read_text(encoding="utf-8")
-    for words in ("How often does it fail?", "Bild 5.13", "EKF and UKF differ only marginally.", "How it was made"):
+    for words in (
+        "How often does it fail?",
+        "Bild 5.13 (tyre). ",
+        "Bild 6.9 (computing time). ",
+        "EKF and UKF differ only marginally.",
+        "How it was made",
+    ):
         assert words in text
     assert pdf.read_bytes().startswith(b"%PDF")

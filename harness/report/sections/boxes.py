@@ -105,10 +105,10 @@ def foot(design: Design) -> float:
 
 def row_height(design: Design) -> float:
     """Return the inches a target needs: more where many boxes stand side by side."""
-    return 1.85 if len(design.estimators) <= 3 else 2.3
+    return 1.65 if len(design.estimators) <= 3 else 2.3
 
 
-def pictures(analysis: Analysis, findings: Findings, opening: bool = False) -> list[Block]:
+def pictures(analysis: Analysis, findings: Findings, opening: bool = False) -> list[Picture]:
     """Return the box plots of a design, as many targets in a figure as fit on a page.
 
     Args:
