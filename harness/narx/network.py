@@ -228,10 +228,8 @@ def load(path: Path) -> Network:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise UserError(f"{path}: there is no such file") from None
-    except (OSError, EOFError, ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise UserError(
-            f"{path}: not an .npz file of plain arrays ({error}); pickled objects are refused; {again}"
-        ) from None
+    except (OSError, EOFError, ValueError, TypeError, AttributeError, zipfile.BadZipFile):
+        raise UserError(f"{path}: not an .npz file of plain arrays; pickled objects are refused; {again}") from None
     count = sum(name.startswith("layer_") for name in arrays)
     expected = ["description", "input_range", "output_range", *(f"layer_{i}" for i in range(max(count, 1)))]
     missing = [name for name in expected if name not in arrays]

@@ -111,7 +111,7 @@ class Trainer:
         threads: Windows that run at once.
 
     Raises:
-        UserError: If a drive is too short for the delays or the windows.
+        UserError: If a signal never varies, or a drive is too short for the delays or the windows.
     """
 
     def __init__(
@@ -124,6 +124,9 @@ class Trainer:
     ) -> None:
         self.plan, self.threads = plan, threads
         of_inputs, of_outputs = data.ranges()
+        for name, (low, high) in zip([*inputs, *outputs], [*of_inputs, *of_outputs], strict=True):
+            if not low < high:
+                raise UserError(f"'{name}' is {low:g} throughout the training drives; add drives in which it varies")
         width = plan.input_delays * len(inputs) + plan.output_delays * len(outputs)
         self.sizes = (width, *plan.neurons, len(outputs))
         blank = unpack(nguyen_widrow(self.sizes, np.random.default_rng(0)), self.sizes)

@@ -1,5 +1,6 @@
 """The NARX network: gradients, training, delays, files, and the estimator that runs it."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -233,6 +234,13 @@ def test_tuning_lowers_the_free_running_error_and_depends_on_the_seed_alone():
     assert first.tuned.free["test"].sum() < 0.05
     other = training.Trainer(data, plan).candidate(np.random.default_rng(2))
     assert not np.array_equal(first.parameters, other.parameters)
+
+
+def test_a_signal_that_never_varies_cannot_be_scaled_and_is_named():
+    data = tiny_data(samples=100)
+    still = [dataclasses.replace(s, inputs=s.inputs * [1.0, 0.0] + [0.0, 15.0]) for s in data.train]
+    with pytest.raises(UserError, match="'speed' is 15 throughout the training drives; add drives"):
+        training.Trainer(dataclasses.replace(data, train=tuple(still)), training.Plan(neurons=(2,)))
 
 
 # --- choice of delays and architecture
