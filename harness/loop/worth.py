@@ -98,14 +98,17 @@ def refuse_study(path: Path, spec: ModelSpec) -> None:
     """Refuse a study that cannot be run with a traced model, before the tracing.
 
     Raises:
-        UserError: If the study is wrong, or of another vehicle or tyre.
+        UserError: If the study or one of its drives is wrong, or of another vehicle or tyre.
     """
-    plant = load_study(path).plant
+    study = load_study(path)
+    plant = study.plant
     for what, own, traced in (("vehicle", plant.vehicle, spec.vehicle), ("tyre", plant.tyre, spec.tyre)):
         if own != traced:
             raise UserError(
                 f"{path}: plant.{what} is '{own}', that of the traced model '{traced}'; name a study of the same {what}"
             )
+    for drive in study.drives:
+        profile_of(plant, drive)
 
 
 def worth(

@@ -164,7 +164,7 @@ name = "load"
 title = "How much does a load matter?"
 seed = 3
 targets = ["yaw_rate", "lateral_velocity"]
-drive = [{ name = "weave", kind = "sine", duration = "20 s", speed = "20 m/s", amplitude = "30 deg" }]
+drive = [{ name = "weave", kind = "sine", duration = "20 s", speed = "20 m/s", amplitude = "0.8 deg" }]
 plant = { vehicle = "car", parameters = "blanco_2021", tyre = "linear", sensors = "car_navigation" }
 estimator = [{ name = "EKF", kind = "ekf" }]
 design = [{ name = "load", factor = [{ parameter = "mass", shift = ["0 %", "10 %"] }] }]
