@@ -233,6 +233,10 @@ def _judge(space: Space, knowledge: Knowledge, i: int, z: float, lower: float, u
         which, bound = ("lower", c.lower) if knowledge.side[i] < 0 else ("upper", c.upper)
         more = "the noise is as good as absent" if c.kind != "parameter" else "the true value may lie beyond it"
         return "at its bound", f"at its {which} bound {c.value(bound):.4g}; {more}"
+    measured = zip(space.coordinates, knowledge.side, strict=True)
+    silent = [m.name.split()[-1] for m, side in measured if m.kind == "measurement" and side < 0]
+    if silent and c.kind == "parameter":
+        return "not determined", f"errors are measured by noise, and the recordings show none of {', '.join(silent)}"
     half = max(upper - z, z - lower)
     if not c.logarithmic:
         half = half / (c.upper - c.lower) * 2.0 * BARELY

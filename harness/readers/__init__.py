@@ -64,7 +64,7 @@ def read_tables(path: str | os.PathLike[str]) -> list[Table]:
         files = ", ".join(sorted(suffix for suffix in known if suffix != "/"))
         raise UserError(f"{path}: no reader for this suffix; known are {files}")
     if not os.path.exists(path):
-        raise UserError(f"{path}: the recording does not exist; give the path of a file, relative to the study")
+        raise UserError(f"{path}: the recording does not exist; give the path of a file or folder")
     module = registry.load("harness.readers", reader, ("SUFFIXES", "read"))
     try:
         tables: list[Table] = module.read(path)

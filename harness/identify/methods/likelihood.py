@@ -218,7 +218,6 @@ def first_noise(problem: Problem) -> Floats:
 
 
 def white_noise(drives: Sequence[Drive], output: int) -> float:
-    """Return the variance of an output's white noise, from its fourth differences; zero without samples."""
     """Return the variance of the white noise on an output, from its fourth differences; 0 if there are none."""
     rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
     rest = rest[np.isfinite(rest)]

@@ -77,6 +77,16 @@ def test_a_drive_straight_ahead_determines_nothing_and_says_so():
     assert "not determined" in verdicts
 
 
+def test_recordings_without_noise_give_no_confident_number():
+    """Errors are measured by the noise; where a simulation has none, no interval means anything."""
+    innovations = Innovations(model_of(CAR, **WRONG), jobs=1)
+    silent = dataclasses.replace(model_of(CAR), process_noise={}, measurement_noise={})
+    exact = recorded(silent, 3, duration=10.0, speed=15.0, amplitude=1e-6)
+    fit = identify(Problem(innovations, (innovations.drive(exact, "exact"),), STIFFNESS), QUICK)
+    assert {fit.estimate(n).verdict for n in STIFFNESS} == {"not determined"}
+    assert "the recordings show none of lateral_velocity_rear" in fit.estimate(STIFFNESS[0]).reason
+
+
 def test_a_parameter_without_any_effect_is_not_determined():
     """The height of the CoG acts through the longitudinal acceleration alone; straight ahead there is none."""
     innovations = Innovations(model_of(CAR), jobs=1)
