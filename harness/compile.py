@@ -33,6 +33,7 @@ import inspect
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -129,9 +130,11 @@ class CompiledModel:
         self.model, self.equations, self.kernels, self.step_size = model, equations_, kernels, step
         self.signal_names = tuple(equations_.signals)
         self.nx, self.nu, self.ny = len(model.states), len(model.inputs), len(model.outputs)
-        self.nc, self.nw = max(1, len(equations_.constants)), int(kernels.NW)
+        self.nc, self.nw = max(1, len(equations_.constants) + len(model.flags)), int(kernels.NW)
         self.lanes = int(kernels.LANES)
         self.duals = self.lanes == dual_lanes.LANES
+        neutral = {p.name: (i, p.neutral) for i, p in enumerate(model.parameters)}
+        self._amplitudes = [[neutral[n] for n in names] for names in model.flags.values()]
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Return the parameters in the model's order, shape ``(np,)``."""
@@ -144,7 +147,14 @@ class CompiledModel:
         """Return the constants for parameter vectors of shape ``(np, lanes)``, shape ``(nc, lanes)``."""
         c = np.zeros((self.nc, self.lanes))
         self.kernels.constants(np.ascontiguousarray(parameters, dtype=float), c)
+        for i, rows in enumerate(self._amplitudes, len(self.equations.constants)):
+            c[i] = any(_in_force(parameters[row], neutral) for row, neutral in rows)
         return c
+
+
+def _in_force(parameter: np.ndarray, neutral: float | None) -> bool:
+    """Return whether a parameter of lanes or duals has another value than its neutral one, or a derivative."""
+    return bool(np.any(parameter[: lanes.LANES] != neutral) or np.any(parameter[lanes.LANES :]))
 
 
 @functools.lru_cache(maxsize=64)
@@ -156,6 +166,7 @@ def compile_model(
     signals: tuple[str, ...] = (),
     parameters: tuple[str, ...] = (),
     duals: bool = False,
+    jacobians: bool = True,
 ) -> CompiledModel:
     """Return the compiled kernels of a model.
 
@@ -167,6 +178,7 @@ def compile_model(
         signals: Quantities that ``kernels.signals`` computes.
         parameters: Parameters whose derivatives are wanted.
         duals: Whether the kernels run over dual numbers, which carry derivatives along any direction.
+        jacobians: Whether derivatives are wanted; a large model is there much sooner without those of its kernels.
 
     Raises:
         UserError: If the integrator is unknown or the cache folder cannot be written.
@@ -175,32 +187,53 @@ def compile_model(
         raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(INTEGRATORS)}")
     if model.discrete:
         integrator, substeps = "euler", 1
-    eqs = _derived(model, signals, parameters)
-    source = model_source(eqs, step, integrator, substeps)
+    eqs, source = _written(model, signals, parameters, jacobians, step, integrator, substeps)
     if duals:
         source = over_duals(source)
     return CompiledModel(model, eqs, load_source(f"model_{model.name.replace('+', '_')}", source), step)
 
 
-_derived = functools.lru_cache(maxsize=8)(derive)  # the same for kernels over lanes and over duals
+@functools.lru_cache(maxsize=8)
+def _written(
+    model: Model,
+    signals: tuple[str, ...],
+    parameters: tuple[str, ...],
+    jacobians: bool,
+    step: float,
+    integrator: str,
+    substeps: int,
+) -> tuple[Equations, str]:
+    """Return equations and source, which are the same for kernels over lanes and over duals."""
+    eqs = derive(model, signals, parameters, jacobians)
+    return eqs, model_source(eqs, step, integrator, substeps, jacobians)
 
 
-def model_source(eqs: Equations, step: float, integrator: str, substeps: int) -> str:
+def model_source(eqs: Equations, step: float, integrator: str, substeps: int, jacobians: bool = True) -> str:
     """Return the source text of a model's kernels."""
     nx, nu, ny = len(eqs.derivatives), len(eqs.model.inputs), len(eqs.outputs)
     y = vector("y", eqs.outputs)
+
+    def when(text: Callable[[], str]) -> list[str]:
+        return [text()] if jacobians else []
+
     parts = [
         HEADER,
         f"NX, NU, NY, NS, NW = {nx}, {nu}, {ny}, {len(eqs.signals)}, {work_size(nx, integrator, substeps)}",
-        f"OUTPUTS_ARE_LINEAR = {eqs.outputs_are_linear}",
+        *when(lambda: f"OUTPUTS_ARE_LINEAR = {eqs.outputs_are_linear}"),
         constants_kernel(eqs),
         kernel(eqs, "drift", "x, u, c, dx", vector("dx", eqs.derivatives)),
-        kernel(eqs, "drift_jacobian", "x, u, c, J", matrix("J", eqs.state_jacobian, nx, nx)),
+        *when(lambda: kernel(eqs, "drift_jacobian", "x, u, c, J", matrix("J", eqs.state_jacobian, nx, nx))),
         kernel(eqs, "output", "x, u, c, y", y),
-        kernel(eqs, "output_jacobian", "x, u, c, y, H", y + matrix("H", eqs.output_state_jacobian, ny, nx)),
+        *when(
+            lambda: kernel(eqs, "output_jacobian", "x, u, c, y, H", y + matrix("H", eqs.output_state_jacobian, ny, nx))
+        ),
         kernel(eqs, "signals", "x, u, c, s", vector("s", eqs.signals.values())),
-        kernel(eqs, "signals_jacobian", "x, u, c, J", matrix("J", eqs.signal_jacobian, len(eqs.signals), nx)),
-        *step_source(eqs, step, integrator, substeps),
+        *when(
+            lambda: kernel(
+                eqs, "signals_jacobian", "x, u, c, J", matrix("J", eqs.signal_jacobian, len(eqs.signals), nx)
+            )
+        ),
+        *step_source(eqs, step, integrator, substeps, jacobians),
     ]
     if eqs.parameters:
         count = len(eqs.parameters)

@@ -9,8 +9,10 @@ import sympy as sp
 from sympy.printing.precedence import precedence
 from sympy.printing.pycode import PythonCodePrinter
 
+from harness import branches
 from harness.equations import Entries, Equations, needed
 from models.assemble import symbol
+from models.expressions import flags_in, present
 
 Store = tuple[sp.Expr, str]
 """An expression and where it goes, e.g. ``(expr, "J, 2, 3")``."""
@@ -113,8 +115,10 @@ def body(eqs: Equations, roots: Sequence[sp.Expr]) -> list[str]:
     for array, names in (("x", eqs.model.states), ("u", eqs.model.inputs)):
         lines += [f"{name} = get({array}, {i})" for i, name in enumerate(names) if symbol(name) in read]
     lines += [f"{name} = get(c, {i})" for i, name in enumerate(eqs.constants) if name in read]
-    lines += [f"{name} = {text(expr)}" for name, expr in assignments.items()]
-    return lines
+    asked = set().union(*(flags_in(c.args[0]) for e in assignments.values() for c in e.atoms(present)))
+    flags = [(i, name) for i, name in enumerate(eqs.model.flags, len(eqs.constants)) if name in asked]
+    lines += [f"{name} = c[{i}, 0] > 0.0" for i, name in flags]
+    return lines + branches.lines(assignments, roots, text)
 
 
 def function(name: str, arguments: str, lines: Sequence[str]) -> str:

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from harness.branches import hoisted
 from models.assemble import Model, symbol
+from models.expressions import present
 
 Entries = dict[tuple[int, int], sp.Expr]
 """Non-zero entries of a matrix by (row, column)."""
@@ -61,28 +63,30 @@ class Equations:
         return all(expr.free_symbols <= fixed for expr in self.output_state_jacobian.values())
 
 
-def derive(model: Model, signals: Sequence[str] = (), parameters: Sequence[str] = ()) -> Equations:
+def derive(
+    model: Model, signals: Sequence[str] = (), parameters: Sequence[str] = (), jacobians: bool = True
+) -> Equations:
     """Return the straight-line form of a model.
 
     Args:
         model: The model.
         signals: States, inputs or ports to compute beside the derivatives.
         parameters: Parameters with respect to which derivatives are wanted.
+        jacobians: Whether any derivatives are wanted; without them all matrices are empty.
     """
     expanded = _expand(model)
     wanted = [*model.derivatives, *model.outputs.values(), *(model.resolve(name) for name in signals)]
-    roots = [_without_tangents(_substitute(expr, expanded)) for expr in wanted]
+    roots = [_substitute(expr, expanded) for expr in wanted]
     shared, reduced = sp.cse(roots, symbols=sp.numbered_symbols("s_", real=True), order="none")
     assignments: dict[sp.Symbol, sp.Expr] = dict(shared)
     nx, ny = len(model.states), len(model.outputs)
     f, h, extra = reduced[:nx], reduced[nx : nx + ny], reduced[nx + ny :]
 
     forward = _ForwardMode(assignments)
-    jacobians = {}
-    for label, names in (("x", model.states), ("u", model.inputs), ("p", parameters)):
-        for target, rows in (("f", f), ("h", h)):
-            jacobians[target + label] = forward.jacobian(rows, [symbol(n) for n in names])
-    jacobians["sx"] = forward.jacobian(extra, [symbol(n) for n in model.states])
+    matrices: dict[str, Entries] = {}
+    rows, columns = {"f": f, "h": h, "s": extra}, {"x": model.states, "u": model.inputs, "p": parameters}
+    for target, label in ("fx", "hx", "fu", "hu", "fp", "hp", "sx") if jacobians else ():
+        matrices[target + label] = forward.jacobian(rows[target], [symbol(n) for n in columns[label]])
 
     lift = _Lift({symbol(n) for n in model.parameter_names})
     variable: dict[sp.Symbol, sp.Expr] = {}
@@ -91,23 +95,26 @@ def derive(model: Model, signals: Sequence[str] = (), parameters: Sequence[str] 
         if lift.is_constant(lifted):
             lift.alias(name, lifted)
         else:
-            variable[name] = lifted
+            variable[name] = hoisted(lifted, variable, top=True)
 
-    def entries(matrix: Entries) -> Entries:
-        return {key: lift(value) for key, value in matrix.items()}
+    def last(expr: sp.Expr) -> sp.Expr:
+        return hoisted(lift(expr), variable)
+
+    def entries(matrix: str) -> Entries:
+        return {key: last(value) for key, value in matrices.get(matrix, {}).items()}
 
     return Equations(
         model=model,
-        derivatives=[lift(e) for e in f],
-        outputs=[lift(e) for e in h],
-        signals={name: lift(e) for name, e in zip(signals, extra, strict=True)},
-        signal_jacobian=entries(jacobians["sx"]),
-        state_jacobian=entries(jacobians["fx"]),
-        input_jacobian=entries(jacobians["fu"]),
-        parameter_jacobian=entries(jacobians["fp"]),
-        output_state_jacobian=entries(jacobians["hx"]),
-        output_input_jacobian=entries(jacobians["hu"]),
-        output_parameter_jacobian=entries(jacobians["hp"]),
+        derivatives=[last(e) for e in f],
+        outputs=[last(e) for e in h],
+        signals={name: last(e) for name, e in zip(signals, extra, strict=True)},
+        signal_jacobian=entries("sx"),
+        state_jacobian=entries("fx"),
+        input_jacobian=entries("fu"),
+        parameter_jacobian=entries("fp"),
+        output_state_jacobian=entries("hx"),
+        output_input_jacobian=entries("hu"),
+        output_parameter_jacobian=entries("hp"),
         assignments=variable,
         constants=lift.constants,
         parameters=tuple(parameters),
@@ -123,24 +130,30 @@ def _expand(model: Model) -> dict[sp.Symbol, sp.Expr]:
 
 
 def _substitute(expr: sp.Expr, known: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
-    return expr.xreplace({s: known[s] for s in expr.free_symbols if s in known})
+    """Return an expression with all that is known written out; its own tangents rewritten, those of the known are."""
+    written = expr.xreplace({s: known[s] for s in expr.free_symbols if s in known})
+    return _without_tangents(written) if expr.has(sp.tan) else written
 
 
 def _without_tangents(expr: sp.Expr) -> sp.Expr:
     """Write ``tan(a + atan(b))``, a slip variable behind a steered wheel, without tangent and arc tangent.
 
-    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the dearest functions.
+    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the dearest functions. Where an effect
+    may change the angle, the tangent of either case is taken.
     """
 
     def fraction(angle: sp.Expr) -> sp.Expr:
-        for term in angle.args:
+        if isinstance(angle, present):
+            flag, *cases = angle.args
+            return present(flag, *map(fraction, cases))
+        for term in angle.args if angle.is_Add else ():
             sign, inner = (-1, -term) if term.could_extract_minus_sign() else (1, term)
             if isinstance(inner, sp.atan):
                 a, b = angle - term, sign * inner.args[0]
                 return (sp.sin(a) + b * sp.cos(a)) / (sp.cos(a) - b * sp.sin(a))
         return sp.tan(angle)
 
-    return expr.replace(lambda e: isinstance(e, sp.tan) and e.args[0].is_Add, lambda e: fraction(e.args[0]))
+    return expr.replace(lambda e: isinstance(e, sp.tan), lambda e: fraction(e.args[0]))
 
 
 class _ForwardMode:

@@ -25,13 +25,18 @@ def work_size(nx: int, integrator: str, substeps: int) -> int:
     return nx * nx if (integrator, substeps) == ("euler", 1) else 4 * nx + 5 * nx * nx
 
 
-def step_source(eqs: Equations, step: float, integrator: str, substeps: int) -> list[str]:
-    """Return the sources of ``next_state``, ``next_jacobian`` and ``next_covariance``."""
+def step_source(eqs: Equations, step: float, integrator: str, substeps: int, jacobians: bool = True) -> list[str]:
+    """Return the sources of ``next_state``, ``next_jacobian`` and ``next_covariance``; the first alone if asked for."""
     if eqs.model.discrete:
-        return _unrolled(eqs, eqs.derivatives, eqs.state_jacobian)
-    if (integrator, substeps) == ("euler", 1):
-        return _euler(eqs, step)
-    return _staged(step / substeps, integrator, substeps)
+        sources = _unrolled(eqs, eqs.derivatives, eqs.state_jacobian)
+    elif (integrator, substeps) == ("euler", 1):
+        sources = _euler(eqs, step)
+    else:
+        behind, weight = _TABLEAUX[integrator]
+        sizes = f"H, SUBSTEPS, STAGES = {step / substeps!r}, {substeps}, {len(weight)}\n"
+        sizes += f"BEHIND = np.array({list(behind)!r})\nWEIGHT = np.array({list(weight)!r})"
+        sources = [f"{sizes}\n\n\n{_STAGED_STATE.strip()}", _STAGED_JACOBIAN.strip()]
+    return sources if jacobians else sources[:1]
 
 
 def _euler(eqs: Equations, step: float) -> list[str]:
@@ -78,14 +83,7 @@ def _sparse_covariance(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> str:
     return function("next_covariance", "x, u, c, P, xn, Pn, w", lines)
 
 
-def _staged(h: float, integrator: str, substeps: int) -> list[str]:
-    behind, weight = _TABLEAUX[integrator]
-    template = f"""
-H, SUBSTEPS, STAGES = {h!r}, {substeps}, {len(weight)}
-BEHIND = np.array({list(behind)!r})
-WEIGHT = np.array({list(weight)!r})
-
-
+_STAGED_STATE = """
 @jit
 def next_state(x, u, c, xn, w):
     start, stage, slope = w[:NX], w[NX : 2 * NX], w[2 * NX : 3 * NX]
@@ -107,8 +105,9 @@ def next_state(x, u, c, xn, w):
             put(get(start, i) + H * get(total, i), start, i)
     for i in range(NX):
         put(get(start, i), xn, i)
+"""
 
-
+_STAGED_JACOBIAN = """
 @jit
 def next_jacobian(x, u, c, xn, A, w):
     start, stage, slope = w[:NX], w[NX : 2 * NX], w[2 * NX : 3 * NX]
@@ -173,4 +172,3 @@ def next_covariance(x, u, c, P, xn, Pn, w):
             put(r, Pn, i, m)
             put(r, Pn, m, i)
 """
-    return [template.strip()]

@@ -17,8 +17,9 @@ import sympy as sp
 from models import registry
 from models.contexts import Body, EffectContext, TyreContext
 from models.contracts import DRIVE_INPUTS, ModelError, Parameter
+from models.expressions import any_of, present
 from models.model import Model, symbol
-from models.placement import Layout, Site, load_effect, parameter_at, place_of, ports_of, sites, split
+from models.placement import Layout, Site, load_effect, parameter_at, place_of, ports_of, sites, split, suffix
 from models.signals import SIGNALS
 
 __all__ = ["Body", "Builder", "EffectContext", "Model", "TyreContext", "assemble", "symbol"]
@@ -27,7 +28,11 @@ __all__ = ["Body", "Builder", "EffectContext", "Model", "TyreContext", "assemble
 class Builder:
     """Collects a vehicle's equations; handed to ``equations(v)`` of a vehicle file."""
 
-    def __init__(self, vehicle: ModuleType, tyre: ModuleType | None, effects: Mapping[str, ModuleType]) -> None:
+    def __init__(
+        self, vehicle: ModuleType, tyre: ModuleType | None, effects: Mapping[str, ModuleType], optional: bool = False
+    ) -> None:
+        self.optional = optional
+        self.flags: dict[str, tuple[str, ...]] = {}
         self.vehicle, self.tyre_file, self.effects = vehicle, tyre, dict(effects)
         self.vehicle_name = vehicle.__name__.rsplit(".", 1)[-1]
         self.states: list[str] = list(vehicle.STATES)
@@ -155,8 +160,19 @@ class Builder:
         only = split(name)[1]
         if only is not None and only != site.place:
             return value
-        context = EffectContext(self, name, self._enter_place(name, site.place), site)
-        return sp.sympify(effect.apply(context, value))
+        names = self._enter_place(name, site.place)
+        flag = self._flag(effect, name, site.place, names) if self.optional else None
+        changed = sp.sympify(effect.apply(EffectContext(self, name, names, site, flag), value))
+        return changed if flag is None else present(flag, changed, value)
+
+    def _flag(self, effect: ModuleType, name: str, place: str, names: Mapping[str, str]) -> sp.Symbol | None:
+        """Return the symbol that says whether an effect is in force at a place; ``None`` if it always is."""
+        amplitudes = tuple(names[p.name] for p in effect.PARAMETERS if p.neutral is not None)
+        if not amplitudes:
+            return None
+        flag = f"has_{split(name)[0]}{suffix(place)}"
+        self.flags[flag] = amplitudes
+        return symbol(flag)
 
     def tyre(self, axle: str, slip_angle: sp.Expr, vertical_load: sp.Expr, friction: sp.Expr) -> sp.Symbol:
         """Publish slip angle and load of an axle and return its steady lateral force by the chosen tyre."""
@@ -220,7 +236,7 @@ class Builder:
                 )
             output_expressions[name] = self.port(f"sensor_{name}", symbol(measured))
         self._check_effects_act()
-        readable = {*self.states, *self.inputs, *self.ports, *self.parameters, "time"}
+        readable = {*self.states, *self.inputs, *self.ports, *self.parameters, *self.flags, "time"}
         for owner, name in self._reads:
             if name not in readable:
                 raise ModelError(
@@ -234,7 +250,7 @@ class Builder:
             states=tuple(self.states),
             inputs=tuple([*self.inputs, "time"] if reads_time else self.inputs),
             parameters=tuple(self.parameters.values()),
-            ports=_in_order_of_use(self.ports, self.vehicle_name),
+            ports=self._optional(_in_order_of_use(self.ports, self.vehicle_name)),
             derivatives=tuple(equations[s] for s in self.states),
             outputs=output_expressions,
             valid=dict(self.vehicle.VALID),
@@ -245,7 +261,25 @@ class Builder:
             start_variance=dict(getattr(self.vehicle, "START_VARIANCE", {})),
             discrete=discrete,
             noise=dict(self.noise),
+            flags=dict(self.flags),
         )
+
+    def _optional(self, ports: dict[str, sp.Expr]) -> dict[str, sp.Expr]:
+        """Let ports that only effects make vary, such as an axle's load, be the constants they are without them."""
+        parameters = {symbol(n) for n in self.parameters}
+        fixed: dict[sp.Symbol, sp.Expr] = {}
+        flags: dict[sp.Symbol, set[sp.Symbol]] = {}
+        found: dict[str, sp.Expr] = {}
+        for name, expr in ports.items():
+            own = {c.args[0] for c in expr.atoms(present)}
+            flags[symbol(name)] = own.union(*(flags.get(s, set()) for s in expr.free_symbols))
+            without = expr.replace(present, lambda flag, with_effect, without: without).xreplace(fixed)
+            found[name] = expr
+            if without.free_symbols <= parameters:
+                fixed[symbol(name)] = without
+                if flags[symbol(name)]:
+                    found[name] = present(any_of(flags[symbol(name)]), expr, without)
+        return found
 
     def _check_effects_act(self) -> None:
         """Refuse an effect whose port is not published, or whose place does not exist."""
@@ -321,6 +355,7 @@ def assemble(
     tyre: str | ModuleType | None = None,
     effects: Sequence[str] | Mapping[str, ModuleType] = (),
     sensors: str | ModuleType | None = None,
+    optional: bool = False,
 ) -> Model:
     """Build a model from the names of its parts (or from modules that meet the same contract).
 
@@ -329,6 +364,8 @@ def assemble(
         tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
         effects: Files in ``models/effects``, in the order they act; ``crosswind@trailer`` acts at one place only.
         sensors: File in ``models/sensors``; ``None`` for a model without outputs.
+        optional: Whether kernels shall skip effects that are neutral, at the price of a flag each. A model that is
+            asked which of many effects there are wants that.
 
     Raises:
         ModelError: If a part is unknown, incomplete or wired wrongly.
@@ -338,6 +375,6 @@ def assemble(
     if not isinstance(effects, Mapping):
         effects = {name: load_effect(name) for name in effects}
     sensor_file = registry.load("models.sensors", sensors) if isinstance(sensors, str) else sensors
-    builder = Builder(vehicle_file, tyre_file, effects)
+    builder = Builder(vehicle_file, tyre_file, effects, optional)
     vehicle_file.equations(builder)
     return builder.finish({} if sensor_file is None else sensor_file.OUTPUTS)

@@ -10,6 +10,7 @@ import sympy as sp
 
 from models import registry
 from models.contracts import ModelError, Parameter
+from models.expressions import present
 from models.model import symbol
 from models.placement import Site, suffix
 
@@ -91,9 +92,11 @@ class EffectContext(_Reader):
         time: Time since the start of the drive in s.
     """
 
-    def __init__(self, builder: Builder, name: str, parameters: Mapping[str, str], site: Site) -> None:
+    def __init__(
+        self, builder: Builder, name: str, parameters: Mapping[str, str], site: Site, flag: sp.Symbol | None = None
+    ) -> None:
         super().__init__(builder, f"effect '{name}'", parameters)
-        self.site = site
+        self.site, self._flag = site, flag
         self.time = symbol("time")
 
     @property
@@ -172,6 +175,8 @@ class EffectContext(_Reader):
         """State the time derivative of one of the effect's own states."""
         name = self._state_name(stem, shared)
         self._builder.own_state(self._owner, name)
+        if self._flag is not None and not shared:  # what places share must not depend on one of them
+            expr = present(self._flag, sp.sympify(expr), sp.Integer(0))
         self._builder.own_derivative(name, expr)
 
     def _state_name(self, stem: str, shared: bool) -> str:

@@ -1,4 +1,4 @@
-"""The larger and the smaller of two expressions, without SymPy's search for a simpler form.
+"""The larger and the smaller of two expressions, without SymPy's search for a simpler form; effects that may be absent.
 
 ``sympy.Max`` compares its arguments symbolically every time an expression is rebuilt, which takes minutes for the
 loads of a two-track car. These say the same and leave the arguments alone.
@@ -6,6 +6,7 @@ loads of a two-track car. These say the same and leave the arguments alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import sympy as sp
@@ -71,3 +72,35 @@ class smaller(_Extreme):
 
     def _latex(self, printer: Any) -> str:
         return rf"\min\left({', '.join(printer._print(a) for a in self.args)}\right)"
+
+
+class present(sp.Function):
+    """``present(flag, with_effect, without)``: the second where an effect is in force, else the third.
+
+    The flag is a symbol, of one effect or from ``any_of``. Kernels branch on it and do not compute what only the other
+    case reads.
+    """
+
+    nargs = 3
+
+    @classmethod
+    def eval(cls, flag: sp.Symbol, with_effect: sp.Expr, without: sp.Expr) -> sp.Expr | None:
+        """Return what both cases have in common, if they are alike."""
+        return without if with_effect == without else None
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        """Return the derivative to one of the cases; the flag is no variable."""
+        return present(self.args[0], sp.Integer(argindex == 2), sp.Integer(argindex == 3))
+
+    def _eval_is_extended_real(self) -> bool:
+        return True
+
+
+def any_of(flags: Iterable[sp.Symbol]) -> sp.Symbol:
+    """Return the flag that is set if one of several is."""
+    return sp.Symbol(" or ".join(sorted(f.name for f in flags)), real=True)
+
+
+def flags_in(flag: sp.Symbol) -> frozenset[str]:
+    """Return the names of the flags of which one suffices."""
+    return frozenset(flag.name.split(" or "))

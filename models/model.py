@@ -38,6 +38,8 @@ class Model:
         start_variance: Variance of a first state that an estimator begins with, where it is not the process noise.
         discrete: Whether the equations lead from sample to sample, so that there is nothing to integrate.
         noise: Variance per second of the process noise that a state of an effect has by its definition.
+        flags: Of a model whose effects may be absent (``models.expressions.present``): a flag for each effect and
+            place, which is set if one of these parameters is not at its neutral value.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Model:
     start_variance: dict[str, float] = field(default_factory=dict)
     discrete: bool = False
     noise: dict[str, float] = field(default_factory=dict)
+    flags: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

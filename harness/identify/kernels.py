@@ -172,7 +172,7 @@ def follow(u, between, y, constants, x0, start, gain, whitening, slopes):
         constants: ``(nc, LANES)``.
         x0: Mean at the first sample ``(nx, LANES)``.
         start: That sample.
-        gain: From ``note_gain``, ``(samples, nx, ny)``.
+        gain: From ``note_gain``, ``(samples, nx, ny)``; states behind its rows are not corrected.
         whitening: From ``note_gain``, ``(samples, ny, ny)``.
         slopes: Derivatives of the whitened innovations, written ``(samples, ny, lanes)``.
     """
@@ -193,7 +193,7 @@ def follow(u, between, y, constants, x0, start, gain, whitening, slopes):
                 put(y[k, a] - get(e, a), e, a)
         for i in range(NX):
             value = get(x_prior, i)
-            for a in range(NY):
+            for a in range(NY if i < gain.shape[1] else 0):
                 value = value + gain[k, i, a] * get(e, a)
             put(value, x, i)
         for a in range(NY):

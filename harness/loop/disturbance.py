@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.compile import HEADER, compile_model, load_source
+from harness.compile import HEADER, load_source
 from harness.identify.kernels import fill
 from harness.identify.recordings import Drive
 from harness.lanes import LANES
@@ -128,8 +128,7 @@ class Linearisation:
     """The compiled derivatives of a whole model, loaded before threads share it."""
 
     def __init__(self, whole: Whole) -> None:
-        self.whole, spec = whole, whole.spec
-        self._compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=True)
+        self.whole, self._compiled = whole, whole.duals
         source = paste(self._compiled, "tangents", [fill, kernels.tangents], _NAMES)
         self._tangents = load_source("tangents", source).tangents
         _loops()

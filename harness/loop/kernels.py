@@ -28,7 +28,7 @@ from harness.kernel import (
 NX_WHOLE = NW_WHOLE = 0
 
 
-def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0, P0, limits, total, notes):
+def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0, P0, limited, limits, total, notes):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
@@ -42,7 +42,8 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
         R: Measurement-noise variances ``(ny, LANES)``.
         x0: First mean of the whole model ``(nx, LANES)``.
         P0: First variances of the nominal model ``(nx, LANES)``.
-        limits: Largest magnitude of each state of the whole model.
+        limited: States of the whole model that have a limit.
+        limits: Their largest magnitudes.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
         notes: Arrays for the first lane: whitened innovations ``(samples, ny)``, inverse factor of their covariance
             ``(samples, ny, ny)``, gain ``(samples, nx, ny)``, state of the whole model ``(samples, nx)``; of no samples
@@ -82,7 +83,7 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
             keep_first_lane(info, y_now, H, P, R, S, factor, x, k, notes)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
-        put(select((beyond(x, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
+        put(select((beyond(x, limited, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
 
 
 def choose(u, rows, chosen):
@@ -91,11 +92,12 @@ def choose(u, rows, chosen):
         put(get(u, rows[i]), chosen, i)
 
 
-def beyond(x, limits):
-    """Return 1 in the lanes whose state, of either model, is not a number or beyond its range."""
+def beyond(x, limited, limits):
+    """Return 1 in the lanes where one of some states is not a number or beyond its range."""
     bad = splat(0.0)
     for i in range(len(limits)):
-        inside = (get(x, i) <= limits[i]) & (get(x, i) >= -limits[i])  # false for NaN
+        value = get(x, limited[i])
+        inside = (value <= limits[i]) & (value >= -limits[i])  # false for NaN
         bad = select(inside, bad, 1.0)
     return bad
 

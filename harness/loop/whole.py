@@ -85,6 +85,8 @@ class FreeRun:
 class Whole:
     """The compiled filter of a nominal model and everything it may lack.
 
+    What is absent costs nothing: the kernels skip the effects that are neutral.
+
     Args:
         spec: The nominal model.
         available: Signals that the recordings hold; effects that need others are left out.
@@ -105,13 +107,14 @@ class Whole:
         self._nominal_rows = [self._rows[n] for n in self.nominal.parameter_names]
         options = (spec.step, spec.integrator, spec.substeps)
         self._filter = compile_model(self.nominal, spec.step)
-        self._plain, self._duals = (compile_model(self.model, *options, duals=d) for d in (False, True))
+        self._plain, self.duals = (compile_model(self.model, *options, duals=d, jacobians=False) for d in (False, True))
         self._loop = load_source("filter_whole", self._loop_source())
         free = [identify_kernels.outside, identify_kernels.fill, identify_kernels.run_free]
         self._free = load_source("run_whole", paste(self._plain, "run_whole", free))
-        follow = paste(self._duals, "follow_whole", [identify_kernels.fill, identify_kernels.follow], _DUAL_NAMES)
+        follow = paste(self.duals, "follow_whole", [identify_kernels.fill, identify_kernels.follow], _DUAL_NAMES)
         self._follow = load_source("follow_whole", follow)
         self._limits = np.array([self.model.valid.get(name, np.inf) for name in self.model.states])
+        self._limited = np.flatnonzero(np.isfinite(self._limits))
         self._inputs = np.array([self.model.inputs.index(name) for name in self.nominal.inputs])
         self._started = [(i, self.model.start[s]) for i, s in enumerate(self.model.states) if s in self.model.start]
 
@@ -194,7 +197,8 @@ class Whole:
             np.ascontiguousarray(noise.measurement[:, chosen]),
             self._first(drive, held),
             np.repeat(drive.first_variance[:, None], LANES, axis=1),
-            self._limits,
+            self._limited,
+            self._limits[self._limited],
             total,
             nothing if notes is None else notes,
         )
@@ -226,10 +230,10 @@ class Whole:
                 drive.inputs,
                 drive.between,
                 drive.measurements,
-                self._duals.constants(both),
+                self.duals.constants(both),
                 first,
                 start,
-                kept.gain,
+                kept.gain[:, : self.nx],
                 kept.whitening,
                 found,
             )
@@ -289,6 +293,6 @@ def _assembled(spec: ModelSpec, files: tuple[str, ...]) -> Model:
     """Return the nominal model with all of these effects; one that does not go with the others is refused by name."""
     registry.load("models.vehicles", spec.vehicle)
     try:
-        return assemble(spec.vehicle, spec.tyre, (*spec.effects, *files), spec.sensors)
+        return assemble(spec.vehicle, spec.tyre, (*spec.effects, *files), spec.sensors, optional=True)
     except ModelError as error:
         raise UserError(f"the effects of the library do not go together: {error}") from None
