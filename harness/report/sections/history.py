@@ -130,7 +130,8 @@ def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look])
         if np.isfinite(reach).any():
             times, lower, upper = envelope(time, estimate - reach, estimate + reach)
             axes.fill_between(times, lower, upper, color=look.line, alpha=0.18, lw=0, zorder=2)
-        shown.append(estimate)
+        if np.isfinite(estimate[-1]):
+            shown.append(estimate)  # one that diverges would flatten all others; it leaves the panel instead
     _limit(axes, shown)
 
 
