@@ -3,7 +3,6 @@
 ::
 
     stated_noise = true                                   # noise is held as stated, not refitted
-    bank_map = true                                       # the fitted drives teach the bank of the road
 
     [[exclude]]
     effect = "payload_shift"
@@ -24,15 +23,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-import xarray as xr
 from pydantic import Field, StrictBool, StrictInt
 
 from harness.configure.file import Name, Table
 from harness.configure.problems import Problems
-from harness.errors import UserError
 from harness.loop.amend import ESTIMATORS
 from harness.loop.worth import REPEATS
-from harness.measured.bank import with_bank
 from harness.measured.study import MeasuredFile, MeasuredStudy, SpanTable
 from models.registry import closest, names
 
@@ -69,7 +65,6 @@ class LoopFile(MeasuredFile):
         default=list(ESTIMATORS), description="estimators to run on the held-out drives with both models"
     )
     stated_noise: StrictBool = Field(default=False, description="hold the noise that the model states")
-    bank_map: StrictBool = Field(default=False, description="map the bank of the road over the path of fitted drives")
     exclude: list[ExcludeTable] = Field(default_factory=list, description="effects that are not to be tried")
     changed: ChangedTable | None = Field(default=None, description="drives in which the vehicle may have changed")
     worth: WorthTable | None = Field(default=None, description="study that says what the amendment is worth")
@@ -93,18 +88,6 @@ class LoopStudy(MeasuredStudy):
         changed = self.raw.changed
         further = {} if changed is None else {"changed.train": changed.train, "changed.test": changed.test}
         return super().spans() | further
-
-    def prepared(self, whole: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-        """Return the recordings, with the bank of the road where asked for; those that are fitted teach it."""
-        if not self.raw.bank_map:
-            return whole
-        fitted = list(dict.fromkeys(s.file for s in self.raw.train))
-        both = [s.file for s in self.raw.test if s.file in fitted]
-        if both:
-            raise UserError(f"{self.path}: bank_map: '{both[0]}' is fitted, so it teaches the road; judge on another")
-        others = [f for f in whole if f not in fitted]
-        banked = with_bank([whole[f] for f in fitted], [whole[f] for f in others])
-        return dict(zip([*fitted, *others], banked, strict=True))
 
 
 def load_loop(path: Path) -> LoopStudy:

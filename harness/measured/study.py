@@ -6,6 +6,7 @@
     recordings = "../../../shared/measured/genesis_g80"   # from this file; skipped where it is absent
     channels = "../channels/genesis_g80.toml"
     step = "20 ms"                                        # slower than the signals' own filters
+    bank_map = true                                       # the fitted drives teach the bank of the road
     free = ["yaw_inertia"]                                # parameters to fit; cornering stiffnesses if absent
 
     [model]                                               # as [plant] in a study
@@ -31,12 +32,13 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import xarray as xr
-from pydantic import Field, StrictStr, ValidationError
+from pydantic import Field, StrictBool, StrictStr, ValidationError
 
 from harness.configure import ModelSpec, resolve_single
 from harness.configure.file import ModelTable, Name, Quantity, Table
 from harness.configure.problems import Problems, add_validation_errors
 from harness.errors import UserError
+from harness.measured.bank import with_bank
 from harness.measured.load import load_recording
 from harness.report.document import Sheet
 from harness.units import to_si
@@ -92,6 +94,7 @@ class MeasuredFile(Table):
     recordings: Name = Field(description="folder of the recordings, from this file")
     channels: StrictStr = Field(default="", description="channel map, from this file; signal names if absent")
     step: Quantity = Field(default="20 ms", description="sample time; slower than the signals' own filters")
+    bank_map: StrictBool = Field(default=False, description="map the bank of the road over the path of fitted drives")
     free: list[Name] = Field(default_factory=list, description="parameters to fit; stiffnesses if absent")
     model: ModelTable = Field(description="the nominal model, as [plant] in a study")
     train: list[SpanTable] = Field(min_length=1, description="drives to fit")
@@ -153,10 +156,6 @@ class MeasuredStudy:
         """Return the spans by the key of the file that holds them."""
         return {"train": self.raw.train, "test": self.raw.test}
 
-    def prepared(self, whole: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-        """Return whole recordings by file with what is to be added before they are cut."""
-        return whole
-
     def drives(self) -> dict[str, list[xr.Dataset]]:
         """Return the recordings by the key of the file that names them, with a steering-wheel angle.
 
@@ -167,7 +166,9 @@ class MeasuredStudy:
         """
         wanted = self.spans()
         files = dict.fromkeys(s.file for spans in wanted.values() for s in spans)
-        whole = self.prepared({f: self._load(f) for f in files})
+        whole = {f: self._load(f) for f in files}
+        if self.raw.bank_map:
+            whole = self._with_bank(whole)
         taken: list[tuple[str, str, float, float]] = []
         found: dict[str, list[xr.Dataset]] = {}
         for key, spans in wanted.items():
@@ -198,6 +199,16 @@ class MeasuredStudy:
             UserError: If the model has no parameter of that name.
         """
         return fitted_parameters(self.nominal(), self.raw.free, f"{self.path}: free")
+
+    def _with_bank(self, whole: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+        """Return the recordings with the bank of the road; those that are fitted teach it, as a whole."""
+        fitted = list(dict.fromkeys(s.file for s in self.raw.train))
+        both = [s.file for s in self.raw.test if s.file in fitted]
+        if both:
+            raise UserError(f"{self.path}: bank_map: '{both[0]}' is fitted, so it teaches the road; judge on another")
+        others = [f for f in whole if f not in fitted]
+        banked = with_bank([whole[f] for f in fitted], [whole[f] for f in others])
+        return dict(zip([*fitted, *others], banked, strict=True))
 
     def _load(self, file: str) -> xr.Dataset:
         if not (self.folder / file).exists():
