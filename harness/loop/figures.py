@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.trace import BIC_NEEDED, Round
 from harness.report import style
 from harness.report.store import words
@@ -14,6 +15,8 @@ SHOWN = 15
 
 def called(name: str) -> str:
     """Return a hypothesis in words."""
+    if name == ALL_PARAMETERS:
+        return "many parameters at once"
     effect, _, place = name.partition("@")
     return f"{words(effect)}, {words(place)}" if place else words(effect)
 

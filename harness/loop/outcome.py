@@ -184,7 +184,7 @@ def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
 def _fall(before: Judgement, after: Judgement) -> str:
     if not math.isfinite(before.excess) or before.excess <= 0:
         return "to where the model stays in its range"
-    return f"by {max(0.0, 1 - math.sqrt(after.excess / before.excess)):.0%}"
+    return f"by {100 * max(0.0, 1 - math.sqrt(after.excess / before.excess)):.0f} %"
 
 
 def _judged(trace: Trace) -> tuple[Judged, ...]:

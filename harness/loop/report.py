@@ -7,12 +7,15 @@ import math
 from harness.identify import figures as fit_figures
 from harness.loop import figures, glance, where_report, worth_report
 from harness.loop.figures import called
+from harness.loop.glance import scaled
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import COLOURED, Outcome, equation
 from harness.loop.trace import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
 from harness.report import style
 from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
-from harness.report.store import print_unit, quantity, words
+from harness.report.store import quantity, words
+
+_SETTLED = Prose("#settle()")  # the figures of a section stand before the next one
 
 
 def document(outcome: Outcome, command: str) -> Document:
@@ -31,9 +34,12 @@ def document(outcome: Outcome, command: str) -> Document:
         *worth_report.blocks(outcome.worth),
         *where_report.where(outcome),
         *_rounds(outcome),
+        _SETTLED,
         *_residual(outcome),
         *where_report.innovations(outcome),
+        _SETTLED,
         *_over_time(outcome),
+        _SETTLED,
         *_excitation(outcome),
         *_made(outcome, command),
     ]
@@ -84,8 +90,9 @@ def _found(outcome: Outcome) -> list[Block]:
             moved = abs(v.value - stated) > 3 * v.std if math.isfinite(stated) else True
             if h.name == ALL_PARAMETERS and not moved:
                 continue
-            row = [called(h.name), words(v.name.replace("@", " in ")), print_unit(v.unit)]
-            rows.append([*row, style.number(stated), style.number(v.value, 4), style.number(v.std)])
+            (was, unit), (now, _), (spread, _) = (scaled(x, v.unit) for x in (stated, v.value, v.std))
+            row = [called(h.name), words(v.name.replace("@", " in ")), unit]
+            rows.append([*row, style.number(was), style.number(now, 4), style.number(spread)])
     header = ["addition", "parameter", "unit", "stated", "found", "std. error"]
     blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
     for h in trace.effects:
@@ -102,7 +109,7 @@ def _rounds(outcome: Outcome) -> list[Block]:
                 "Every effect of the library at every place, and every parameter that was held fixed. The score test "
                 "promises a gain for each; the best few are fitted jointly with the nominal parameters. An addition "
                 f"needs {BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out "
-                f"drives, and {ERROR_NEEDED:.0%} less free-running error there beyond the noise."
+                f"drives, and {style.percent(ERROR_NEEDED)} less free-running error there beyond the noise."
             )
         ),
     ]
@@ -147,8 +154,8 @@ def _excitation(outcome: Outcome) -> list[Block]:
             hidden.append(called(c.hypothesis.name))
             continue
         for name, error in zip(c.hypothesis.amplitudes, c.score.error, strict=True):
-            unit = print_unit(parameters[name].unit)
-            rows.append([called(c.hypothesis.name), words(name), unit, style.number(3 * error)])
+            least, unit = scaled(3 * error, parameters[name].unit)
+            rows.append([called(c.hypothesis.name), words(name), unit, style.number(least)])
     said = f"These drives cannot show at all: {', '.join(hidden)}." if hidden else "These drives show every effect."
     caption = "Smallest size that these drives would show with three standard errors, everything fitted adjusting."
     return [
