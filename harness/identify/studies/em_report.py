@@ -132,6 +132,12 @@ def _comparison(found: Mapping[str, Sequence[Outcome]], truth: Floats) -> Sheet:
     return Sheet(header, rows, f"Median relative errors over the same {count} recordings; median CPU time of a fit.")
 
 
+def _formula(name: str) -> str:
+    """Return the symbol as a formula: ``C_sf in 1/rad`` becomes ``$C_{sf}$``."""
+    letter, _, index = name.split()[0].partition("_")
+    return f"${letter}_{{{index}}}$" if index else f"${letter}$"
+
+
 def convergence(runs: Sequence[Outcome], truth: Floats) -> bytes:
     """Draw the iterates of all runs, a panel per parameter and one for the process noise (figure 3.11)."""
     with style.drawing():
@@ -146,9 +152,11 @@ def convergence(runs: Sequence[Outcome], truth: Floats) -> bytes:
             if i < len(truth):
                 axes.axhline(0.0, color=style.TRUTH, lw=0.7, ls="--")
                 axes.set_yscale("symlog", linthresh=1.0)
-                axes.set_ylabel(f"{SYMBOLS[i].split()[0]}\nerror in %")
+                axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+                axes.set_ylabel(f"{_formula(SYMBOLS[i])}\nerror in %")
             else:
-                axes.set_yscale("log")
+                path = np.concatenate([run.process[:, 0] for run in runs])
+                style.logarithmic(axes, float(path.min()), float(path.max()))
                 axes.set_ylabel("process noise\nin m/s")
         panels[-1].set_xlabel("iteration")
         handles = [
@@ -168,7 +176,7 @@ def profiles(values: Floats, q: Floats, truth: Floats) -> bytes:
             axes.plot(v, height, color=_LINE)
             axes.plot(v[height.argmax()], height.max(), "o", color=_MARK, ms=5)
             axes.axvline(true, color=style.TRUTH, lw=0.8, ls="--")
-            axes.set_xlabel(name)
+            axes.set_xlabel(f"{_formula(name)} in {name.split()[-1]}")
             axes.set_ylabel("Q")
             axes.grid(axis="y")
         handles = [
