@@ -1,9 +1,9 @@
 """How often ``harness trace`` names what is missing: cases of the blind plant, traced, and only then opened.
 
 ``python -m bench.attribution --cases semitrailer-none semitrailer-crosswind-medium`` runs some cases,
-``--magnitude medium`` all of one magnitude, nothing of these all that the list holds (hours). Each case is written by
-the plant and traced in processes of their own; ``sealed.json`` is read when ``trace.json`` is there. Cases that were
-traced already are only scored. Written are ``attribution.json`` and the tables as Markdown.
+``--magnitude medium`` all of one magnitude, nothing of these all that the list holds (hours). The plant writes a case
+in a process of its own; ``sealed.json`` is read when ``trace.json`` is there. Cases that were traced already are only
+scored. Written are ``attribution.json`` and the tables as Markdown.
 """
 
 from __future__ import annotations
@@ -21,6 +21,15 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.progress import track
+
+from harness.command_line import model_table
+from harness.errors import UserError
+from harness.identify.recordings import step_of
+from harness.loop.run import Task, run_trace, whole_of
+from harness.loop.whole import Whole
+from harness.measured import load_recording
+from harness.measured.study import finely, fitted_parameters
+from models.contracts import ModelError
 
 PLANT = Path(__file__).parents[1] / "tests" / "blind" / "plant.py"
 PARAMETER = "parameter:"
@@ -101,22 +110,36 @@ def _errors(traced: dict, sealed: dict) -> dict[str, float]:
     return {n: abs(values[n] / v - 1.0) for n, v in true.items() if n in values and v != 0.0}
 
 
-def run(case: str, repeat: int, folder: Path) -> str:
-    """Write a case and trace it; return what went wrong, or nothing."""
-    if not (folder / "train_a.csv").exists():
-        plant = [sys.executable, str(PLANT), "--case", case, "--repeat", str(repeat), "--out", str(folder)]
-        done = subprocess.run(plant, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return done.stderr.strip()
-    if not (folder / "trace" / "trace.json").exists():
-        belief = json.loads((folder / "belief.json").read_text())
-        trace = [sys.executable, "-m", "harness.cli", "trace", "--model", belief["vehicle"]]
-        trace += ["--train", str(folder / "train_a.csv"), "--train", str(folder / "train_b.csv")]
-        trace += ["--test", str(folder / "test.csv"), "--out", str(folder / "trace"), "--estimators", ""]
-        done = subprocess.run(trace, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return done.stderr.strip()
-    return ""
+class Tracer:
+    """Writes cases and traces them with the published semitrailer, compiled once."""
+
+    def __init__(self) -> None:
+        self._whole: Whole | None = None
+
+    def run(self, case: str, repeat: int, folder: Path) -> str:
+        """Write a case and trace it; return what went wrong, or nothing."""
+        if not (folder / "train_a.csv").exists():
+            plant = [sys.executable, str(PLANT), "--case", case, "--repeat", str(repeat), "--out", str(folder)]
+            done = subprocess.run(plant, capture_output=True, text=True, check=False)
+            if done.returncode:
+                return done.stderr.strip()
+        if not (folder / "trace" / "trace.json").exists():
+            task = _task(folder)
+            self._whole = self._whole or whole_of(task)
+            try:
+                run_trace(task, folder / "trace", Console(quiet=True), self._whole)
+            except (UserError, ModelError) as error:
+                return str(error)
+        return ""
+
+
+def _task(folder: Path) -> Task:
+    """Return what is to be traced in a folder; the published values are those that the plant gives out as belief."""
+    drives = [load_recording(folder / f"{n}.csv", None).assign_attrs(name=n) for n in ("train_a", "train_b", "test")]
+    belief = json.loads((folder / "belief.json").read_text())
+    table = model_table(belief["vehicle"], None, None, None, "test_vehicle_inertial", None)
+    spec = finely(table, step_of(drives[0]), str(folder))
+    return Task(spec, drives[:2], drives[2:], fitted_parameters(spec, [], "free"), ())
 
 
 def tables(scored: Sequence[Scored]) -> str:
@@ -147,7 +170,7 @@ def chosen(given: argparse.Namespace) -> list[str]:
         return list(given.cases)
     listed = subprocess.run([sys.executable, str(PLANT), "--list"], capture_output=True, text=True, check=True).stdout
     names = [line.split("\t")[0] for line in listed.splitlines()]
-    names = [n for n in names if n.startswith(given.vehicle)]
+    names = [n for n in names if n.startswith("semitrailer")]
     if given.magnitude:
         names = [n for n in names if not re.search("-(small|medium|large)$", n) or n.endswith(given.magnitude)]
     return names
@@ -157,16 +180,15 @@ def main() -> None:
     """Run, score, print and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", nargs="*", help="names from the plant's list")
-    parser.add_argument("--vehicle", default="semitrailer", help="all cases of this vehicle (%(default)s)")
     parser.add_argument("--magnitude", default="", help="small, medium or large only")
     parser.add_argument("--repeats", type=int, default=1, help="draws of each case (%(default)s)")
     parser.add_argument("--out", type=Path, default=Path("results/attribution"))
     given = parser.parse_args()
-    console, scored = Console(), []
+    console, scored, tracer = Console(), [], Tracer()
     tasks = [(case, repeat) for repeat in range(given.repeats) for case in chosen(given)]
     for case, repeat in track(tasks, "tracing", console=console):
         folder = given.out / f"{case}-{repeat}"
-        failed = run(case, repeat, folder)
+        failed = tracer.run(case, repeat, folder)
         if failed:
             console.print(f"{case}, {repeat}: {failed}")
             continue

@@ -55,7 +55,7 @@ class Task:
     notes: tuple[str, ...] = ()
 
 
-def run_trace(task: Task, folder: Path, console: Console) -> Outcome:
+def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = None) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
 
     What is odd about the recordings is printed before anything is computed, and stands in the outcome.
@@ -64,6 +64,7 @@ def run_trace(task: Task, folder: Path, console: Console) -> Outcome:
         task: What is to be traced.
         folder: Of the results.
         console: Where warnings and what is being done are shown.
+        whole: The model of the task, compiled, from an earlier one that differs in its recordings only.
 
     Raises:
         UserError, ModelError: If recordings, model or study do not fit each other.
@@ -76,8 +77,7 @@ def run_trace(task: Task, folder: Path, console: Console) -> Outcome:
     for note in notes:
         console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
     with console.status("compiling the library of effects") as status:
-        signals = set.intersection(*({str(v) for v in r} for r in recordings))
-        whole = Whole(task.spec, signals, task.jobs, task.excluded)
+        whole = whole or whole_of(task)
         drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
         fitted, held_out = drives[: len(task.train)], drives[len(task.train) :]
         found = trace(whole, fitted, held_out, task.free, status.update, task.rounds, task.stated_noise)
@@ -89,6 +89,12 @@ def run_trace(task: Task, folder: Path, console: Console) -> Outcome:
             outcome = _with_worth(task, outcome, folder, status.update)
             write_outcome(outcome, folder)
     return outcome
+
+
+def whole_of(task: Task) -> Whole:
+    """Return the model of a task with everything that its recordings could show, compiled."""
+    signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
+    return Whole(task.spec, signals, task.jobs, task.excluded)
 
 
 def _with_worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Outcome:
