@@ -83,10 +83,11 @@ def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
             f"No estimator stays below {limit} even where the vehicle is as believed: the best, {name}, has an "
             f"error {times} on the worst drive. No box bears this limit."
         )
-    alone = breaks_first(design, borne)
     text = f"{name} bears most: its error stays below {limit} on every drive"
     text += f" while all factors together stay within {100 * borne.box:.0f} % of the way to the edges of the box."
-    return f"{text} Alone, {alone} breaks it{' first' if borne.first else ''}."
+    if borne.first is None:
+        return f"{text} No factor alone breaks it."
+    return f"{text} Alone, {breaks_first(design, borne)} breaks it first."
 
 
 def _rule(design: Design, borne: dict[tuple[int, int], Tolerance]) -> str:
