@@ -9,6 +9,7 @@ from pathlib import Path
 import xarray as xr
 from rich.console import Console
 from rich.text import Text
+from threadpoolctl import threadpool_limits
 
 from harness.configure import ModelSpec
 from harness.errors import UserError
@@ -76,7 +77,8 @@ def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = 
     notes = (*task.notes, *oddities(recordings))
     for note in notes:
         console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
-    with console.status("compiling the library of effects") as status:
+    # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
+    with threadpool_limits(1), console.status("compiling the library of effects") as status:
         whole = whole or whole_of(task)
         drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
         fitted, held_out = drives[: len(task.train)], drives[len(task.train) :]

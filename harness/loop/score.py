@@ -19,16 +19,17 @@ from scipy import optimize
 
 from harness.loop.fit import Fitted, Fitting
 from harness.loop.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
+from harness.loop.moments import Choices, choices, join
 
 Floats = NDArray[np.float64]
 Columns = NDArray[np.float32]
 """Many responses at once; they only choose where to look closer."""
 
+_ROUNDED = 1e-4
+"""Share of the power of responses at single precision that may be left of them by rounding."""
+
 SPACING = 2.0
 """s between the moments at which a change is tried."""
-
-_BEAM = 60
-"""Choices of moments kept while drives are joined one after the other."""
 
 
 @dataclass(frozen=True)
@@ -61,18 +62,6 @@ class Score:
         return bool(np.isfinite(self.error).any())
 
 
-@dataclass(frozen=True)
-class _Choice:
-    """One choice of moments for some drives: sums of ``b`` and ``G`` over them.
-
-    ``moments`` are indices into the grid of each drive, of the beginning and the end; -1 for never.
-    """
-
-    b: Floats
-    G: Floats
-    moments: tuple[tuple[int, int], ...]
-
-
 class ScoreTest:
     """The test at one fit.
 
@@ -94,6 +83,7 @@ class ScoreTest:
         )
         self._outputs = shape
         self._cached: dict[tuple[int, str], Columns] = {}
+        self._products: dict[tuple[int, str, str], Floats] = {}
         information = total([N.T @ N for N in self.moved])
         self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)])
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
@@ -145,7 +135,7 @@ class ScoreTest:
             tried.append(self._judged(h, X, np.array(shapes), np.zeros((len(self.drives), 0))))
         return max(tried, key=lambda s: s.gain)
 
-    def _judged(self, h: Hypothesis, X: Sequence[NDArray[np.floating]], shapes: Floats, moments: Floats) -> Score:
+    def _judged(self, h: Hypothesis, X: Sequence[Floats], shapes: Floats, moments: Floats) -> Score:
         cross = total([N.T @ x for N, x in zip(self.moved, X, strict=True)])
         weights = self._inverse @ cross
         square = total([x.T @ x for x in X])
@@ -162,7 +152,7 @@ class ScoreTest:
         error = np.full(len(b), np.inf)
         if seen.any():
             inverse = np.linalg.pinv(scaled(G[np.ix_(seen, seen)])[0], rcond=1e-9, hermitian=True)
-            error[seen] = np.sqrt(np.diagonal(inverse) / np.diagonal(G)[seen])
+            error[seen] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0) / np.diagonal(G)[seen])
         promised = weights @ a
         response = tuple((x @ a - N @ promised).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True))
         start = np.array([self.point.values[self.whole.row(n), 0] for n in h.amplitudes])
@@ -180,17 +170,14 @@ class ScoreTest:
 
         A second moment ends what the first one began, so its response is that of the beginning, taken back.
         """
-        shapes = self._grid(h)[0]
-        grids = [self._times(i) for i in range(len(self.drives))]
-        steps = self.whole.share(lambda i: self._steps(h, shapes, i, grids[i]), range(len(self.drives)))
-        chosen = self._join([self._choices(h, i, steps[i]) for i in range(len(self.drives))])
+        chosen = join(self.whole.share(lambda i: self._choices(h, i), range(len(self.drives))))
         X, moments = [], np.zeros((len(self.drives), len(h.moments)))
         for i, (first, second) in enumerate(chosen):
-            never = float(self.drives[i].time[-1])
-            moments[i] = [grids[i][k] if k >= 0 else never for k in (first, second)][: len(h.moments)]
-            x = steps[i][:, :, first] if first >= 0 else np.zeros_like(steps[i][:, :, 0])
-            X.append(x - steps[i][:, :, second] if second >= 0 else x)
-        return self._judged(h, X, np.array(shapes), moments)
+            never, grid = float(self.drives[i].time[-1]), self._times(i)
+            moments[i] = [grid[k] if k >= 0 else never for k in (first, second)][: len(h.moments)]
+            steps = [self._steps(h, a, i) for a in h.amplitudes]
+            X.append(np.column_stack([_response(s, first) - _response(s, second) for s in steps]).astype(float))
+        return self._judged(h, X, np.array(self._grid(h)[0]), moments)
 
     def moments_of(self, h: Hypothesis) -> Floats:
         """Return the likeliest moments of a hypothesis whose amplitudes are known ``(drives, moments)``.
@@ -199,76 +186,55 @@ class ScoreTest:
         are never.
         """
         a = self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]
-        found, shapes = np.zeros((len(self.drives), len(h.moments))), self._grid(h)[0]
+        found = np.zeros((len(self.drives), len(h.moments)))
         for i, drive in enumerate(self.drives):
-            grid = self._times(i)
-            choices = self._choices(h, i, self._steps(h, shapes, i, grid))
-            best = max(choices, key=lambda c: float(c.b @ a - 0.5 * a @ c.G @ a)).moments[0]
+            grid, choices = self._times(i), self._choices(h, i)
+            best = choices.moments[np.argmax(choices.b @ a - 0.5 * (choices.G @ a) @ a), 0]
             found[i] = [grid[k] if k >= 0 else drive.time[-1] for k in best][: len(h.moments)]
         return found
 
     def _times(self, drive: int) -> Floats:
         return np.arange(SPACING, self.drives[drive].time[-1] - SPACING, SPACING)
 
-    def _steps(self, h: Hypothesis, shapes: tuple[float, ...], drive: int, grid: Floats) -> Columns:
-        """Return responses to changes at the times of a grid ``(samples * ny, amplitudes, times)``."""
-        parts = []
-        for a in h.amplitudes:
-            if (drive, a) in self._cached:
-                parts.append(self._cached[drive, a])
-                continue
+    def _steps(self, h: Hypothesis, amplitude: str, drive: int) -> Columns:
+        """Return responses to changes of an amplitude at the times of a drive's grid ``(samples * ny, times)``."""
+        if (drive, amplitude) not in self._cached:
+            grid, rows = self._times(drive), self.whole.model.parameters
             values = np.repeat(self.point.values[:, [drive]], len(grid), axis=1)
-            values[[self.whole.row(n) for n in h.shapes]] = np.array(shapes)[:, None]
+            values[[self.whole.row(n) for n in h.shapes]] = np.array(self._grid(h)[0])[:, None]
             for m in h.moments:
-                values[self.whole.row(m)] = self.whole.model.parameters[self.whole.row(m)].upper
+                values[self.whole.row(m)] = rows[self.whole.row(m)].upper
             values[self.whole.row(h.moments[0])] = grid
             starts = np.searchsorted(self.drives[drive].time, grid - 0.1).tolist()
-            found = self._sensitivities(drive, values, [a] * len(grid), starts).astype(np.float32)
-            self._cached[drive, a] = found
-            parts.append(found)
-        return np.stack(parts, axis=1)
+            found = self._sensitivities(drive, values, [amplitude] * len(grid), starts).astype(np.float32)
+            self._cached[drive, amplitude] = found
+        return self._cached[drive, amplitude]
 
-    def _choices(self, h: Hypothesis, drive: int, steps: Columns) -> list[_Choice]:
-        """Return the best choices of moments in one drive by themselves, and that of no change there."""
-        d, n = steps.shape[1], steps.shape[2]
-        flat = steps.reshape(len(steps), -1)
-        N = self.moved[drive].astype(np.float32)
-        cross = (N.T @ flat).astype(float)
-        G = (flat.T @ flat).astype(float) - cross.T @ self._inverse @ cross
-        b = -(flat.T @ self.residual[drive].astype(np.float32)).astype(float)
-        G, b = G.reshape(d, n, d, n), b.reshape(d, n)
-        pairs = [(k, -1) for k in range(n)]
-        if len(h.moments) > 1:
-            pairs += [(k, m) for k in range(n) for m in range(k + 1, n)]
-        choices = [_Choice(np.zeros(d), np.zeros((d, d)), ((-1, -1),))]
-        for k, m in pairs:
-            bk, Gk = b[:, k], G[:, k, :, k]
-            if m >= 0:
-                bk = bk - b[:, m]
-                Gk = Gk - G[:, k, :, m] - G[:, m, :, k] + G[:, m, :, m]
-            choices.append(_Choice(bk, Gk, ((k, m),)))
-        return choices
+    def _sums(self, drive: int, h: Hypothesis, one: str, other: str) -> Floats:
+        """Return what the responses to changes of two amplitudes have in common ``(times, times)``, projected."""
+        if (drive, other, one) in self._products:
+            return self._products[drive, other, one].T
+        if (drive, one, other) not in self._products:
+            X, Z = (self._steps(h, a, drive) for a in (one, other))
+            N = self.moved[drive].astype(np.float32)
+            projected = (N.T @ X).astype(float).T @ self._inverse @ (N.T @ Z).astype(float)
+            square = (X.T @ Z).astype(float)
+            if one == other:  # what the fit's own columns leave of a response is known no better than this
+                square[np.diag_indices_from(square)] *= 1 + _ROUNDED
+            self._products[drive, one, other] = square - projected
+        return self._products[drive, one, other]
 
-    def _join(self, by_drive: Sequence[list[_Choice]]) -> tuple[tuple[int, int], ...]:
-        """Choose moments for all drives with amplitudes in common, the best few of each drive at a time."""
-        beam = _most(by_drive[0])
-        for choices in by_drive[1:]:
-            ranked = _most(choices)
-            beam = _most([_Choice(c.b + e.b, c.G + e.G, c.moments + e.moments) for c in beam for e in ranked])
-        return beam[0].moments
+    def _choices(self, h: Hypothesis, drive: int) -> Choices:
+        """Return all choices of moments in one drive by themselves, and first that of no change there."""
+        G = np.array([[self._sums(drive, h, a, c) for c in h.amplitudes] for a in h.amplitudes])
+        residual = self.residual[drive].astype(np.float32)
+        b = -np.array([residual @ self._steps(h, a, drive) for a in h.amplitudes], dtype=float)
+        return choices(b, G, len(h.moments) > 1)
 
 
-def _most(choices: list[_Choice]) -> list[_Choice]:
-    """Return the choices of largest gain, and the first of them (no change) in any case."""
-    order = np.argsort(-_gains(choices))[:_BEAM]
-    return [choices[i] for i in dict.fromkeys([*order.tolist(), 0])]
-
-
-def _gains(choices: Sequence[_Choice]) -> Floats:
-    """Return the gains without bounds ``(n,)``."""
-    b, G = np.array([c.b for c in choices]), np.array([c.G for c in choices])
-    ridge = 1e-9 * np.trace(G, axis1=1, axis2=2)[:, None, None] * np.eye(b.shape[1]) + 1e-300 * np.eye(b.shape[1])
-    return 0.5 * np.einsum("ni,ni->n", b, np.linalg.solve(G + ridge, b[:, :, None])[:, :, 0])
+def _response(steps: Columns, moment: int) -> Columns:
+    """Return the response to a change at a moment of the grid; none to one that never comes."""
+    return steps[:, moment] if moment >= 0 else np.zeros_like(steps[:, 0])
 
 
 def _flat(columns: Floats) -> Floats:
