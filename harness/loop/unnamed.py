@@ -56,14 +56,12 @@ class Unnamed:
         shift: Parameters that move with them: value by name.
         held_out_gain: In log-likelihood of the held-out drives, as the innovations promise.
         judgement: The model with the curves, free running on the held-out drives.
-        disturbances: On the held-out drives, as the model's own motion makes them ``(samples, curves)``.
     """
 
     curves: tuple[Curve, ...]
     shift: dict[str, float]
     held_out_gain: float
     judgement: Judgement
-    disturbances: tuple[Floats, ...]
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ def find_unnamed(
         return None
     pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved)
     pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
-    curves, weights = _selected(here, pairs, len(moved))
+    curves, weights = _selected(here, pairs, np.array([c.prior**-2.0 for c in moved]))
     if not curves:
         return None
     point = _shifted(before.point, moved, weights[: len(moved)])
@@ -158,21 +156,25 @@ def find_unnamed(
     gain = sum(_gain(s, weights) for s in kept_aside.sums(columns))
     if gain <= 0:
         return None
-    runs = whole.share(
-        lambda i: _run(whole, held_out.drives[i], point.values[:, i], there, i, curves), range(len(held_out.drives))
-    )
-    free = tuple(outputs for outputs, _ in runs)
+    numbers = range(len(held_out.drives))
+    free = tuple(whole.share(lambda i: _run(whole, held_out.drives[i], point.values[:, i], there, i, curves), numbers))
     error, excess = strayed(held_out.drives, free, held_out.variances)
     judgement = Judgement(before.log_likelihood + gain, error, excess, free, point)
-    return Unnamed(tuple(curves), shift, gain, judgement, tuple(d for _, d in runs))
+    return Unnamed(tuple(curves), shift, gain, judgement)
 
 
 def _gain(sums: _Sums, weights: Floats) -> float:
     return float(sums.pull @ weights - 0.5 * weights @ sums.gram @ weights)
 
 
-def _selected(here: _Drives, pairs: Sequence[Proposal], fixed: int) -> tuple[list[Curve], Floats]:
-    """Return curves by forward selection, judged on the drives left out, and the weights of parameters and curves."""
+def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[list[Curve], Floats]:
+    """Return curves by forward selection, judged on the drives left out, and the weights of parameters and curves.
+
+    Args:
+        here: The fitted drives.
+        pairs: What may be taken.
+        prior: Inverse variance of the prior of each parameter that moves as well ``(parameters,)``.
+    """
     tried = []
     for pair in pairs:
         basis = Basis.over(np.concatenate(here.signal(pair.driver)))
@@ -180,7 +182,7 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], fixed: int) -> tuple[lis
     chosen: list[_Term] = []
     predicted: list[float] = []
     stiffness = _STIFFNESS[0]
-    reached = _left_out(here.sums([]), fixed, 0, stiffness)
+    reached = _left_out(here.sums([]), prior, 0, stiffness)
     while len(chosen) < CURVES:
         best: tuple[float, float, _Term] | None = None
         for term in tried:
@@ -189,51 +191,57 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], fixed: int) -> tuple[lis
             terms = [*chosen, term]
             sums = here.sums([t.responses for t in terms])
             for tension in _STIFFNESS:
-                value = _left_out(sums, fixed, len(terms), tension)
-                if (best is None or value > best[0]) and _possible(sums, fixed, terms, tension):
+                value = _left_out(sums, prior, len(terms), tension)
+                if (best is None or value > best[0]) and _possible(sums, prior, terms, tension):
                     best = (value, tension, term)
         if best is None or best[0] - reached < NEEDED:
             break
         predicted.append(best[0] - reached)
         reached, stiffness = best[0], best[1]
         chosen.append(best[2])
-    weights, covariance = _solved(here.sums([t.responses for t in chosen]), fixed, len(chosen), stiffness)
+    weights, covariance = _solved(here.sums([t.responses for t in chosen]), prior, len(chosen), stiffness)
     curves = []
     for j, (term, gain) in enumerate(zip(chosen, predicted, strict=True)):
-        rows = slice(fixed + j * FUNCTIONS, fixed + (j + 1) * FUNCTIONS)
+        rows = _rows(prior, j)
         pair, own = term.proposal, (weights[rows], covariance[rows, rows])
         curves.append(Curve(pair.channel, pair.driver, term.basis, *own, pair.stability, gain))
     return curves, weights
 
 
-def _possible(sums: Sequence[_Sums], fixed: int, terms: Sequence[_Term], tension: float) -> bool:
+def _possible(sums: Sequence[_Sums], prior: Floats, terms: Sequence[_Term], tension: float) -> bool:
     """Whether no curve leaves the range that the library allows at its entry; B-splines lie within their weights."""
-    weights, _ = _solved(sums, fixed, len(terms), tension)
-    sizes = np.abs(weights[fixed:]).reshape(len(terms), FUNCTIONS).max(axis=1)
+    weights, _ = _solved(sums, prior, len(terms), tension)
+    sizes = np.abs(weights[len(prior) :]).reshape(len(terms), FUNCTIONS).max(axis=1)
     return all(size <= term.proposal.channel.limit for size, term in zip(sizes, terms, strict=True))
 
 
-def _left_out(sums: Sequence[_Sums], fixed: int, curves: int, tension: float) -> float:
+def _left_out(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> float:
     """Return the gain of every fold, predicted from the others."""
     found = 0.0
     for i, left_out in enumerate(sums):
-        weights, _ = _solved([s for j, s in enumerate(sums) if j != i], fixed, curves, tension)
+        weights, _ = _solved([s for j, s in enumerate(sums) if j != i], prior, curves, tension)
         found += _gain(left_out, weights)
     return found
 
 
-def _solved(sums: Sequence[_Sums], fixed: int, curves: int, tension: float) -> tuple[Floats, Floats]:
+def _solved(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> tuple[Floats, Floats]:
     """Return the penalised weights of parameters and curves, and their covariance."""
     gram, pull = sum(s.gram for s in sums), sum(s.pull for s in sums)
     information = np.array(gram, dtype=float)
+    information[: len(prior), : len(prior)] += np.diag(prior)  # the fit has weighed the prior: a step starts from there
     for j in range(curves):
-        rows = slice(fixed + j * FUNCTIONS, fixed + (j + 1) * FUNCTIONS)
+        rows = _rows(prior, j)
         mean = np.trace(information[rows, rows]) / FUNCTIONS
         information[rows, rows] += mean * (tension * Basis.roughness() + 1e-8 * np.eye(FUNCTIONS))
     scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-10, hermitian=True)
     covariance = covariance / np.outer(scale, scale)
     return covariance @ pull, covariance
+
+
+def _rows(prior: Floats, curve: int) -> slice:
+    """Return the rows of a curve's weights, behind those of the parameters."""
+    return slice(len(prior) + curve * FUNCTIONS, len(prior) + (curve + 1) * FUNCTIONS)
 
 
 def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
@@ -246,13 +254,13 @@ def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
 
 def _run(
     whole: Whole, drive: Drive, values: Floats, pinpoint: Pinpoint, number: int, curves: Sequence[Curve]
-) -> tuple[Floats, Floats]:
-    """Run the model alone with the disturbances that its own motion makes; return outputs and disturbances.
+) -> Floats:
+    """Run the model alone with the disturbances that its own motion makes; return its outputs ``(samples, ny)``.
 
     How an entry moves the next state is taken along the measured drive; it hardly depends on the motion.
     """
     spec = whole.spec
-    compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False)
+    compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False, jacobians=False)
     ahead, direct = pinpoint.linear[number].raw([c.channel for c in curves])
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
     tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
@@ -260,7 +268,7 @@ def _run(
     x = np.repeat(whole.free_run(drive, values).states[0][:, None], LANES, axis=1)
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
     limits = np.array([whole.model.valid.get(name, np.inf) for name in whole.model.states])
-    outputs, found = np.full((len(drive.time), compiled.ny), np.nan), np.zeros((len(drive.time), len(curves)))
+    outputs = np.full((len(drive.time), compiled.ny), np.nan)
     slopes = rates(drive)
     for k in range(len(drive.time)):
         if not np.all(np.abs(x[:, 0]) <= limits):
@@ -268,7 +276,7 @@ def _run(
         now = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
         d = np.array([np.interp(driver.of(*now)[0], grid, table) for driver, grid, table in tables])
         compiled.kernels.output(x, np.repeat(drive.inputs[k][:, None], LANES, axis=1), constants, y)
-        outputs[k], found[k] = y[:, 0] + direct[k] @ d, d
+        outputs[k] = y[:, 0] + direct[k] @ d
         compiled.kernels.next_state(x, np.repeat(drive.between[k][:, None], LANES, axis=1), constants, xn, w)
         x, xn = xn + (ahead[k] @ d)[:, None], x
-    return outputs, found
+    return outputs
