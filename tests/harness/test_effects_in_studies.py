@@ -69,6 +69,7 @@ effects = ["kingpin_friction", "sensor_bias@yaw_rate_trailer", "sensor_bias@yaw_
 noise_step = "10 ms"
 [values]
 kingpin_friction = 8000.0
+kingpin_friction_rate = 0.01
 sensor_bias_yaw_rate_trailer = 0.01
 sensor_bias_yaw_rate_tractor = 0.02
 {values}
@@ -128,7 +129,7 @@ def test_a_set_that_belongs_to_another_tyre_or_vehicle_is_refused(found):
 
 
 def test_a_model_written_as_a_parameter_file_is_that_model_again(tmp_path):
-    spec = plant(["kingpin_friction"], kingpin_friction="5 kN*m", trailer_mass="20 t")
+    spec = plant(["kingpin_friction"], kingpin_friction="5 kN*m", kingpin_friction_rate=0.01, trailer_mass="20 t")
     (tmp_path / "own.toml").write_text(set_text(spec, "a test", {"kingpin_friction": "  # N*m"}))
     table = {"vehicle": "semitrailer", "parameters": str(tmp_path / "own.toml")}
     again = resolve_single({**table, "sensors": "test_vehicle"}, "test")

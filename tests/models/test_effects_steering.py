@@ -100,12 +100,13 @@ def test_play_is_crossed_on_every_reversal_and_only_there():
     assert area < -3 * half * 0.05  # a loop of hysteresis, of height 2 b and about 0.1 wide
 
 
-@pytest.mark.parametrize(("effect", "size"), [("kingpin_friction", 8e3), ("kingpin_damping", 2e4)])
-def test_the_kingpin_takes_energy_from_turning_and_acts_on_both_bodies(effect, size):
+@pytest.mark.parametrize("values", [{"kingpin_friction": 8e3, "kingpin_friction_rate": 0.01}, {"kingpin_damping": 2e4}])
+def test_the_kingpin_takes_energy_from_turning_and_acts_on_both_bodies(values):
+    effect, size = next(iter(values.items()))
     for rate in (-0.2, 0.3):
         at = {"yaw_rate_tractor": 0.1, "yaw_rate_trailer": 0.1 + rate}
-        (moment,) = look("semitrailer", (effect,), ("coupling_moment",), {effect: size}, **at)
+        (moment,) = look("semitrailer", (effect,), ("coupling_moment",), values, **at)
         assert moment * rate < 0
-    assert abs(moment) == pytest.approx(8e3 if effect == "kingpin_friction" else 2e4 * 0.3)
+    assert abs(moment) == pytest.approx(size if effect == "kingpin_friction" else size * 0.3)
     still = {"yaw_rate_tractor": 0.1, "yaw_rate_trailer": 0.1}
-    assert look("semitrailer", (effect,), ("coupling_moment",), {effect: size}, **still) == pytest.approx([0.0])
+    assert look("semitrailer", (effect,), ("coupling_moment",), values, **still) == pytest.approx([0.0])
