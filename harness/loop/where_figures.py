@@ -27,21 +27,24 @@ _BEFORE, _AFTER = style.looks(["before", "after"]).values()
 
 
 def ranking(nominal: Sequence[Suspect], final: Sequence[Suspect]) -> bytes:
-    """Return what a disturbance at each of the most suspect entries gains, before and after what was added."""
+    """Return what a disturbance at each of the most suspect entries gains, before and after what was added, if any."""
     drawn = [s for s in nominal[:SHOWN] if s.gain > 0]
-    left = {s.channel.name: s.gain for s in final}
+    rankings = {"nominal model": nominal} if nominal is final else {"nominal model": nominal, "final model": final}
+    gains = [{s.channel.name: s.gain for s in suspects} for suspects in rankings.values()]
+    height = 0.72 / len(gains)
     with style.drawing():
         fig = style.figure(1.2 + 0.26 * len(drawn))
         axes = fig.subplots()
         at = np.arange(len(drawn))[::-1]
-        for y, s in zip(at, drawn, strict=True):
-            for gain, look, side in ((s.gain, _BEFORE, 0.2), (left[s.channel.name], _AFTER, -0.2)):
-                axes.barh(y + side, gain, height=0.36, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
+        for j, (known, look) in enumerate(zip(gains, (_BEFORE, _AFTER), strict=False)):
+            places = at + 0.36 - height * (j + 0.5)
+            widths = [known[s.channel.name] for s in drawn]
+            axes.barh(places, widths, 0.9 * height, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
         axes.set_yticks(at, [f"{entry(s.channel)}  {rank}" for rank, s in enumerate(drawn, 1)])
         axes.set_xlabel("gain in log-likelihood")
         axes.grid(True, axis="x")
-        names = ["nominal model", "final model"]
-        handles = style.patches(names, dict(zip(names, (_BEFORE, _AFTER), strict=True)))
+        names = list(rankings)
+        handles = style.patches(names, dict(zip(names, (_BEFORE, _AFTER), strict=False)))
         style.head(fig, "What would an unknown disturbance explain?", handles)
         return style.svg(fig)
 
