@@ -85,6 +85,8 @@ def _certainty(outcome: Outcome) -> list[str]:
             f"{called(r.added.hypothesis.name)}: {style.number(r.added.bic)} units of BIC on the fitted drives "
             f"({BIC_NEEDED:.0f} needed), log-likelihood {style.number(gain)} higher on those kept aside"
         )
+        if r is not outcome.trace.rounds[0]:
+            text += ", both over the model with what earlier rounds had added"
         others = [called(n) for n in r.confusable[1:]]
         found.append(f"{text}; hardly told from {listed(others)}" if others else text)
     return found
