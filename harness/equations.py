@@ -74,11 +74,8 @@ def derive(
         parameters: Parameters with respect to which derivatives are wanted.
         jacobians: Whether any derivatives are wanted; without them all matrices are empty.
     """
-    expanded = _expand(model)
     wanted = [*model.derivatives, *model.outputs.values(), *(model.resolve(name) for name in signals)]
-    roots = [_substitute(expr, expanded) for expr in wanted]
-    shared, reduced = sp.cse(roots, symbols=sp.numbered_symbols("s_", real=True), order="none")
-    assignments: dict[sp.Symbol, sp.Expr] = dict(shared)
+    assignments, reduced = _named_ports(model, wanted) if model.flags else _expanded(model, wanted)
     nx, ny = len(model.states), len(model.outputs)
     f, h, extra = reduced[:nx], reduced[nx : nx + ny], reduced[nx + ny :]
 
@@ -121,6 +118,49 @@ def derive(
     )
 
 
+Straight = tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]
+"""Assignments in order of use, and expressions that read them."""
+
+
+def _expanded(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
+    """Return expressions written out in states, inputs and parameters, with common subexpressions named."""
+    known = _expand(model)
+    roots = [_substitute(expr, known) for expr in wanted]
+    shared, reduced = sp.cse(roots, symbols=sp.numbered_symbols("s_", real=True), order="none")
+    return dict(shared), reduced
+
+
+def _named_ports(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
+    """Return expressions with every port an assignment of its own, as effects that may be absent need it.
+
+    Each of them holds what it changes twice, so that written out the equations would double with every effect.
+    """
+    ports = {symbol(name): expr for name, expr in model.ports.items()}
+    tangents: dict[sp.Symbol, sp.Expr] = {}
+
+    def tangent(angle: sp.Expr) -> sp.Expr:
+        if angle in ports:
+            name = sp.Symbol(f"tan_{angle.name}", real=True)
+            if name not in tangents:
+                tangents[name] = tangent(ports[angle])
+            return name
+        if isinstance(angle, present):
+            flag, *cases = angle.args
+            return present(flag, *map(tangent, cases))
+        return _tangent(angle)
+
+    def without_tangents(expr: sp.Expr) -> sp.Expr:
+        return expr.xreplace({t: tangent(t.args[0]) for t in sorted(expr.atoms(sp.tan), key=str)})
+
+    named = {name: without_tangents(expr) for name, expr in ports.items()}
+    roots = [without_tangents(expr) for expr in wanted]
+    named |= tangents
+    symbols = sp.numbered_symbols("s_", real=True)
+    shared, reduced = sp.cse([*named.values(), *roots], symbols=symbols, order="none")
+    assignments = dict(shared) | dict(zip(named, reduced, strict=False))
+    return needed(assignments, reduced[len(named) :]), reduced[len(named) :]
+
+
 def _expand(model: Model) -> dict[sp.Symbol, sp.Expr]:
     """Return every port in terms of states, inputs and parameters."""
     expanded: dict[sp.Symbol, sp.Expr] = {}
@@ -136,24 +176,21 @@ def _substitute(expr: sp.Expr, known: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
 
 
 def _without_tangents(expr: sp.Expr) -> sp.Expr:
+    """Write all tangents of an expression without tangents where that can be done."""
+    return expr.replace(lambda e: isinstance(e, sp.tan), lambda e: _tangent(e.args[0]))
+
+
+def _tangent(angle: sp.Expr) -> sp.Expr:
     """Write ``tan(a + atan(b))``, a slip variable behind a steered wheel, without tangent and arc tangent.
 
-    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the dearest functions. Where an effect
-    may change the angle, the tangent of either case is taken.
+    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the dearest functions.
     """
-
-    def fraction(angle: sp.Expr) -> sp.Expr:
-        if isinstance(angle, present):
-            flag, *cases = angle.args
-            return present(flag, *map(fraction, cases))
-        for term in angle.args if angle.is_Add else ():
-            sign, inner = (-1, -term) if term.could_extract_minus_sign() else (1, term)
-            if isinstance(inner, sp.atan):
-                a, b = angle - term, sign * inner.args[0]
-                return (sp.sin(a) + b * sp.cos(a)) / (sp.cos(a) - b * sp.sin(a))
-        return sp.tan(angle)
-
-    return expr.replace(lambda e: isinstance(e, sp.tan), lambda e: fraction(e.args[0]))
+    for term in angle.args if angle.is_Add else ():
+        sign, inner = (-1, -term) if term.could_extract_minus_sign() else (1, term)
+        if isinstance(inner, sp.atan):
+            a, b = angle - term, sign * inner.args[0]
+            return (sp.sin(a) + b * sp.cos(a)) / (sp.cos(a) - b * sp.sin(a))
+    return sp.tan(angle)
 
 
 class _ForwardMode:

@@ -33,6 +33,7 @@ class Builder:
     ) -> None:
         self.optional = optional
         self.flags: dict[str, tuple[str, ...]] = {}
+        self._named: set[str] = set()
         self.vehicle, self.tyre_file, self.effects = vehicle, tyre, dict(effects)
         self.vehicle_name = vehicle.__name__.rsplit(".", 1)[-1]
         self.states: list[str] = list(vehicle.STATES)
@@ -162,8 +163,13 @@ class Builder:
             return value
         names = self._enter_place(name, site.place)
         flag = self._flag(effect, name, site.place, names) if self.optional else None
-        changed = sp.sympify(effect.apply(EffectContext(self, name, names, site, flag), value))
-        return changed if flag is None else present(flag, changed, value)
+        if flag is None:
+            return sp.sympify(effect.apply(EffectContext(self, name, names, site), value))
+        if not value.is_Atom:  # named, because it is read twice, and again by the next effect
+            before = f"{site.port}_before_{split(name)[0]}"
+            self._named.add(before)
+            self.ports[before], value = value, symbol(before)
+        return present(flag, sp.sympify(effect.apply(EffectContext(self, name, names, site, flag), value)), value)
 
     def _flag(self, effect: ModuleType, name: str, place: str, names: Mapping[str, str]) -> sp.Symbol | None:
         """Return the symbol that says whether an effect is in force at a place; ``None`` if it always is."""
@@ -277,7 +283,7 @@ class Builder:
             found[name] = expr
             if without.free_symbols <= parameters:
                 fixed[symbol(name)] = without
-                if flags[symbol(name)]:
+                if flags[symbol(name)] and name not in self._named:
                     found[name] = present(any_of(flags[symbol(name)]), expr, without)
         return found
 
