@@ -19,7 +19,7 @@ from harness.identify.methods.likelihood import white_noise
 from harness.identify.recordings import Drive
 from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement
-from harness.loop.hypotheses import Hypothesis, coordinates, hypotheses
+from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.loop.score import Score, ScoreTest, cosine
 from harness.loop.whole import Whole
 
@@ -220,7 +220,9 @@ class _Search:
         promised = sorted(
             scores, key=lambda s: self._promise(s) + _FAVOUR * (s.hypothesis.kind == "parameter"), reverse=True
         )
-        enough = max(0.5 * BIC_NEEDED, _NEAR * self._promise(promised[0]))
+        # Many parameters at once promise much whatever is missing, so they keep nothing else from being fitted.
+        alone = [self._promise(s) for s in promised if s.hypothesis.name != ALL_PARAMETERS]
+        enough = max(0.5 * BIC_NEEDED, _NEAR * max(alone, default=0.0))
         chosen = [s for s in _distinct(promised) if self._promise(s) > enough][:_REFITTED]
         fits: dict[Hypothesis, Fitted] = {}
         reached = 0.0
@@ -230,7 +232,8 @@ class _Search:
             self.say(f"round {number}: fitting {s.hypothesis.name.replace('_', ' ')}")
             fitted = self._fit((*added, s.hypothesis), self._start(best.point, s))
             fits[s.hypothesis] = fitted
-            reached = max(reached, self._bic(s, fitted.objective - best.objective))
+            if s.hypothesis.name != ALL_PARAMETERS:
+                reached = max(reached, self._bic(s, fitted.objective - best.objective))
         if fits:
             again = self._again(added, best, fits)
             gain = max(f.objective for f in fits.values()) - best.objective
