@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,6 +34,23 @@ DriveOption = Annotated[
     list[str] | None,
     typer.Option("--option", metavar="NAME=VALUE", help='Option of the drive: amplitude="60 deg".'),
 ]
+
+
+def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequence[str]], int]:
+    """Let the command of a module return its exit status: 2, with one line on stderr, if what it was given is wrong."""
+
+    @functools.wraps(command)
+    def answering(arguments: Sequence[str]) -> int:
+        from models.contracts import ModelError
+
+        try:
+            command(arguments)
+        except (UserError, ModelError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
+        return 0
+
+    return answering
 
 
 def study_path(study: str) -> Path:

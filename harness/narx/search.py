@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from harness.command_line import answers_errors
 from harness.errors import UserError
 from harness.narx import data as training_data
 from harness.narx import figures, lipschitz
 from harness.narx.data import Data
 from harness.narx.training import Plan, candidates
 from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, write
-from models.contracts import ModelError
 
 Floats = NDArray[np.float64]
 
@@ -181,27 +181,23 @@ def _arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Search as the arguments say and write data, figures and report; return the exit status."""
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Search as the arguments say and write data, figures and report."""
     chosen = _arguments().parse_args(arguments)
-    try:
-        least = min(chosen.most, chosen.restarts, chosen.spread, chosen.epochs, chosen.every, chosen.jobs)
-        if least < 1:
-            raise UserError("most, restarts, spread, epochs, every and jobs must be at least 1")
-        data = training_data.make(training_data.semitrailer(chosen.trailer_mass), chosen.drives, chosen.seed)
-        plan = Plan(epochs=chosen.epochs, iterations=chosen.iterations, every=chosen.every)
-        spread = max(chosen.spread, chosen.restarts)
-        found_delays = delays(data, chosen.seed)
-        found = search(data, plan, architectures(chosen.most), chosen.restarts, spread, chosen.seed, chosen.jobs)
-        command = f"python -m harness.narx.search {shlex.join(arguments)}"
-        report, pictures = document(found_delays, found, plan, chosen.restarts, spread, command)
-        write(report, chosen.out)
-        _write(chosen.out, pictures, found, found_delays, command)
-    except (UserError, ModelError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    least = min(chosen.most, chosen.restarts, chosen.spread, chosen.epochs, chosen.every, chosen.jobs)
+    if least < 1:
+        raise UserError("most, restarts, spread, epochs, every and jobs must be at least 1")
+    data = training_data.make(training_data.semitrailer(chosen.trailer_mass), chosen.drives, chosen.seed)
+    plan = Plan(epochs=chosen.epochs, iterations=chosen.iterations, every=chosen.every)
+    spread = max(chosen.spread, chosen.restarts)
+    found_delays = delays(data, chosen.seed)
+    found = search(data, plan, architectures(chosen.most), chosen.restarts, spread, chosen.seed, chosen.jobs)
+    command = f"python -m harness.narx.search {shlex.join(arguments)}"
+    report, pictures = document(found_delays, found, plan, chosen.restarts, spread, command)
+    write(report, chosen.out)
+    _write(chosen.out, pictures, found, found_delays, command)
     print(f"wrote {chosen.out}/report.html")
-    return 0
 
 
 def _write(folder: Path, files: dict[str, bytes], found, found_delays: list[lipschitz.Indices], command: str) -> None:

@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from harness.command_line import answers_errors
 from harness.errors import UserError
 from harness.narx import data as training_data
 from harness.narx.closed_loop import ClosedLoop
 from harness.narx.data import PARTS, Data, Series
 from harness.narx.levenberg_marquardt import Pairs, train
 from harness.narx.network import Network, nguyen_widrow, save, scaled, unpack
-from models.contracts import ModelError
 
 Floats = NDArray[np.float64]
 
@@ -289,39 +289,35 @@ def _arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Train as the arguments say, print the candidates and write the best; return the exit status."""
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Train as the arguments say, print the candidates and write the best."""
     chosen = _arguments().parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        if chosen.out.suffix != ".npz":
-            raise UserError(f"--out {chosen.out}: a network file ends in .npz")
-        if min(*chosen.neurons, *chosen.delays, chosen.restarts, chosen.jobs) < 1:
-            raise UserError("neurons, delays, restarts and jobs must be at least 1")
-        data = training_data.make(training_data.semitrailer(chosen.trailer_mass), chosen.drives, chosen.seed)
-        plan = Plan(tuple(chosen.neurons), chosen.delays[0], chosen.delays[1], chosen.epochs, 1e-2, chosen.iterations)
-        found = candidates(data, plan, chosen.restarts, chosen.seed, chosen.jobs)
-        print(table(found, training_data.OUTPUTS))
-        best = min(range(len(found)), key=lambda i: found[i].score)
-        if not np.isfinite(found[best].score):
-            raise UserError("every candidate runs away on its own outputs; raise --iterations or --restarts")
-        network, errors = _polished(data, plan, found[best], chosen)
-        made = {
-            "command": f"python -m harness.narx.training {shlex.join(arguments)}",
-            "drives": chosen.drives.as_posix(),
-            "trailer_mass": chosen.trailer_mass,
-            "seed": chosen.seed,
-            "restarts": chosen.restarts,
-            "chosen": best,
-            "nrmse_open_loop": described(found[best].open_loop),
-            "nrmse": described(errors),
-        }
-        save(replace(network, made=made), chosen.out)
-    except (UserError, ModelError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    if chosen.out.suffix != ".npz":
+        raise UserError(f"--out {chosen.out}: a network file ends in .npz")
+    if min(*chosen.neurons, *chosen.delays, chosen.restarts, chosen.jobs) < 1:
+        raise UserError("neurons, delays, restarts and jobs must be at least 1")
+    data = training_data.make(training_data.semitrailer(chosen.trailer_mass), chosen.drives, chosen.seed)
+    plan = Plan(tuple(chosen.neurons), chosen.delays[0], chosen.delays[1], chosen.epochs, 1e-2, chosen.iterations)
+    found = candidates(data, plan, chosen.restarts, chosen.seed, chosen.jobs)
+    print(table(found, training_data.OUTPUTS))
+    best = min(range(len(found)), key=lambda i: found[i].score)
+    if not np.isfinite(found[best].score):
+        raise UserError("every candidate runs away on its own outputs; raise --iterations or --restarts")
+    network, errors = _polished(data, plan, found[best], chosen)
+    made = {
+        "command": f"python -m harness.narx.training {shlex.join(arguments)}",
+        "drives": chosen.drives.as_posix(),
+        "trailer_mass": chosen.trailer_mass,
+        "seed": chosen.seed,
+        "restarts": chosen.restarts,
+        "chosen": best,
+        "nrmse_open_loop": described(found[best].open_loop),
+        "nrmse": described(errors),
+    }
+    save(replace(network, made=made), chosen.out)
     print(f"candidate {best} chosen; free-running NRMSE {made['nrmse']['free']}; wrote {chosen.out}")
-    return 0
 
 
 def _polished(data: Data, plan: Plan, best: Candidate, chosen: argparse.Namespace) -> tuple[Network, Errors]:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from harness.command_line import answers_errors
 from harness.configure import DriveSpec, ModelSpec, resolve_single
 from harness.drives import profile_of
 from harness.errors import UserError
@@ -30,7 +31,6 @@ from harness.identify.recordings import Drive
 from harness.identify.studies.em_report import document
 from harness.identify.studies.simulated import record
 from harness.report.document import write
-from models.contracts import ModelError
 
 Floats = NDArray[np.float64]
 
@@ -148,30 +148,26 @@ def _arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Identify as the arguments say and write data and report; return the exit status."""
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Identify as the arguments say and write data and report."""
     chosen, console = _arguments().parse_args(arguments), Console(stderr=True)
-    try:
-        if min(chosen.repeats, chosen.beside, chosen.jobs) < 1 or chosen.seed < 0:
-            raise UserError("repeats, beside and jobs must be at least 1, the seed at least 0")
-        found: dict[str, list[Outcome]] = {}
-        for number, variant in enumerate(VARIANTS):
-            count = min(chosen.beside, chosen.repeats) if number else chosen.repeats
-            search(variant, chosen.seed)  # compiles, so that the times below are those of the fit
-            seeds = range(chosen.seed, chosen.seed + count)
-            found[variant] = joblib.Parallel(chosen.jobs)(joblib.delayed(search)(variant, seed) for seed in seeds)
-            spent = np.median([o.seconds for o in found[variant]])
-            console.print(f"{variant}: {count} recordings, median {spent:.1f} s of CPU time each")
-        truth = np.array([car(start=False).values[name] for name in FREE])
-        command = f"python -m harness.identify.studies.em {shlex.join(arguments)}"
-        write(document(truth, found, profiles(chosen.seed), command), chosen.out)
-        values = {v.replace(", ", "_").replace(" ", "_"): np.array([o.values for o in fs]) for v, fs in found.items()}
-        np.savez(chosen.out / "identify.npz", allow_pickle=False, truth=truth, parameters=np.array(FREE), **values)
-    except (UserError, ModelError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    if min(chosen.repeats, chosen.beside, chosen.jobs) < 1 or chosen.seed < 0:
+        raise UserError("repeats, beside and jobs must be at least 1, the seed at least 0")
+    found: dict[str, list[Outcome]] = {}
+    for number, variant in enumerate(VARIANTS):
+        count = min(chosen.beside, chosen.repeats) if number else chosen.repeats
+        search(variant, chosen.seed)  # compiles, so that the times below are those of the fit
+        seeds = range(chosen.seed, chosen.seed + count)
+        found[variant] = joblib.Parallel(chosen.jobs)(joblib.delayed(search)(variant, seed) for seed in seeds)
+        spent = np.median([o.seconds for o in found[variant]])
+        console.print(f"{variant}: {count} recordings, median {spent:.1f} s of CPU time each")
+    truth = np.array([car(start=False).values[name] for name in FREE])
+    command = f"python -m harness.identify.studies.em {shlex.join(arguments)}"
+    write(document(truth, found, profiles(chosen.seed), command), chosen.out)
+    values = {v.replace(", ", "_").replace(" ", "_"): np.array([o.values for o in fs]) for v, fs in found.items()}
+    np.savez(chosen.out / "identify.npz", allow_pickle=False, truth=truth, parameters=np.array(FREE), **values)
     print(f"wrote {chosen.out}/report.html")
-    return 0
 
 
 if __name__ == "__main__":

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 from rich.console import Console
 
+from harness.command_line import answers_errors
 from harness.configure import ModelSpec
 from harness.configure.file import Name
-from harness.errors import UserError
 from harness.identify.contract import Fit, Problem, load_method, settings_of
 from harness.identify.innovations import Innovations, hold
 from harness.identify.outcome import Judged, judge, rms, write_outcome
@@ -35,7 +35,6 @@ from harness.identify.studies.measured_report import document
 from harness.measured.axles import GRAVITY, Axle, Slope, axles_of
 from harness.measured.study import MeasuredFile, MeasuredStudy, names_of
 from harness.report.document import write
-from models.contracts import ModelError
 
 Floats = NDArray[np.float64]
 
@@ -168,26 +167,22 @@ def _arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Identify as the file says and write data and report; return the exit status."""
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Identify as the file says and write data and report."""
     chosen = _arguments().parse_args(arguments)
-    try:
-        study = IdentifyStudy.read(chosen.file)
-        if study.absent:
-            print(study.absent)
-            return 0
-        with Console(stderr=True).status("starting") as status:
-            found = identified(study, chosen.jobs, status.update)
-        command = f"python -m harness.identify.studies.measured {shlex.join(arguments)}"
-        names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
-        source = f"{study.path}, method {found.fit.method}, on {names}"
-        write_outcome(chosen.out, found.fit, list(found.judged), source)
-        write(document(found, study.raw.title, study.spans(), command), chosen.out)
-    except (UserError, ModelError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    study = IdentifyStudy.read(chosen.file)
+    if study.absent:
+        print(study.absent)
+        return
+    with Console(stderr=True).status("starting") as status:
+        found = identified(study, chosen.jobs, status.update)
+    command = f"python -m harness.identify.studies.measured {shlex.join(arguments)}"
+    names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
+    source = f"{study.path}, method {found.fit.method}, on {names}"
+    write_outcome(chosen.out, found.fit, list(found.judged), source)
+    write(document(found, study.raw.title, study.spans(), command), chosen.out)
     print(f"wrote {chosen.out}/report.html")
-    return 0
 
 
 if __name__ == "__main__":

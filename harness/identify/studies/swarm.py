@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from scipy.optimize import differential_evolution
 
+from harness.command_line import answers_errors
 from harness.compile import compile_model
 from harness.configure import DriveSpec, ModelSpec, resolve_single
 from harness.drives import profile_of, read_drives
@@ -33,7 +34,7 @@ from harness.identify.studies.swarm_report import document
 from harness.lanes import LANES
 from harness.report.document import write
 from harness.simulate import Simulator, in_lanes
-from models.contracts import ModelError, Profile
+from models.contracts import Profile
 
 Floats = NDArray[np.float64]
 
@@ -196,48 +197,43 @@ def _arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Search as the arguments say and write data and report; return the exit status."""
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Search as the arguments say and write data and report."""
     chosen, console = _arguments().parse_args(arguments), Console(stderr=True)
-    try:
-        if min(chosen.repeats, chosen.beside, chosen.iterations, chosen.jobs) < 1 or chosen.particles < 5:
-            raise UserError("repeats, beside, iterations and jobs must be at least 1, particles at least 5")
-        settings = Settings(particles=chosen.particles, iterations=chosen.iterations)
-        problem = setup(chosen.drives, chosen.seed, chosen.jobs)
-        searches = {
-            "swarm": [lambda s: optimise(problem.fit, problem.fit.lower, problem.fit.upper, s, settings)]
-            * chosen.repeats,
-            "swarm, logarithmic": [lambda s: swarm_over_logarithms(problem.fit, s, settings)] * chosen.beside,
-            "differential evolution": [lambda s: evolve(problem.fit, s, settings)] * chosen.beside,
-        }
-        found: dict[str, list[Found]] = {}
-        for name, runs in searches.items():
-            found[name] = []
-            for number, search in enumerate(runs):
-                begin = time.perf_counter()
-                found[name].append(search(chosen.seed + number))
-                console.print(
-                    f"{name} {number + 1} of {len(runs)}: cost {found[name][-1].cost:.4f}, "
-                    f"{found[name][-1].diverged} of {found[name][-1].evaluated} candidates diverged, "
-                    f"{time.perf_counter() - begin:.0f} s"
-                )
-                if not np.isfinite(found[name][-1].cost):
-                    raise UserError(f"{name}: every candidate of run {number + 1} diverged; take more particles")
-        command = f"python -m harness.identify.studies.swarm {shlex.join(arguments)}"
-        write(document(problem, found, settings, command), chosen.out)
-        arrays = {}
-        for name, some in found.items():
-            stem = name.replace(", ", "_").replace(" ", "_")
-            arrays[f"{stem}_values"] = np.array([f.values for f in some])
-            arrays[f"{stem}_cost"] = np.array([f.history for f in some])
-        parameters = np.array([f.parameter for f in problem.fit.free])
-        path = chosen.out / "identify.npz"
-        np.savez(path, allow_pickle=False, hidden=problem.hidden, parameters=parameters, **arrays)
-    except (UserError, ModelError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    if min(chosen.repeats, chosen.beside, chosen.iterations, chosen.jobs) < 1 or chosen.particles < 5:
+        raise UserError("repeats, beside, iterations and jobs must be at least 1, particles at least 5")
+    settings = Settings(particles=chosen.particles, iterations=chosen.iterations)
+    problem = setup(chosen.drives, chosen.seed, chosen.jobs)
+    searches = {
+        "swarm": [lambda s: optimise(problem.fit, problem.fit.lower, problem.fit.upper, s, settings)] * chosen.repeats,
+        "swarm, logarithmic": [lambda s: swarm_over_logarithms(problem.fit, s, settings)] * chosen.beside,
+        "differential evolution": [lambda s: evolve(problem.fit, s, settings)] * chosen.beside,
+    }
+    found: dict[str, list[Found]] = {}
+    for name, runs in searches.items():
+        found[name] = []
+        for number, search in enumerate(runs):
+            begin = time.perf_counter()
+            found[name].append(search(chosen.seed + number))
+            console.print(
+                f"{name} {number + 1} of {len(runs)}: cost {found[name][-1].cost:.4f}, "
+                f"{found[name][-1].diverged} of {found[name][-1].evaluated} candidates diverged, "
+                f"{time.perf_counter() - begin:.0f} s"
+            )
+            if not np.isfinite(found[name][-1].cost):
+                raise UserError(f"{name}: every candidate of run {number + 1} diverged; take more particles")
+    command = f"python -m harness.identify.studies.swarm {shlex.join(arguments)}"
+    write(document(problem, found, settings, command), chosen.out)
+    arrays = {}
+    for name, some in found.items():
+        stem = name.replace(", ", "_").replace(" ", "_")
+        arrays[f"{stem}_values"] = np.array([f.values for f in some])
+        arrays[f"{stem}_cost"] = np.array([f.history for f in some])
+    parameters = np.array([f.parameter for f in problem.fit.free])
+    path = chosen.out / "identify.npz"
+    np.savez(path, allow_pickle=False, hidden=problem.hidden, parameters=parameters, **arrays)
     print(f"wrote {chosen.out}/report.html")
-    return 0
 
 
 if __name__ == "__main__":
