@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ import sympy as sp
 
 from harness import readers
 from harness.errors import UserError
+from harness.folder import read_toml
 from harness.units import registry as unit_registry
 from harness.units import to_si
 from models import registry
@@ -174,11 +174,7 @@ def read_drives(path: str | Path) -> dict[str, tuple[str, dict[str, object]]]:
     Raises:
         UserError: If the file is absent or no TOML, a table lacks ``name`` or ``kind``, or two share a name.
     """
-    try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(f"{path}: cannot be read as TOML: {error}") from None
-    tables = content.get("drive")
+    tables = read_toml(Path(path)).get("drive")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise UserError(f"{path}: holds no [[drive]] table")
     found: dict[str, tuple[str, dict[str, object]]] = {}

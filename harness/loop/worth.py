@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from harness import statistics
 from harness.configure import ModelSpec, Study, load_study, read_study
 from harness.drives import profile_of
 from harness.errors import UserError
+from harness.folder import read_toml
 from harness.report.store import OK, Design, read
 from harness.run import score_study
 from harness.store import STORE
@@ -134,7 +134,7 @@ def worth(
     Raises:
         UserError, ModelError: If the study cannot be run with these models.
     """
-    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    content = read_toml(path)
     moments = _moments(models["amended"], load_study(path))
 
     def with_belief(name: str) -> Study:

@@ -17,7 +17,6 @@ of a signal is ``sign * factor * channel + offset``, as the steering calibration
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -29,6 +28,7 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictStr, ValidationEr
 from harness.configure.file import Name, Quantity, Table
 from harness.configure.problems import Problems, add_validation_errors
 from harness.errors import UserError
+from harness.folder import read_toml
 from harness.measured.derive import DERIVED
 from harness.units import scale, to_si
 from models.registry import closest
@@ -191,12 +191,7 @@ def load_map(path: str | Path) -> ChannelMap:
     """
     path = Path(path)
     problems = Problems(str(path))
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: the channel map cannot be read: {getattr(error, 'strerror', error)}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{path}: not valid TOML: {error}") from None
+    content = read_toml(path)
     raw = _validate({k: v for k, v in content.items() if k in MapFile.model_fields}, MapFile, problems, "")
     entries = {k: v for k, v in content.items() if k not in MapFile.model_fields}
     if not entries:

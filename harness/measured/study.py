@@ -24,7 +24,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +37,7 @@ from harness.configure import ModelSpec, resolve_single
 from harness.configure.file import ModelTable, Name, Quantity, Table
 from harness.configure.problems import Problems, add_validation_errors
 from harness.errors import UserError
+from harness.folder import read_toml
 from harness.measured.bank import with_bank
 from harness.measured.load import load_recording
 from harness.report.document import Sheet
@@ -130,13 +130,7 @@ class MeasuredStudy:
         """
         problems = Problems(str(path))
         try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise UserError(f"{path}: the file cannot be read: {getattr(error, 'strerror', error)}") from None
-        except tomllib.TOMLDecodeError as error:
-            raise UserError(f"{path}: not valid TOML: {error}") from None
-        try:
-            raw = cls.SCHEMA.model_validate(content)
+            raw = cls.SCHEMA.model_validate(read_toml(path))
         except ValidationError as error:
             add_validation_errors(problems, error, cls.SCHEMA)
             problems.stop()
