@@ -55,15 +55,16 @@ def finely(table: Mapping[str, Any], step: float, where: str) -> ModelSpec:
     """Return a model as a study states one, integrated finely.
 
     Args:
-        table: Keys and values as in ``[plant]``.
+        table: Keys and values as in ``[plant]``. Integrator and substeps are its own if it states them, as for a
+            vehicle so small that its tyres damp within a step.
         step: Sample time in s.
         where: Named in errors.
 
     Raises:
         UserError: If there cannot be such a model.
     """
-    fine = {"integrator": "rk4", "step": step, "substeps": math.ceil(step / FINEST)}
-    return resolve_single({**table, **fine}, where)
+    fine = {"integrator": "rk4", "substeps": math.ceil(step / FINEST)}
+    return resolve_single({**fine, **table, "step": step}, where)
 
 
 def fitted_parameters(spec: ModelSpec, named: Sequence[str], where: str) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ VALUES: dict[str, float] = {
     "friction": 0.9,
     "steering_ratio": 15.87,
     "reference_from_cog": 0.0,
+    "lowest_speed": 1.5,
     "shape_factor_front": 1.3,
     "shape_factor_rear": 1.3,
     "stiffness_peak_front": 2.33032e5,

@@ -20,6 +20,7 @@ VALUES: dict[str, float] = {
     "cog_to_rear_axle": 1.676,
     "friction": 0.9,
     "steering_ratio": 16.0,
+    "lowest_speed": 1.5,
     "shape_factor_front": 1.3,
     "shape_factor_rear": 1.3,
     "stiffness_peak_front": 2.2562e5,

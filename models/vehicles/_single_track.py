@@ -10,31 +10,35 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from models.contexts import Body
+from models.contracts import Parameter
 from models.expressions import larger
 
 if TYPE_CHECKING:
     from models.assemble import Builder
 
 GRAVITY = 9.81
-LOWEST_SPEED = 1.5
-"""m/s; slip angles use at least this speed: below it Euler's step of 10 ms is too long for the tyres' damping."""
 
-CONSTANTS: dict[str, str] = {"GRAVITY": "m/s^2", "LOWEST_SPEED": "m/s"}
+CONSTANTS: dict[str, str] = {"GRAVITY": "m/s^2"}
+
+LOWEST_SPEED: Parameter = Parameter(
+    "lowest_speed", r"v_\mathrm{min}", "m/s", 0.1, 5.0, "slip angles use at least this speed", numerical=True
+)
+"""The slower, the faster tyres damp: ``C/(m v)`` per second. Below some speed a step is too long for that."""
 
 
 def single_track(v: Builder, friction: sp.Expr) -> None:
     """State the derivatives of ``lateral_velocity`` and ``yaw_rate`` and publish what they are made of.
 
     Args:
-        v: Builder of a vehicle with inputs ``steering_wheel_angle`` and ``speed``, axles ``front`` and ``rear``, and
-            the parameters read here.
+        v: Builder of a vehicle with inputs ``steering_wheel_angle`` and ``speed``, axles ``front`` and ``rear``,
+            ``LOWEST_SPEED`` among its parameters and the others read here.
         friction: Largest friction of both tyres.
     """
     m, shift = v.p("mass"), v.port("cog_shift", 0)
     l_f, l_r = v.p("cog_to_front_axle") - shift, v.p("cog_to_rear_axle") + shift
     v_y, w, v_x = v.state("lateral_velocity"), v.state("yaw_rate"), v.input("speed")
     v.body("", Body(v_x, v_y, w, m, l_f + l_r))
-    rolling = larger(v_x, LOWEST_SPEED)
+    rolling = larger(v_x, v.p("lowest_speed"))
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     weight = m * GRAVITY / (l_f + l_r)
     pitch = v.port("pitch_moment", 0) / (l_f + l_r)

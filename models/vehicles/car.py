@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from models.contracts import Parameter
-from models.vehicles._single_track import single_track
+from models.vehicles._single_track import LOWEST_SPEED, single_track
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -33,6 +33,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("friction", r"\mu", "dimensionless", 0.05, 2.0, "largest friction of the tyres"),
     Parameter("steering_ratio", r"i_\mathrm{L}", "dimensionless", 0.5, 40.0, "steering wheel over road wheel angle"),
     Parameter("reference_from_cog", "x_R", "m", -4.0, 4.0, "reference point of the lateral velocity ahead of the CoG"),
+    LOWEST_SPEED,
 )
 
 

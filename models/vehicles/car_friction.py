@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from models.contracts import Parameter
 from models.expressions import larger
-from models.vehicles._single_track import single_track
+from models.vehicles._single_track import LOWEST_SPEED, single_track
 
 if TYPE_CHECKING:
     from models.assemble import Builder
@@ -35,6 +35,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("cog_to_rear_axle", "l_r", "m", 0.3, 4.0, "CoG to the rear axle"),
     Parameter("friction", r"\mu_0", "dimensionless", 0.05, 1.5, "largest friction at the start"),
     Parameter("steering_ratio", r"i_\mathrm{L}", "dimensionless", 1.0, 40.0, "steering wheel over road wheel angle"),
+    LOWEST_SPEED,
 )
 
 

@@ -63,6 +63,16 @@ def test_the_step_is_that_of_the_file(written):
     assert len(load_loop(path).drives()["train"][0]["time"]) == 1501
 
 
+def test_a_model_is_integrated_finely_or_as_its_file_says(written):
+    path = written()
+    path.write_text(path.read_text().replace('"10 ms"', '"20 ms"'))
+    own = load_loop(path).nominal()
+    assert (own.integrator, own.step, own.substeps) == ("rk4", 0.02, 2)
+    path.write_text(path.read_text().replace("[model]", "[model]\nsubsteps = 4"))
+    stated = load_loop(path).nominal()
+    assert (stated.integrator, stated.step, stated.substeps) == ("rk4", 0.02, 4)
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [

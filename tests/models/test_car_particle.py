@@ -7,7 +7,7 @@ import pytest
 from _numeric import euler, evaluator
 
 from models.assemble import assemble
-from models.parameters import lex_2015, sun_2015
+from models.parameters import lex_2015, lyons_2024, sun_2015
 
 G = 9.81
 SUN, LEX = sun_2015.VALUES, lex_2015.VALUES
@@ -109,6 +109,20 @@ def test_axles_have_the_stiffness_of_the_source():
     f = evaluator(model, LEX, [f"cornering_stiffness_axle_{end}" for end in ("front", "rear")])
     stiffness = f(np.array([0.0, 0.0, 0.9]), np.array([0.0, 20.0]))
     assert stiffness == pytest.approx([140e3, 130.2e3], rel=1e-4)
+
+
+def test_slip_angles_use_the_lowest_speed_of_the_set():
+    """Below it they are those at that speed, above it their own: a model car at walking pace is no standing car."""
+    model = assemble("car", "magic_formula")
+    f = evaluator(model, lyons_2024.VALUES, ["slip_angle_axle_front", "slip_angle_axle_rear"])
+    lowest, x = lyons_2024.VALUES["lowest_speed"], np.array([0.05, 0.4])
+
+    def slip(speed):
+        return f(x, np.array([{"steering_wheel_angle": 0.1, "speed": speed}[n] for n in model.inputs]))
+
+    assert slip(0.3 * lowest) == pytest.approx(slip(lowest), rel=1e-12)
+    front, rear = (0.05 + 0.08049 * 0.4) / (2 * lowest), (0.05 - 0.09301 * 0.4) / (2 * lowest)
+    assert slip(2 * lowest) == pytest.approx([0.1 - np.arctan(front), -np.arctan(rear)], rel=1e-12)
 
 
 @pytest.mark.parametrize("begin", [0.995, 1.0, 1.0 + 1e-12, 1.0 - 1e-12])
