@@ -16,7 +16,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.attribution import PLANT, Scored, score
+from bench.attribution.run import PLANT, listed
+from bench.attribution.score import Scored, score
 
 STUDY = Path("studies/loops/semitrailer.toml")
 FOLDER = Path("results/loop-semitrailer")
@@ -26,9 +27,7 @@ SIZES = ("medium", "large")
 
 def draw(seed: int) -> tuple[str, int]:
     """Return a case of the blind plant with an effect of the library, and its repeat."""
-    listed = subprocess.run([sys.executable, str(PLANT), "--list"], capture_output=True, text=True, check=True).stdout
-    cases = [line.split("\t") for line in listed.splitlines()]
-    open_to_draw = [n for n, kind in cases if kind == "effect" and n.startswith("semitrailer") and n.endswith(SIZES)]
+    open_to_draw = [n for n, kind in listed() if kind == "effect" and n.startswith("semitrailer") and n.endswith(SIZES)]
     chance = random.Random(seed)
     return chance.choice(open_to_draw), chance.randrange(1000)
 

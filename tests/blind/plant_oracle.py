@@ -65,8 +65,8 @@ def library_values(effect: Drawn, p: Semitrailer | Car) -> dict[str, float]:
     for key, value in effect.values.items():
         name, _, channel = key.partition("@")
         if channel:
-            kept = name in ("lever_arm", "roll_per_acceleration")
-            place = channel.removeprefix("lateral_acceleration") if kept else f"_{channel}"
+            body = channel.removeprefix("lateral_acceleration")
+            place = body if name == "roll_per_acceleration" else f"_{channel}"
             found[_SENSORS[name] + place] = value
             if name == "roll_per_acceleration":
                 found[f"roll_frequency{place}"] = ROLL_FREQUENCY
@@ -106,5 +106,5 @@ def library_times(effect: Drawn, changes: Changes) -> dict[str, float]:
     return {
         "crosswind": {"crosswind_onset": changes.gust_begin, "crosswind_end": changes.gust_end},
         "friction_change": {"friction_change_time": changes.friction},
-        "payload_shift": {"payload_shift_time_trailer": changes.payload},
+        "payload_shift": {"payload_shift_time": changes.payload},
     }.get(effect.name, {})

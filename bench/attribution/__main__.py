@@ -1,0 +1,74 @@
+"""How often ``harness trace`` names what is missing: cases of the blind plant, traced, and only then opened.
+
+``python -m bench.attribution --cases semitrailer-none semitrailer-crosswind-medium`` runs some cases, ``--vehicle car``
+all of one vehicle, ``--magnitude medium`` all of one magnitude, nothing of these all that the plant lists (hours).
+Cases that were traced already are only scored; ``--traced`` runs no other. The folder holds every case, and for all
+that are in it ``attribution.json`` (what ``bench.attribution.renew`` makes the tables of the docs of),
+``attribution.md`` and the figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+
+from bench.attribution.figures import figures
+from bench.attribution.run import NOMINAL, Case, listed, run_all
+from bench.attribution.score import FAILED, MAGNITUDES, Scored, score, text
+from bench.attribution.tables import case_table, tables
+from harness.folder import write_files
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run, score, print and write."""
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.attribution", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cases", nargs="+", default=[], help="names from the plant's list")
+    parser.add_argument("--vehicle", choices=tuple(NOMINAL), help="cases of one vehicle only")
+    parser.add_argument("--magnitude", choices=MAGNITUDES, help="one only; cases that have none stay")
+    parser.add_argument("--repeats", type=int, default=1, help="draws of each case (%(default)s)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (%(default)s, whose traces take all cores)")
+    parser.add_argument("--traced", action="store_true", help="run no case that was not traced already")
+    parser.add_argument("--out", type=Path, default=Path("results/attribution"), help="folder (%(default)s)")
+    given = parser.parse_args(arguments)
+    names = [name for name, _ in listed()]
+    unknown = [name for name in given.cases if name not in names]
+    if unknown or given.jobs < 1 or given.repeats < 1:
+        parser.error(f"the plant has no case {unknown[0]}" if unknown else "--jobs and --repeats are 1 or more")
+    chosen = [n for n in given.cases or names if wanted(n, given.vehicle, given.magnitude)]
+    cases = [Case(n, repeat, given.out / f"{n}-{repeat}") for repeat in range(given.repeats) for n in chosen]
+    if given.traced:
+        cases = [case for case in cases if (case.folder / "trace" / "trace.json").exists()]
+    console = Console()
+    for case, problem in track(run_all(cases, given.jobs), "tracing", total=len(cases), console=console):
+        console.print(f"{case.name}, {case.repeat}: {problem or said(score(case.folder))}", soft_wrap=True)
+    scored = gathered(given.out)
+    write_files(given.out, {"attribution.json": text(scored), "attribution.md": tables(scored) + case_table(scored)})
+    write_files(given.out, figures(scored))
+    console.print(tables(scored), markup=False, soft_wrap=True)
+
+
+def wanted(name: str, vehicle: str | None, magnitude: str | None) -> bool:
+    """Whether a case is of a vehicle and of a magnitude, where either is asked for."""
+    others = tuple(f"-{m}" for m in MAGNITUDES if magnitude not in (None, m))
+    return (vehicle is None or name.startswith(f"{vehicle}-")) and not name.endswith(others)
+
+
+def said(scored: Scored) -> str:
+    """Return a case in a line."""
+    return f"{scored.verdict}, {', '.join(scored.claimed) or 'nothing claimed'}, {'right' if scored.right else 'wrong'}"
+
+
+def gathered(folder: Path) -> list[Scored]:
+    """Return every case of a folder that was traced or could not be, scored, in the order of the names."""
+    ended = {f.parents[1] for f in folder.glob("*/trace/trace.json")} | {f.parent for f in folder.glob(f"*/{FAILED}")}
+    return [score(case) for case in sorted(ended)]
+
+
+if __name__ == "__main__":
+    main()

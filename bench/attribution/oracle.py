@@ -1,0 +1,130 @@
+"""The oracle of a case: the fit that knows what is missing, as the best that a trace could reach.
+
+The true effects in the library's words (``tests/blind/plant_oracle.py``), the parameters that are not as published
+and what the trace fits anyway are fitted to the same drives, from their true values, and judged on the same held-out
+drive. Where the library has no form for what is missing there is no oracle.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from harness.folder import write_files
+from harness.loop.fit import Fitted, Fitting, Point
+from harness.loop.held_out import HeldOut
+from harness.loop.hypotheses import Hypothesis, coordinates, hypotheses
+from harness.loop.run import Task
+from harness.loop.score import ScoreTest
+from harness.loop.trace import first_variances
+from harness.loop.whole import Whole
+from harness.measured.study import names_of
+from models.placement import split
+
+FILE = "oracle.json"
+ITERATIONS = 25
+"""As many as the nominal fit of a trace gets."""
+
+
+def write_oracle(folder: Path, task: Task, whole: Whole) -> None:
+    """Fit the oracle of a case and write ``oracle.json``: held-out excess, hypotheses and fitted values.
+
+    Args:
+        folder: Of the case; its ``sealed.json`` is read.
+        task: As it was traced.
+        whole: Its model, compiled.
+    """
+    sealed = json.loads((folder / "sealed.json").read_text())
+    with threadpool_limits(1):
+        found = _oracle(sealed, task, whole)
+    write_files(folder, {FILE: json.dumps(found, indent=1) + "\n"})
+
+
+def _oracle(sealed: Mapping[str, Any], task: Task, whole: Whole) -> dict[str, Any]:
+    recordings = task.train + task.test
+    drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    train, test = drives[: len(task.train)], drives[len(task.train) :]
+    true = [true_hypotheses(whole, effect) for effect in sealed["effects"]]
+    if not all(true):
+        return {"excess": None, "added": None, "parameters": {}}
+    known = tuple(h for hypotheses_of_one in true for h in hypotheses_of_one)
+    variances = first_variances(whole, drives)
+    fitting = Fitting(whole, train, variances)
+    free = free_parameters(sealed, task.free, whole)
+    start = _start(fitting, sealed, true, free)
+    fitted = fitting.fit(coordinates(whole, free, known, len(train)), start, ITERATIONS)
+    judged = HeldOut(whole, test, variances).judge(known, fitted.point)
+    return {
+        "excess": judged.excess if math.isfinite(judged.excess) else None,
+        "added": [h.name for h in known],
+        "parameters": {n: float(fitted.point.values[whole.row(n), 0]) for h in known for n in h.shared}
+        | {n: float(fitted.point.values[whole.row(n), 0]) for n in free},
+    }
+
+
+def true_hypotheses(whole: Whole, effect: Mapping[str, Any]) -> tuple[Hypothesis, ...]:
+    """Return the smallest hypothesis of the library that holds what is true, or several that together do, or nothing.
+
+    Args:
+        whole: The model with the library.
+        effect: From ``sealed.json``.
+    """
+    known = effect["oracle"]
+    needed = {*known["parameters"], *(name for times in known["per_drive"].values() for name in times)}
+    own = [h for h in hypotheses(whole, ()) if h.kind == "effect" and split(h.name)[0] == effect["name"]]
+    if not effect["in_library"] or not own:
+        return ()
+    if not needed:  # no values to go by: everything that the library's effect has
+        return (max(own, key=lambda h: len(h.shared)),)
+    holding = [h for h in own if needed <= {*h.shared, *h.moments}]
+    if holding:
+        return (min(holding, key=lambda h: len(h.shared)),)
+    parts = tuple(h for h in own if needed & {*h.shared, *h.moments})
+    return parts if needed <= {n for h in parts for n in (*h.shared, *h.moments)} else ()
+
+
+def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], whole: Whole) -> tuple[str, ...]:
+    """Return the parameters of the model that the oracle fits: the usual ones, and those that are not as published.
+
+    A parameter that an effect of the plant overwrites is the effect's.
+    """
+    taken = {name for effect in sealed["effects"] for name in effect["parameters"]}
+    wrong = [n for n in sealed["parameters"] if n in whole.names and n not in taken]
+    return tuple(dict.fromkeys([*usual, *wrong]))
+
+
+def _start(
+    fitting: Fitting, sealed: Mapping[str, Any], true: Sequence[tuple[Hypothesis, ...]], free: tuple[str, ...]
+) -> Point:
+    """Return the truth; of an effect without values in the library's words, what the score test promises."""
+    point, whole = fitting.first(), fitting.whole
+    values = point.values.copy()
+    for name in free:
+        if name in sealed["parameters"]:
+            values[whole.row(name)] = sealed["parameters"][name]["true"]
+    for effect in sealed["effects"]:
+        for name, value in effect["oracle"]["parameters"].items():
+            values[whole.row(name)] = value
+        for i, drive in enumerate(fitting.drives):
+            for name, time in effect["oracle"]["per_drive"][drive.name].items():
+                values[whole.row(name), i] = time
+    point = replace(point, values=values)
+    effects = zip(true, sealed["effects"], strict=True)
+    unknown = [h for own, effect in effects if not effect["oracle"]["parameters"] for h in own]
+    return _promised(fitting, unknown, point, free) if unknown else point
+
+
+def _promised(fitting: Fitting, unknown: Sequence[Hypothesis], point: Point, free: tuple[str, ...]) -> Point:
+    whole = fitting.whole
+    without: Fitted = fitting.fit(coordinates(whole, free, (), len(fitting.drives)), point, ITERATIONS)
+    values = without.point.values.copy()
+    for score in ScoreTest(fitting, without).of(unknown):
+        for name, value in zip(score.hypothesis.shared, [*score.amplitudes, *score.shapes], strict=True):
+            values[whole.row(name)] = value
+    return replace(without.point, values=values)

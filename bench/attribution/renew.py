@@ -1,0 +1,56 @@
+"""Renew tables and figures of ``docs/attribution.md`` from the results of the proof.
+
+``python -m bench.attribution.renew results/attribution/attribution.json``; ``make attribution-docs`` does it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.attribution.figures import caption, figures
+from bench.attribution.score import load
+from bench.attribution.tables import tables
+from harness.command_line import answers_errors
+from harness.errors import UserError
+from harness.folder import write_files
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = "attribution.md"
+BEGIN, END = "<!-- written by python -m bench.attribution.renew -->", "<!-- end -->"
+
+
+def renewed(page: str, content: str) -> str:
+    """Return a page with other content between its marks.
+
+    Raises:
+        UserError: If a mark is missing.
+    """
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise UserError(f"{PAGE}: put {BEGIN} and {END} on lines of their own around what is to be written")
+    return f"{before}{BEGIN}\n\n{content.strip()}\n\n{END}{after}"
+
+
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Write the page and the figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=Path, nargs="?", default=Path("results/attribution/attribution.json"))
+    given = parser.parse_args(arguments)
+    if not given.results.exists():
+        raise UserError(f"{given.results}: there is no such file; python -m bench.attribution writes it")
+    scored = load(given.results)
+    drawn = figures(scored)
+    shown = "\n".join(f"![{caption(name)}](attribution/{name})\n" for name in drawn)
+    content = f"{len(scored)} cases.\n\n{tables(scored)}\n## Figures\n\n{shown}"
+    write_files(DOCS, {PAGE: renewed((DOCS / PAGE).read_text(encoding="utf-8"), content)})
+    write_files(DOCS / "attribution", drawn)
+    print(f"wrote {DOCS / PAGE} and {len(drawn)} figures")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,156 @@
+"""One case of the blind plant: written in a process of its own, traced, and the oracle fitted.
+
+Whatever is there already is kept, so an interrupted run goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import traceback
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bench.attribution.oracle import FILE, write_oracle
+from bench.attribution.score import FAILED
+from harness.errors import UserError
+from harness.folder import write_files
+from harness.identify.recordings import step_of
+from harness.loop.run import Task, run_trace, whole_of
+from harness.loop.whole import Whole
+from harness.measured import load_recording
+from harness.measured.study import finely, fitted_parameters
+from models.contracts import ModelError
+
+PLANT = Path(__file__).parents[2] / "tests" / "blind" / "plant.py"
+
+NOMINAL: dict[str, dict[str, Any]] = {
+    "semitrailer": {"parameters": "ziaukas_2023", "tyre": "magic_formula", "sensors": "test_vehicle_inertial"},
+    "car": {"parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"},
+}
+"""The nominal model of each vehicle of the plant. Its values are those that the plant publishes (``belief.json``); the
+parameter set gives first variances only, and of the car the reference point in the CoG."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case of the plant and where it is.
+
+    Attributes:
+        name: From the plant's list.
+        repeat: Which draw of it.
+        folder: Where it is written, traced and scored.
+    """
+
+    name: str
+    repeat: int
+    folder: Path
+
+
+class Tracer:
+    """Writes and traces cases; the model of a vehicle is compiled once.
+
+    Args:
+        threads: Of one trace; all cores by default.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        self._threads = threads
+        self._wholes: dict[str, Whole] = {}
+
+    def run(self, case: Case) -> str:
+        """Do what is left of a case; return what went wrong, or nothing.
+
+        A trace that ends in an error is a wrong answer, so that is noted in the folder. A case that the plant could
+        not write is no case.
+        """
+        problem = _written(case)
+        if problem:
+            return problem
+        folder = case.folder
+        try:
+            task, whole = self._model(folder)
+            if not (folder / "trace" / "trace.json").exists():
+                run_trace(task, folder / "trace", Console(quiet=True), whole)
+            if not (folder / FILE).exists():
+                write_oracle(folder, task, whole)
+        except Exception as error:  # one broken case must not end the run of hundreds
+            known = isinstance(error, UserError | ModelError)
+            write_files(folder, {FAILED: str(error) if known else traceback.format_exc()})
+            return str(error)
+        (folder / FAILED).unlink(missing_ok=True)
+        return ""
+
+    def _model(self, folder: Path) -> tuple[Task, Whole]:
+        task, vehicle = task_of(folder)
+        task = replace(task, jobs=self._threads)
+        if vehicle not in self._wholes:
+            self._wholes[vehicle] = whole_of(task)
+        return task, self._wholes[vehicle]
+
+
+def _written(case: Case) -> str:
+    """Have the plant write a case that is not there; return what it says if it cannot. The seal is written last."""
+    if (case.folder / "sealed.json").exists():
+        return ""
+    plant = [sys.executable, str(PLANT), "--case", case.name, "--repeat", str(case.repeat), "--out", str(case.folder)]
+    done = subprocess.run(plant, capture_output=True, text=True, check=False)
+    return done.stderr.strip() if done.returncode else ""
+
+
+def task_of(folder: Path) -> tuple[Task, str]:
+    """Return what is to be traced in a folder, and the vehicle; the seal is not read."""
+    drives = [load_recording(folder / f"{n}.csv", None).assign_attrs(name=n) for n in ("train_a", "train_b", "test")]
+    belief = json.loads((folder / "belief.json").read_text())
+    vehicle = belief["vehicle"]
+    table = {"vehicle": vehicle, **NOMINAL[vehicle], "values": belief["parameters"]}
+    spec = finely(table, step_of(drives[0]), str(folder))
+    return Task(spec, drives[:2], drives[2:], fitted_parameters(spec, [], "free"), ()), vehicle
+
+
+def run_all(cases: Sequence[Case], processes: int) -> Iterator[tuple[Case, str]]:
+    """Run cases, and yield each with what went wrong as it ends.
+
+    Args:
+        cases: What to run.
+        processes: With one, a trace takes all cores; with more, each traces with one thread.
+    """
+    if processes == 1:
+        tracer = Tracer()
+        yield from ((case, tracer.run(case)) for case in cases)
+        return
+    with ProcessPoolExecutor(processes, get_context("spawn"), _begin) as pool:
+        pending = {pool.submit(_run, case): case for case in cases}
+        try:
+            yield from ((pending[done], done.result()) for done in as_completed(pending))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+_tracer: Tracer
+"""Of a process of the pool, which keeps it from case to case."""
+
+
+def _begin() -> None:
+    global _tracer
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # an interrupt ends the process at once, without its own traceback
+    _tracer = Tracer(threads=1)
+
+
+def _run(case: Case) -> str:
+    return _tracer.run(case)
+
+
+def listed() -> list[tuple[str, str]]:
+    """Return name and kind of every case of the plant."""
+    done = subprocess.run([sys.executable, str(PLANT), "--list"], capture_output=True, text=True, check=True)
+    return [(name, kind) for name, kind in (line.split("\t") for line in done.stdout.splitlines())]

@@ -1,0 +1,235 @@
+"""What a trace says against what the seal says: one case, scored."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from harness.loop.outcome import EXCESS
+from harness.report import style
+from harness.report.store import print_unit
+from models.placement import split
+
+MAGNITUDES = ("small", "medium", "large")
+FAILED = "failed.txt"
+"""In a case's folder: why it could not be traced, which counts as a wrong answer."""
+
+NOTHING, UNRESOLVED, PARAMETER, CURVE = "nothing", "unresolved", "a parameter", "a curve"
+"""First claims of a trace that names no effect."""
+
+_PARAMETER = "parameter:"
+_UNTRACED: dict[str, Any] = {
+    "verdict": "failed",
+    **{key: [] for key in ("added", "parameters", "confusable", "candidates")},
+    "excess": {"before": None, "after": None},
+}
+_SHOWN = {"rad": (180.0 / math.pi, "°"), "N": (1e-3, "kN"), "N*m": (1e-3, "kN·m"), "s": (1e3, "ms")}
+"""Factor and unit in which sizes are shown."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One case, scored.
+
+    Attributes:
+        case: Its name.
+        repeat: Its repeat.
+        vehicle: Of the plant.
+        kind: ``none``, ``parameters``, ``effect``, ``pair`` or ``unlisted``.
+        magnitude: ``small``, ``medium``, ``large`` or empty.
+        verdict: What the trace says; ``failed`` if there is none.
+        expected: What it should say.
+        true: Names of the effects that are there.
+        claimed: Effects added, in their order.
+        first: The first claim: an effect, the true one where the claim is an equivalent of it, or one of the words
+            for traces that name none.
+        named: How many of the true effects were added, under their own name or an equivalent.
+        found: The same, or stand in a confusable set of an addition.
+        extra: Effects added that are not true.
+        misplaced: True effects that were added, but at another axle, body or sensor.
+        right: Whether the case counts as solved.
+        closed: Share of the gap between nominal model and oracle that was closed, on the root of the held-out excess;
+            NaN if there was no gap.
+        oracle: Held-out excess of the oracle; NaN if the sensors' noise is the floor.
+        errors: Relative error of each parameter that both sides name.
+        size: What the first true effect is, in the plant's words.
+        reach: Its size over the smallest one that the score test said these drives could show (three standard errors);
+            NaN if the library has no such parameter.
+    """
+
+    case: str
+    repeat: int
+    vehicle: str
+    kind: str
+    magnitude: str
+    verdict: str
+    expected: str
+    true: tuple[str, ...]
+    claimed: tuple[str, ...]
+    first: str
+    named: int
+    found: int
+    extra: tuple[str, ...]
+    misplaced: tuple[str, ...]
+    right: bool
+    closed: float
+    oracle: float
+    errors: dict[str, float]
+    size: str
+    reach: float
+
+
+def score(folder: Path) -> Scored:
+    """Compare what was traced in a folder with what the seal says.
+
+    Args:
+        folder: Holds ``sealed.json``, ``trace/trace.json`` or ``failed.txt``, and ``oracle.json`` if one was fitted.
+    """
+    sealed, trace = json.loads((folder / "sealed.json").read_text()), folder / "trace" / "trace.json"
+    traced = json.loads(trace.read_text()) if trace.exists() else _UNTRACED
+    oracle = _oracle(folder / "oracle.json")
+    accepted = {name: e["name"] for e in sealed["effects"] for name in (e["name"], *e["equivalent"])}
+    claimed = [a["effect"] for a in traced["added"]]
+    named = {accepted.get(n) for n in (*claimed, *(_PARAMETER + a["effect"] for a in traced["parameters"]))} - {None}
+    found = named | ({accepted.get(n) for n in _alike(traced)} - {None} if claimed or traced["parameters"] else set())
+    known = sealed["effects"][0] if sealed["effects"] else None
+    return Scored(
+        sealed["case"],
+        sealed["repeat"],
+        sealed["vehicle"],
+        sealed["kind"],
+        next((m for m in MAGNITUDES if sealed["case"].endswith(f"-{m}")), ""),
+        traced["verdict"],
+        sealed["expected_verdict"],
+        tuple(e["name"] for e in sealed["effects"]),
+        tuple(claimed),
+        _first(traced, accepted),
+        len(named),
+        len(found),
+        tuple(n for n in claimed if n not in accepted),
+        tuple(e["name"] for e in sealed["effects"] if _misplaced(e, traced["added"])),
+        _right(sealed, traced["verdict"], claimed, len(found)),
+        _closed(traced["excess"], oracle),
+        oracle,
+        _errors(traced, sealed),
+        _size(known, sealed["noise"]) if known else "",
+        _reach(known["oracle"]["parameters"], traced["candidates"]) if known else math.nan,
+    )
+
+
+def _oracle(file: Path) -> float:
+    excess = json.loads(file.read_text())["excess"] if file.exists() else None
+    return math.nan if excess is None else float(excess)
+
+
+def _alike(traced: Mapping[str, Any]) -> set[str]:
+    """Return everything in a confusable set of an addition, parameters with their prefix."""
+    names = {name for group in traced["confusable"] for name in group}
+    tried = {(c["name"], c["kind"]) for c in traced["candidates"] if c["name"] in names}
+    return {_PARAMETER + name if kind == "parameter" else split(name)[0] for name, kind in tried}
+
+
+def _first(traced: Mapping[str, Any], accepted: Mapping[str, str]) -> str:
+    for a in traced["added"]:
+        return accepted.get(a["effect"], a["effect"])
+    for a in traced["parameters"]:
+        if _PARAMETER + a["effect"] in accepted:
+            return accepted[_PARAMETER + a["effect"]]
+    if traced["verdict"] in (UNRESOLVED, "failed"):
+        return str(traced["verdict"])
+    if traced["verdict"] == "amended":
+        return CURVE
+    return PARAMETER if traced["parameters"] else NOTHING
+
+
+def _misplaced(effect: Mapping[str, Any], added: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether an effect was added, but nowhere with a parameter that it really has."""
+    true = effect["oracle"]["parameters"].keys()
+    same = [a for a in added if a["effect"] == effect["name"]]
+    return bool(true and same) and not any(true & a["parameters"].keys() for a in same)
+
+
+def _right(sealed: Mapping[str, Any], verdict: str, claimed: Sequence[str], found: int) -> bool:
+    if verdict == "failed":
+        return False
+    match sealed["kind"]:
+        case "none" | "parameters":
+            return not claimed and verdict != "amended"
+        case "unlisted":
+            return verdict == UNRESOLVED
+    return found == len(sealed["effects"])
+
+
+def _closed(excess: Mapping[str, float | None], oracle: float) -> float:
+    """Return the share of the gap that was closed; a model that leaves the range of its equations strays without end.
+
+    An oracle that does no better than the nominal model is no oracle; then the sensors' noise is the floor.
+    """
+    before, after = (math.inf if e is None else e for e in (excess["before"], excess["after"]))
+    floor = oracle if oracle < before else 0.0
+    if before - floor <= EXCESS:
+        return math.nan
+    if math.isinf(after):
+        return 0.0
+    if math.isinf(before):
+        return 1.0
+    return (math.sqrt(before) - math.sqrt(after)) / (math.sqrt(before) - math.sqrt(floor))
+
+
+def _errors(traced: Mapping[str, Any], sealed: Mapping[str, Any]) -> dict[str, float]:
+    values = {name: p["value"] for a in traced["added"] for name, p in a["parameters"].items()}
+    same = [e["oracle"]["parameters"] for e in sealed["effects"] if e["oracle"]["form"] == "same"]
+    true = {n: v for parameters in same for n, v in parameters.items()}
+    return {n: abs(values[n] / v - 1.0) for n, v in true.items() if values.get(n) is not None and v != 0.0}
+
+
+def _size(effect: Mapping[str, Any], noise: Mapping[str, float]) -> str:
+    """Write the first parameter of an effect; one without a unit of its own in standard deviations of its channel."""
+    first = next(iter(effect["parameters"].values()))
+    value, unit = abs(first["value"]), first["unit"]
+    if unit == "":
+        return f"{style.number(value / noise[effect['place']])} σ"
+    factor, shown = _SHOWN.get(unit, (1.0, print_unit(unit)))
+    return style.with_unit(factor * value, shown)
+
+
+def _reach(true: Mapping[str, float], candidates: Sequence[Mapping[str, Any]]) -> float:
+    """Return the size over the limit that the first round predicts.
+
+    An amplitude's limit is that of the hypothesis with the fewest others beside it; of several amplitudes the one
+    that shows best counts.
+    """
+    limits = [c["detectable"] for c in candidates if c["round"] == 1 and c["kind"] == "effect"]
+    reached = []
+    for name, value in true.items():
+        of_name = [limit for limit in limits if name in limit]
+        if of_name:
+            least = min(of_name, key=len)[name]
+            reached.append(0.0 if least is None else abs(value) / least)
+    return max(reached, default=math.nan)
+
+
+def load(file: Path) -> list[Scored]:
+    """Return what ``save`` wrote."""
+    cases = json.loads(file.read_text())
+    lists = {f.name for f in fields(Scored) if str(f.type).startswith("tuple")}
+    numbers = {f.name for f in fields(Scored) if f.type == "float"}
+
+    def restored(name: str, value: Any) -> Any:
+        if name in lists:
+            return tuple(value)
+        return math.nan if name in numbers and value is None else value
+
+    return [Scored(**{name: restored(name, value) for name, value in case.items()}) for case in cases]
+
+
+def text(scored: Sequence[Scored]) -> str:
+    """Return cases as JSON; what is not finite is ``null``."""
+    plain = [
+        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(s).items()} for s in scored
+    ]
+    return json.dumps(plain, indent=1) + "\n"

@@ -1,0 +1,222 @@
+"""Tables of the proof, as Markdown: against what is asked, by kind, by effect, and what was claimed instead."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from scipy.stats import binomtest
+
+from bench.attribution.score import MAGNITUDES, Scored
+from harness.report.store import words
+
+KINDS = ("none", "parameters", "effect", "pair", "unlisted")
+SOUND = ("none", "parameters")
+"""Kinds in which no effect is there."""
+
+Cases = Sequence[Scored]
+
+
+def wilson(right: int, total: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share after Wilson (1927), which holds for few cases and for shares of 0 and 1."""
+    found = binomtest(right, total).proportion_ci(0.95, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def share(values: Iterable[bool]) -> str:
+    """Write a share with its interval: ``19 of 20, 95 % (76 to 99)``; a dash of nothing."""
+    flags = list(values)
+    if not flags:
+        return "–"
+    low, high = wilson(sum(flags), len(flags))
+    return f"{sum(flags)} of {len(flags)}, {np.mean(flags):.0%} ({100 * low:.0f} to {100 * high:.0f})".replace(
+        "%", " %"
+    )
+
+
+def median(values: Iterable[float], digits: int = 0) -> str:
+    """Write the median of shares in percent; a dash of nothing."""
+    known = [v for v in values if math.isfinite(v)]
+    return f"{100 * np.median(known):.{digits}f} %" if known else "–"
+
+
+def tables(scored: Cases) -> str:
+    """Return all tables but the list of cases; each vehicle has its own."""
+    parts = ["## Against what is asked", numbers(scored)]
+    for vehicle in vehicles(scored):
+        own = [s for s in scored if s.vehicle == vehicle]
+        parts += [f"## {words(vehicle).capitalize()}", "### By kind", kinds(own), "### False alarms", alarms(own)]
+        parts += ["### By effect", effects(own), "### Confusion", confusion(own)]
+    return "\n\n".join(parts) + "\n"
+
+
+def vehicles(scored: Cases) -> list[str]:
+    """Return the vehicles of the cases, in order."""
+    return list(dict.fromkeys(s.vehicle for s in sorted(scored, key=lambda s: s.vehicle, reverse=True)))
+
+
+def effects_in(scored: Cases) -> list[str]:
+    """Return the effects of cases with one effect, those of the library first."""
+    kinds = {s.true[0]: s.kind for s in scored if s.kind in ("effect", "unlisted")}
+    return sorted(kinds, key=lambda name: (kinds[name], name))
+
+
+def numbers(scored: Cases) -> str:
+    """Return the table of what is asked of medium magnitudes, and of what was measured, by vehicle."""
+    own = {v: [s for s in scored if s.vehicle == v] for v in vehicles(scored)}
+    lines = header(["at medium magnitude", "asked", *own], 1)
+    lines += [line([what, asked, *(measured(cases) for cases in own.values())]) for what, asked, measured in _ASKED]
+    return "\n".join(lines)
+
+
+def _named(cases: Cases) -> str:
+    return share(s.named == len(s.true) for s in of(cases, "effect"))
+
+
+def _errors(cases: Cases) -> str:
+    return median((e for s in of(cases, "effect") for e in s.errors.values()), 1)
+
+
+def _nearly(cases: Cases) -> str:
+    return share(s.closed >= 0.9 for s in of(cases, "effect", "pair") if math.isfinite(s.closed))
+
+
+_ASKED: tuple[tuple[str, str, Callable[[Cases], str]], ...] = (
+    ("true effect added, or in a confusable set of what was", "95 %", lambda c: _right(c, "effect")),
+    ("true effect added itself", "–", _named),
+    ("no effect claimed where none is", "95 %", lambda c: _right(c, *SOUND)),
+    ("parameter error, median", "5 %", _errors),
+    ("at least 90 % of the gap closed", "90 %", _nearly),
+    ("both of two effects found", "75 %", lambda c: _right(c, "pair")),
+    ("unlisted effect: `unresolved`", "80 %", lambda c: _right(c, "unlisted")),
+    ("unlisted effect: gap closed, median", "50 %", lambda c: median(s.closed for s in of(c, "unlisted"))),
+)
+"""What is measured, what is asked of it, and how."""
+
+
+def _right(cases: Cases, *kinds: str) -> str:
+    return share(s.right for s in of(cases, *kinds))
+
+
+def of(scored: Cases, *kinds: str) -> list[Scored]:
+    """Return the cases of some kinds, at medium magnitude where there are several."""
+    return [s for s in scored if s.kind in kinds and s.magnitude in ("", "medium")]
+
+
+def kinds(scored: Cases) -> str:
+    """Return shares right, of expected verdicts and of wrong additions, and gaps closed, by kind and magnitude."""
+    groups = {name: cases for name, cases in by_kind(scored).items() if cases}
+    lines = header(
+        ["cases", "right (95 %)", "expected verdict", "with an effect that is not there", "gap closed, median"], 1
+    )
+    for name, cases in groups.items():
+        row = [share(s.right for s in cases), share(s.verdict == s.expected for s in cases)]
+        row += [str(sum(bool(s.extra) for s in cases)), median(s.closed for s in cases)]
+        lines.append(line([name, *row]))
+    return "\n".join(lines)
+
+
+def by_kind(scored: Cases) -> dict[str, list[Scored]]:
+    """Return the cases by kind and magnitude."""
+    found: dict[str, list[Scored]] = {}
+    for kind in KINDS:
+        for magnitude in ("", *MAGNITUDES):
+            cases = [s for s in scored if (s.kind, s.magnitude) == (kind, magnitude)]
+            if cases:
+                found[" ".join(filter(None, (kind, magnitude)))] = cases
+    return found
+
+
+def alarms(scored: Cases) -> str:
+    """Return how often an effect is claimed where none is, and which."""
+    lines = header(["cases", "false alarms (95 %)", "verdict `adequate`", "claimed"], 1)
+    for name, kinds_ in (("none", ("none",)), ("parameters", ("parameters",)), ("both", SOUND)):
+        cases = [s for s in scored if s.kind in kinds_]
+        claims = Counter(s.first for s in cases if not s.right)
+        row = [share(not s.right for s in cases), share(s.verdict == s.expected for s in cases)]
+        lines.append(line([name, *row, counted(claims)]))
+    return "\n".join(lines)
+
+
+def effects(scored: Cases) -> str:
+    """Return, of every effect alone, how often it is found at each magnitude, how well, and from which size on."""
+    columns = [*MAGNITUDES, "at another place", "parameter error", "gap closed", "smallest found", "of the limit"]
+    lines = header(["effect", *columns], 1)
+    for name in effects_in(scored):
+        own = [s for s in scored if s.true == (name,)]
+        shares = []
+        for m in MAGNITUDES:
+            flags = [s.right for s in own if s.magnitude == m]
+            shares.append(f"{sum(flags)} of {len(flags)}" if flags else "–")
+        least = smallest(own)
+        row = [
+            str(sum(bool(s.misplaced) for s in own)),
+            median((e for s in own for e in s.errors.values()), 1),
+            median(s.closed for s in own),
+            least[0].size if least else "–",
+            ratio([s.reach for s in least]),
+        ]
+        unlisted = " (unlisted)" if own[0].kind == "unlisted" else ""
+        lines.append(line([words(name) + unlisted, *shares, *row]))
+    return "\n".join(lines)
+
+
+def smallest(cases: Cases) -> list[Scored]:
+    """Return the cases of the smallest magnitude from which on at least half of the cases are right."""
+    found: list[Scored] = []
+    for magnitude in reversed(MAGNITUDES):
+        own = [s for s in cases if s.magnitude == magnitude]
+        if own and np.mean([s.right for s in own]) < 0.5:
+            break
+        found = own or found
+    return found
+
+
+def ratio(values: Sequence[float]) -> str:
+    """Write the median size over the predicted limit."""
+    known = [v for v in values if math.isfinite(v)]
+    return f"{np.median(known):.2g} ×" if known else "–"
+
+
+def confusion(scored: Cases) -> str:
+    """Return what was claimed first of each true effect, without the zeros of the matrix."""
+    lines = header(["true", "cases", "claimed first"], 1)
+    for name, row in matrix(scored).items():
+        lines.append(line([words(name), str(sum(row.values())), counted(row)]))
+    return "\n".join(lines)
+
+
+def matrix(scored: Cases) -> dict[str, Counter[str]]:
+    """Return how often which first claim was made, by what is true; cases with two effects are left out."""
+    rows = {name: [s for s in scored if s.true == (name,)] for name in effects_in(scored)}
+    sound = {kind: [s for s in scored if s.kind == kind] for kind in SOUND}
+    return {name: Counter(s.first for s in cases) for name, cases in (rows | sound).items() if cases}
+
+
+def counted(claims: Counter[str]) -> str:
+    """Write counts, the most frequent first."""
+    return ", ".join(f"{words(name)} {n}" for name, n in claims.most_common()) or "–"
+
+
+def case_table(scored: Cases) -> str:
+    """Return the list of all cases."""
+    lines = header(["case", "verdict", "claimed", "right", "gap closed", "size over limit"], 4)
+    for s in scored:
+        gap = median([s.closed])
+        claims = ", ".join(map(words, s.claimed)) or "–"
+        lines.append(
+            line([f"{s.case}, {s.repeat}", s.verdict, claims, "yes" if s.right else "no", gap, ratio([s.reach])])
+        )
+    return "\n## Cases\n\n" + "\n".join(lines) + "\n"
+
+
+def header(names: Sequence[str], left: int) -> list[str]:
+    """Return the head of a table of which the first columns stand left."""
+    return [line(names), "|" + "|".join("---" if i < left else "--:" for i in range(len(names))) + "|"]
+
+
+def line(cells: Sequence[str]) -> str:
+    """Return a line of a table."""
+    return f"| {' | '.join(cells)} |"
