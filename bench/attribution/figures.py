@@ -62,9 +62,12 @@ def confusion(vehicle: str, scored: Cases) -> bytes | None:
     fig = style.figure(2.4 + 0.185 * len(rows))
     axes = fig.subplots()
     axes.imshow(counts / counts.sum(axis=1, keepdims=True), cmap=_SHADES, vmin=0, vmax=1.4, aspect="auto")
-    for y, x in zip(*np.nonzero(counts), strict=True):
-        right = list(rows)[y] == columns[x]
-        axes.text(x, y, str(counts[y, x]), ha="center", va="center", weight="bold" if right else "normal")
+    right = matrix([s for s in scored if s.right])
+    for y, name in enumerate(rows):
+        for x, claim in enumerate(columns):
+            if counts[y, x]:
+                bold = name in right and right[name][claim] > 0
+                axes.text(x, y, str(counts[y, x]), ha="center", va="center", weight="bold" if bold else "normal")
     axes.set_xticks(range(len(columns)), [words(c) for c in columns], rotation=90)
     axes.set_yticks(range(len(rows)), [words(r) for r in rows])
     axes.set_xticks(np.arange(len(columns)) - 0.5, minor=True)
@@ -73,9 +76,7 @@ def confusion(vehicle: str, scored: Cases) -> bytes | None:
     axes.tick_params(which="both", length=0)
     axes.set_ylabel("what is true")
     axes.set_xlabel("what the trace claims first")
-    style.head(
-        fig, f"{vehicle.capitalize()}: what is claimed first? Cases; the true claim is bold, shade is share of a row"
-    )
+    style.head(fig, f"{vehicle.capitalize()}: what is claimed first? Number of cases, right ones bold")
     return style.svg(fig)
 
 
@@ -117,14 +118,14 @@ def limits(vehicle: str, scored: Cases) -> bytes | None:
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_xlabel("true size over the limit that the score test predicts (dotted: the limit)")
     axes.grid(True, axis="x")
-    style.head(fig, f"{vehicle.capitalize()}: from which size on is an effect found?", _answers())
+    style.head(fig, f"{vehicle.capitalize()}: from which size on is an effect found?", _answers("found", "not found"))
     return style.svg(fig)
 
 
-def _answers() -> list[Line2D]:
+def _answers(right: str, wrong: str) -> list[Line2D]:
     return [
-        Line2D([], [], marker=RIGHT.marker, color=RIGHT.line, ls="none", label="found"),
-        Line2D([], [], marker=WRONG.marker, color=WRONG.line, mfc="none", ls="none", label="not found"),
+        Line2D([], [], marker=RIGHT.marker, color=RIGHT.line, ls="none", label=right),
+        Line2D([], [], marker=WRONG.marker, color=WRONG.line, mfc="none", ls="none", label=wrong),
     ]
 
 
@@ -143,7 +144,11 @@ def gaps(vehicle: str, scored: Cases) -> bytes | None:
     axes.set_xlim(*(100 * v for v in _GAP_SHOWN))
     axes.set_xlabel("gap between nominal model and oracle that was closed in % (dotted: 90)")
     axes.grid(True, axis="x")
-    style.head(fig, f"{vehicle.capitalize()}: how much of the error on held-out drives goes?", _answers())
+    style.head(
+        fig,
+        f"{vehicle.capitalize()}: how much of the error on held-out drives goes?",
+        _answers("answered right", "wrong"),
+    )
     return style.svg(fig)
 
 

@@ -72,15 +72,18 @@ class Tracer:
         A trace that ends in an error is a wrong answer, so that is noted in the folder. A case that the plant could
         not write is no case.
         """
-        problem = _written(case)
+        problem = written(case)
         if problem:
             return problem
         folder = case.folder
+        traced, oracle = (folder / "trace" / "trace.json").exists(), (folder / FILE).exists()
+        if traced and oracle:
+            return ""
         try:
             task, whole = self._model(folder)
-            if not (folder / "trace" / "trace.json").exists():
+            if not traced:
                 run_trace(task, folder / "trace", Console(quiet=True), whole)
-            if not (folder / FILE).exists():
+            if not oracle:
                 write_oracle(folder, task, whole)
         except Exception as error:  # one broken case must not end the run of hundreds
             known = isinstance(error, UserError | ModelError)
@@ -97,7 +100,7 @@ class Tracer:
         return task, self._wholes[vehicle]
 
 
-def _written(case: Case) -> str:
+def written(case: Case) -> str:
     """Have the plant write a case that is not there; return what it says if it cannot. The seal is written last."""
     if (case.folder / "sealed.json").exists():
         return ""

@@ -46,7 +46,7 @@ class Scored:
         true: Names of the effects that are there.
         claimed: Effects added, in their order.
         first: The first claim: an effect, the true one where the claim is an equivalent of it, or one of the words
-            for traces that name none.
+            for traces that name none; of an unlisted effect ``unresolved`` where that is the verdict.
         named: How many of the true effects were added, under their own name or an equivalent.
         found: The same, or stand in a confusable set of an addition.
         extra: Effects added that are not true.
@@ -107,7 +107,7 @@ def score(folder: Path) -> Scored:
         sealed["expected_verdict"],
         tuple(e["name"] for e in sealed["effects"]),
         tuple(claimed),
-        _first(traced, accepted),
+        _first(traced, accepted, sealed["kind"]),
         len(named),
         len(found),
         tuple(n for n in claimed if n not in accepted),
@@ -133,7 +133,9 @@ def _alike(traced: Mapping[str, Any]) -> set[str]:
     return {_PARAMETER + name if kind == "parameter" else split(name)[0] for name, kind in tried}
 
 
-def _first(traced: Mapping[str, Any], accepted: Mapping[str, str]) -> str:
+def _first(traced: Mapping[str, Any], accepted: Mapping[str, str], kind: str) -> str:
+    if kind == "unlisted" and traced["verdict"] == UNRESOLVED:
+        return UNRESOLVED  # what was added, the answer says, explains a part
     for a in traced["added"]:
         return accepted.get(a["effect"], a["effect"])
     for a in traced["parameters"]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 
 from bench.attribution.__main__ import gathered, wanted
 from bench.attribution.figures import figures
-from bench.attribution.oracle import free_parameters, true_hypotheses
+from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
 from bench.attribution.renew import BEGIN, END, renewed
-from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed
+from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
 from bench.attribution.score import FAILED, load, score, text
 from bench.attribution.tables import alarms, confusion, effects, kinds, matrix, numbers, share, smallest, wilson
 from harness.errors import UserError
+from harness.loop.outcome import EXCESS
+from harness.loop.run import whole_of
 from harness.measured.study import finely
 from models.assemble import assemble
 from models.library import placements
@@ -265,3 +268,24 @@ def test_the_library_has_a_form_of_every_effect_but_the_random_road(vehicle, mon
         assert not true or {*effect["oracle"]["parameters"], *effect["oracle"]["per_drive"]["test"]} <= held
         assert not set(free_parameters(sealed, (), whole)) & {*held, *effect["parameters"]}
     assert without == {"road_bank_varying"}
+
+
+def test_the_oracle_finds_the_truth_up_to_the_noise(tmp_path):
+    """A lag of the steering in a plant that shares no code with the fit."""
+    case_ = Case("car-steering_lag-medium", 0, tmp_path)
+    assert written(case_) == ""
+    task, vehicle = task_of(tmp_path)
+    task = replace(task, train=[shortened(r) for r in task.train], test=[shortened(r) for r in task.test])
+    write_oracle(tmp_path, task, whole_of(task))
+    found, sealed = (json.loads((tmp_path / f"{n}.json").read_text()) for n in ("oracle", "sealed"))
+    assert vehicle == "car"
+    assert found["added"] == ["steering_lag"]
+    assert found["parameters"]["steering_lag"] == pytest.approx(0.06, rel=0.05)
+    front = sealed["parameters"]["stiffness_peak_front"]
+    assert found["parameters"]["stiffness_peak_front"] == pytest.approx(front["true"], rel=0.01)
+    assert abs(front["published"] / front["true"] - 1) > 0.01
+    assert found["excess"] < EXCESS
+
+
+def shortened(recording):
+    return recording.isel(time=recording["time"] < 30.0)
