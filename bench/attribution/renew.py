@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> None:
     scored = load(given.results)
     drawn = figures(scored)
     shown = "\n".join(f"![{caption(name)}](attribution/{name})\n" for name in drawn)
-    content = f"{len(scored)} cases.\n\n{tables(scored)}\n## Figures\n\n{shown}"
+    content = f"{tables(scored)}\n## Figures\n\n{shown}"
     write_files(DOCS, {PAGE: renewed((DOCS / PAGE).read_text(encoding="utf-8"), content)})
     write_files(DOCS / "attribution", drawn)
     print(f"wrote {DOCS / PAGE} and {len(drawn)} figures")

@@ -44,7 +44,7 @@ def median(values: Iterable[float], digits: int = 0) -> str:
 
 def tables(scored: Cases) -> str:
     """Return all tables but the list of cases; each vehicle has its own."""
-    parts = ["## Against what is asked", numbers(scored)]
+    parts = ["## Against what is asked", f"{len(scored)} cases.", numbers(scored)]
     for vehicle in vehicles(scored):
         own = [s for s in scored if s.vehicle == vehicle]
         parts += [f"## {words(vehicle).capitalize()}", "### By kind", kinds(own), "### False alarms", alarms(own)]

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.attribution.__main__ import gathered, wanted
+from bench.attribution.__main__ import gathered, main, wanted
 from bench.attribution.figures import figures
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
 from bench.attribution.renew import BEGIN, END, renewed
@@ -167,6 +167,17 @@ def several(tmp_path):
     found.append(case(tmp_path, "none", magnitude="", verdict="adequate", excess=(0.0, 0.0)))
     found.append(case(tmp_path, "parameters", magnitude="", added=[added("steering_lag")]))
     return found
+
+
+def test_the_command_scores_what_was_traced_and_writes_tables_and_figures(several, tmp_path, capsys):
+    for folder in tmp_path.glob("*-*"):
+        (folder / "oracle.json").write_text(json.dumps({"excess": 0.0}))
+    main(["--traced", "--out", str(tmp_path)])
+    assert "semitrailer-kingpin_friction-medium, 0: amended, steering_lag, wrong" in capsys.readouterr().out
+    files = {f.name for f in tmp_path.iterdir() if f.is_file()}
+    assert files == {"attribution.json", "attribution.md", *figures(several)}
+    assert sorted(s.closed for s in load(tmp_path / "attribution.json") if s.magnitude == "small") == [0.5, 1.0]
+    assert "| semitrailer-kingpin_friction-small, 1 |" in (tmp_path / "attribution.md").read_text()
 
 
 def cells(table, first):
