@@ -13,7 +13,9 @@ from threadpoolctl import threadpool_limits
 
 from harness.configure import ModelSpec
 from harness.errors import UserError
+from harness.identify.recordings import Drive
 from harness.loop.amend import estimators_on
+from harness.loop.changed import Changes, single_changes
 from harness.loop.fitness import oddities, refuse_recordings
 from harness.loop.outcome import Outcome, outcome_of, write_outcome
 from harness.loop.trace import ROUNDS, trace
@@ -80,8 +82,7 @@ def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = 
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
     with threadpool_limits(1), console.status("compiling the library of effects") as status:
         whole = whole or whole_of(task)
-        drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
-        fitted, held_out = drives[: len(task.train)], drives[len(task.train) :]
+        fitted, held_out = drives_of(task, whole)
         found = trace(whole, fitted, held_out, task.free, status.update, task.rounds, task.stated_noise)
         outcome = replace(outcome_of(found, status.update), notes=notes)
         tried = estimators_on(found, outcome.amended, task.test, task.estimators, status.update)
@@ -97,6 +98,26 @@ def whole_of(task: Task) -> Whole:
     """Return the model of a task with everything that its recordings could show, compiled."""
     signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
     return Whole(task.spec, signals, task.jobs, task.excluded)
+
+
+def run_changes(task: Task, console: Console) -> Changes:
+    """Refit every parameter of the model of a task alone.
+
+    Raises:
+        UserError, ModelError: If recordings and model do not fit each other.
+    """
+    refuse_recordings(task.train + task.test, task.spec.model())
+    with threadpool_limits(1), console.status("compiling the library of effects") as status:
+        whole = whole_of(task)
+        fitted, held_out = drives_of(task, whole)
+        return single_changes(whole, fitted, held_out, task.stated_noise, status.update)
+
+
+def drives_of(task: Task, whole: Whole) -> tuple[list[Drive], list[Drive]]:
+    """Return the fitted and the held-out drives of a task in terms of its model."""
+    recordings = task.train + task.test
+    drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    return drives[: len(task.train)], drives[len(task.train) :]
 
 
 def _with_worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Outcome:

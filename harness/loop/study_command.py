@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -17,8 +18,11 @@ if TYPE_CHECKING:
 
     from harness.configure import ModelSpec
     from harness.loop.outcome import Outcome
+    from harness.loop.run import Task
     from harness.loop.study import LoopStudy
     from harness.report.document import Block
+
+Errors = dict[str, dict[str, dict[str, dict[str, float]]]]
 
 
 def loop(
@@ -43,11 +47,13 @@ def loop(
     folder, console = out if out is not None else RESULTS / f"loop-{file.stem}", Console(stderr=True)
     with console.status("reading the recordings"):
         drives = study.drives()
-    found = _trace(study, study.nominal(), drives, "", folder, jobs, console)
+    found = _trace(study, study.nominal(), drives, folder, jobs, console)
     answers = [found.answer]
     if study.raw.changed is not None:
-        changed = _trace(study, found.amended, drives, "changed.", folder / "changed", jobs, console)
-        answers += [study.raw.changed.question, changes(changed)]
+        answers += [
+            study.raw.changed.question,
+            _changed(study, found.amended, drives, folder / "changed", jobs, console),
+        ]
     for answer in answers:
         Console().print(Text(answer, style="bold"), soft_wrap=True)
     Console().print(Text(str(folder / "report.html")), soft_wrap=True)
@@ -57,52 +63,107 @@ def _trace(
     study: LoopStudy,
     spec: ModelSpec,
     drives: dict[str, list[xr.Dataset]],
-    part: str,
     folder: Path,
     jobs: int | None,
     console: Console,
 ) -> Outcome:
-    """Trace the drives of one part and write its results; of changed drives nothing is refitted beforehand."""
-    from harness.loop.run import Task, run_trace
+    """Trace what the nominal model lacks and write the results."""
+    from harness.loop.run import run_trace
     from harness.loop.worth import REPEATS
-    from harness.report.document import Document, write
 
-    raw, worth = study.raw, None if part else study.raw.worth
-    task = Task(
-        spec,
-        drives[f"{part}train"],
-        drives[f"{part}test"],
-        () if part else study.fitted_parameters(),
-        tuple(raw.estimators),
-        study.path.parent / worth.study if worth else None,
-        worth.repeats if worth else REPEATS,
-        study.excluded,
-        raw.rounds,
-        raw.stated_noise,
-        jobs,
+    raw, worth = study.raw, study.raw.worth
+    task = replace(
+        _task(study, spec, drives, "", jobs),
+        free=study.fitted_parameters(),
+        study=study.path.parent / worth.study if worth else None,
+        repeats=worth.repeats if worth else REPEATS,
     )
     outcome = run_trace(task, folder, console)
-    title = raw.changed.question if part and raw.changed else raw.title
-    with console.status("writing the report"):
-        write_files(folder, {"loop.json": json.dumps(held_out(outcome), indent=2) + "\n"})
-        write(Document(title, _blocks(study, outcome, part)), folder)
+    _write(study, outcome, raw.title, _about(study, ""), held_out(outcome, spec), folder, console)
     return outcome
 
 
-def held_out(outcome: Outcome) -> dict[str, Any]:
-    """Return the error of the model alone on each held-out drive, in SI units.
+def _changed(
+    study: LoopStudy,
+    spec: ModelSpec,
+    drives: dict[str, list[xr.Dataset]],
+    folder: Path,
+    jobs: int | None,
+    console: Console,
+) -> str:
+    """Say what is another one in the changed drives, and trace what else is missing there; write the results."""
+    from harness.loop import changed_report
+    from harness.loop.run import run_changes, run_trace
 
-    ``published`` is the model as it was stated, ``refitted`` with its own parameters fitted, ``amended`` with all that
-    was added. ``rmse`` counts a constant error, ``std`` does not.
+    assert study.raw.changed is not None
+    task = _task(study, spec, drives, "changed.", jobs)
+    changes = run_changes(task, console)
+    if (one := changes.found) is not None:
+        values = {**spec.values, one.parameter.name: one.value}
+        task = replace(task, spec=replace(spec, values=values), free=(one.parameter.name,))
+    outcome = run_trace(task, folder, console)
+    errors, answer = held_out(outcome, spec), changed_report.answer(changes, outcome, spec)
+    blocks = [*changed_report.blocks(changes, answer), *_about(study, "changed.")]
+    _write(study, outcome, study.raw.changed.question, blocks, errors, folder, console)
+    write_files(folder, {"changed.json": json.dumps(changed_report.record(changes), indent=2) + "\n"})
+    return answer
+
+
+def _task(study: LoopStudy, spec: ModelSpec, drives: dict[str, list[xr.Dataset]], part: str, jobs: int | None) -> Task:
+    """Return what is to be traced in one part of a loop file, nothing refitted beforehand."""
+    from harness.loop.run import Task
+
+    raw = study.raw
+    return Task(
+        spec,
+        drives[f"{part}train"],
+        drives[f"{part}test"],
+        (),
+        tuple(raw.estimators),
+        excluded=study.excluded,
+        rounds=raw.rounds,
+        stated_noise=raw.stated_noise,
+        jobs=jobs,
+    )
+
+
+def _write(
+    study: LoopStudy,
+    outcome: Outcome,
+    title: str,
+    further: list[Block],
+    errors: Errors,
+    folder: Path,
+    console: Console,
+) -> None:
+    """Write ``loop.json`` and the report, what is ``further`` in it behind what was found."""
+    from harness.loop.report import document
+    from harness.report.document import Document, Heading, write
+
+    with console.status("writing the report"):
+        blocks = document(outcome, f"harness loop {study.path}").blocks
+        _, first, *_ = (i for i, b in enumerate(blocks) if isinstance(b, Heading))  # the end of what was found
+        write_files(folder, {"loop.json": json.dumps(errors, indent=2) + "\n"})
+        write(Document(title, [*blocks[:first], _errors(errors), *further, *blocks[first:]]), folder)
+
+
+def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
+    """Return the error of the model alone on each held-out drive, in SI units, by drive, output, model and measure.
+
+    ``published`` is the ``stated`` model, ``refitted`` the one with its own parameters fitted, ``amended`` with all
+    that was added. ``rmse`` counts a constant error, ``std`` does not.
     """
     import numpy as np
 
     trace = outcome.trace
     whole = trace.fitting.whole
-    found: dict[str, Any] = {}
+    published = whole.neutral()
+    for name, value in stated.values.items():
+        published[whole.row(name)] = value
+    found: Errors = {}
     for i, drive in enumerate(trace.held_out.drives):
         points = {
-            "published": whole.neutral(),
+            "published": published,
             "refitted": trace.before.point.values[:, i],
             "amended": trace.after.point.values[:, i],
         }
@@ -117,41 +178,12 @@ def held_out(outcome: Outcome) -> dict[str, Any]:
     return found
 
 
-def changes(outcome: Outcome) -> str:
-    """Return what is different in drives that were traced from an amended model, in a sentence per addition."""
-    from harness.loop.hypotheses import ALL_PARAMETERS
-    from harness.report import style
-    from harness.report.store import words
-
-    if not outcome.trace.added:
-        return outcome.answer
-    stated, sentences = outcome.trace.fitting.whole.spec.values, []
-    for h in outcome.trace.added:
-        name = words(h.name.replace("@", " of "))
-        if h.name == ALL_PARAMETERS or h.kind == "effect":
-            sentences.append(f"{name[:1].upper()}{name[1:]} came in.")
-            continue
-        v = outcome.values[h.name][0]
-        unit = "" if v.unit == "dimensionless" else f" {v.unit}"
-        was, now, spread = (style.number(n) for n in (stated[h.name], v.value, v.std))
-        sentences.append(f"{name[:1].upper()}{name[1:]} changed from {was} to {now} ± {spread}{unit}.")
-    return " ".join(sentences)
-
-
-def _blocks(study: LoopStudy, outcome: Outcome, part: str) -> list[Block]:
-    from harness.loop.report import document
+def _about(study: LoopStudy, part: str) -> list[Block]:
     from harness.measured.study import spans_sheet
-    from harness.report.document import Heading, Prose, Sheet, plain, strong
+    from harness.report.document import Prose, Sheet, plain
 
-    blocks = list(document(outcome, f"harness loop {study.path}").blocks)
-    _, first, *_ = (i for i, b in enumerate(blocks) if isinstance(b, Heading))  # the end of what was found
     spans = study.spans()
-    further: list[Block] = [
-        _errors(outcome),
-        spans_sheet({"fitted": spans[f"{part}train"], "held out": spans[f"{part}test"]}),
-    ]
-    if part:
-        further.insert(0, Prose(strong(changes(outcome))))
+    further: list[Block] = [spans_sheet({"fitted": spans[f"{part}train"], "held out": spans[f"{part}test"]})]
     if study.raw.bank_map:
         text = (
             "The bank of the road is a map over the path, from accelerometer and velocities of the fitted drives. No "
@@ -161,24 +193,24 @@ def _blocks(study: LoopStudy, outcome: Outcome, part: str) -> list[Block]:
     if study.raw.exclude:
         rows = [[e.effect.replace("_", " "), e.reason] for e in study.raw.exclude]
         further.append(Sheet(["effect", "why it was not tried"], rows, "Effects left out.", left=2))
-    return [*blocks[:first], *further, *blocks[first:]]
+    return further
 
 
-def _errors(outcome: Outcome) -> Block:
+def _errors(errors: Errors) -> Block:
     from harness.report import style
     from harness.report.document import Sheet
     from harness.report.store import quantity
 
-    rows = []
-    for drive, outputs in held_out(outcome).items():
-        for name, models in outputs.items():
+    rows, models = [], ("published", "refitted", "amended")
+    for drive, outputs in errors.items():
+        for name, by_model in outputs.items():
             q = quantity(name)
-            numbers = [q.scale * models[m][kind] for kind in ("rmse", "std") for m in models]
+            numbers = [q.scale * by_model[m][kind] for kind in ("rmse", "std") for m in models]
             rows.append([drive, q.words, q.unit, *map(style.number, numbers)])
-    models = ("published", "refitted", "amended")
     header = ["drive", "output", "unit", *models, *(f"{m}, std." for m in models)]
     caption = (
         "Each held-out drive: root mean square error of the model alone, and the standard deviation of that error, "
-        "which does not count a constant. Published: as stated, nothing fitted."
+        "which does not count a constant. Published: as stated, nothing fitted; where the vehicle may have changed, "
+        "as it was before."
     )
     return Sheet(header, rows, caption, left=3)

@@ -154,20 +154,21 @@ def trace(
         stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
     """
-    variances = first_variances(whole, [*train, *test])
-    if stated_noise:
-        stated = [whole.spec.measurement_noise[n] for n in whole.model.outputs]
-        variances = np.maximum(variances, stated)
+    variances = first_variances(whole, [*train, *test], stated_noise)
     fitting = Fitting(whole, train, variances, stated_noise)
     search = _Search(fitting, HeldOut(whole, test, variances), tuple(free), say, rounds)
     return search.run()
 
 
-def first_variances(whole: Whole, drives: Sequence[Drive]) -> Floats:
-    """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it."""
+def first_variances(whole: Whole, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
+    """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it.
+
+    With ``stated_noise`` it is that of the model where the signals have less.
+    """
     stated = np.array([whole.spec.measurement_noise[n] for n in whole.model.outputs])
     found = np.array([white_noise(drives, a) for a in range(len(stated))])
-    return np.where(found > 1e-12 * stated, found, stated)
+    found = np.where(found > 1e-12 * stated, found, stated)
+    return np.maximum(found, stated) if stated_noise else found
 
 
 class _Search:

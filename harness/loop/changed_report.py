@@ -1,0 +1,110 @@
+"""What is another one in changed drives, in words, as a table and as ``changed.json``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from harness.configure import ModelSpec
+from harness.loop.changed import Change, Changes
+from harness.loop.hypotheses import ALL_PARAMETERS
+from harness.loop.outcome import Outcome
+from harness.report import style
+from harness.report.document import Block, Prose, Sheet, plain, strong
+from harness.report.store import print_unit, words
+
+_SHOWN = 8
+"""Parameters in the table."""
+
+
+def answer(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
+    """Return what changed, in sentences.
+
+    Args:
+        changes: Every parameter, refitted alone.
+        outcome: What was traced from the model with the likeliest of them.
+        before: The model as it was before the change.
+    """
+    found, trace = changes.found, outcome.trace
+    if found is None and not trace.added:
+        return outcome.answer
+    sentences = []
+    if found is not None:
+        # Refitted once more by the trace, jointly with what was added.
+        row = trace.fitting.whole.row(found.parameter.name)
+        value = float(trace.final.point.values[row, 0])
+        fall = 1 - math.sqrt(found.held_out.excess / changes.before.excess)
+        sentences = [
+            _sentence(found.parameter.name, found.stated, value, found.std, found.parameter.unit),
+            "Of all parameters alone it explains these drives best: the held-out error beyond the noise falls by "
+            f"{100 * fall:.0f} %.",
+        ]
+    for h in trace.added:
+        if h.name == ALL_PARAMETERS:
+            sentences.append("Further parameters changed, which these drives cannot tell apart.")
+        elif h.kind == "effect":
+            sentences.append(f"{_capital(h.name.replace('@', ' of '))} came in.")
+        else:
+            v = outcome.values[h.name][0]
+            sentences.append(_sentence(h.name, before.values[h.name], v.value, v.std, v.unit))
+    return " ".join(sentences)
+
+
+def _capital(name: str) -> str:
+    said = words(name)
+    return said[:1].upper() + said[1:]
+
+
+def _sentence(name: str, was: float, now: float, spread: float, unit: str) -> str:
+    numbers = (style.number(n) for n in (was, now, spread))
+    return "{} changed from {} to {} ± {}{}.".format(_capital(name), *numbers, f" {print_unit(unit)}".rstrip())
+
+
+def blocks(changes: Changes, said: str) -> list[Block]:
+    """Return what the report says about the change."""
+    rows = [_row(c) for c in changes.tried[:_SHOWN]]
+    header = ["parameter", "unit", "before", "now", "std. error", "gain in BIC", "held-out excess"]
+    caption = (
+        "Every parameter refitted alone, the likeliest first. Held-out excess: mean square of the error of the model "
+        "alone over that of the sensors' noise, less one, summed over the outputs; "
+        f"{style.number(changes.before.excess)} as it was before."
+    )
+    return [Prose(strong(said)), Sheet(header, rows, caption, left=2), Prose(plain(_HOW))]
+
+
+_HOW = (
+    "What follows is traced from the model with the likeliest change if that passes the judges of an addition, and "
+    "from the model as it was before if it does not."
+)
+
+
+def _row(c: Change) -> list[str]:
+    numbers = (c.stated, c.value, c.std)
+    shown = [style.number(n) for n in numbers]
+    excess = style.number(c.held_out.excess) if math.isfinite(c.held_out.excess) else "leaves its range"
+    return [words(c.parameter.name), print_unit(c.parameter.unit), *shown, f"{c.bic:.0f}", excess]
+
+
+def record(changes: Changes) -> dict[str, Any]:
+    """Return ``changed.json``: SI units, what is not finite as ``null``."""
+
+    def number(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    return {
+        "found": changes.found.parameter.name if changes.found else None,
+        "held_out_excess_before": number(changes.before.excess),
+        "tried": [
+            {
+                "name": c.parameter.name,
+                "unit": c.parameter.unit,
+                "stated": c.stated,
+                "value": c.value,
+                "std": number(c.std),
+                "bic_gain": number(c.bic),
+                "held_out_log_likelihood": number(c.held_out.log_likelihood),
+                "held_out_excess": number(c.held_out.excess),
+            }
+            for c in changes.tried
+        ],
+    }
