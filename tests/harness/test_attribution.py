@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bench.attribution.__main__ import gathered, main, wanted
-from bench.attribution.figures import figures
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
 from bench.attribution.renew import BEGIN, END, renewed
 from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
@@ -175,7 +174,8 @@ def test_the_command_scores_what_was_traced_and_writes_tables_and_figures(severa
     main(["--traced", "--out", str(tmp_path)])
     assert "semitrailer-kingpin_friction-medium, 0: amended, steering_lag, wrong" in capsys.readouterr().out
     files = {f.name for f in tmp_path.iterdir() if f.is_file()}
-    assert files == {"attribution.json", "attribution.md", *figures(several)}
+    drawn = {f"{name}-semitrailer.svg" for name in ("confusion", "shares", "limits", "gap")}
+    assert files == {"attribution.json", "attribution.md", *drawn}
     assert sorted(s.closed for s in load(tmp_path / "attribution.json") if s.magnitude == "small") == [0.5, 1.0]
     assert "| semitrailer-kingpin_friction-small, 1 |" in (tmp_path / "attribution.md").read_text()
 
@@ -231,10 +231,6 @@ def test_what_is_saved_is_what_is_read(several, tmp_path):
     assert "NaN" not in text(several)
     assert text(load(tmp_path / "attribution.json")) == text(several)
     assert load(tmp_path / "attribution.json")[0].claimed == several[0].claimed
-
-
-def test_every_figure_is_drawn(several):
-    assert set(figures(several)) == {f"{n}-semitrailer.svg" for n in ("confusion", "shares", "limits", "gap")}
 
 
 def test_the_page_keeps_what_is_around_the_marks():
