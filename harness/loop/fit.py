@@ -1,8 +1,8 @@
 """Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
 
-Parameters move by Gauss-Newton steps with the gains held as they are (``Whole.sensitivities``). Variances are searched
-one after the other, eight values at the cost of one run, far down first: process noise left too large hides what the
-model lacks, and afterwards looks like an effect. Both are judged by the likelihood itself.
+Parameters move by Gauss-Newton steps with the gains held as they are (``Whole.sensitivities``), variances by steps of
+their own (``variances``). Process noise is first looked for far down: left too large it hides what the model lacks, and
+afterwards looks like an effect. Both take turns until neither gains, judged by the likelihood itself.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from harness.identify.recordings import Drive
 from harness.identify.scoring import Objective, maximise
 from harness.identify.space import NOISE_RANGE, PROCESS_PRIOR
 from harness.loop.hypotheses import Coordinate
+from harness.loop.variances import along, climb
 from harness.loop.whole import Noise, Pass, Whole
 from models.signals import SIGNALS
 
@@ -31,8 +32,10 @@ ENOUGH = 0.3
 _ROUGH = 4
 """Iterations of a stage that only prepares the next one."""
 
+_TURNS = 3
+"""Most turns of noise and parameters at the end of a fit."""
+
 _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
-_FINE = (-1.2, -0.5, -0.2, -0.07, 0.07, 0.2, 0.7)
 """Steps of the logarithm of a variance, tried together; with the point itself they are the lanes of one run."""
 
 
@@ -117,15 +120,16 @@ class Fitting:
             return self.only(coordinates, start, iterations)
         objective, z, parameters = self._objective(coordinates, start)
         n, groups = len(coordinates), len(self._groups)
-        process = [list(range(n, n + groups)), *([j] for j in range(n, n + groups))]
-        outputs = [[j] for j in range(n + groups, len(z))]
+        z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH).z
+        for together in (list(range(n, n + groups)), *([j] for j in range(n, n + groups))):
+            z = along(objective, z, together, _COARSE)
         found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH)
-        for steps in (_COARSE, _FINE):
-            z = found.z
-            for together in (*outputs, *process) if steps is _FINE else process:
-                z = _along(objective, z, together, steps)
-            rough = steps is _COARSE
-            found = maximise(objective, z, parameters, _ROUGH if rough else iterations, ENOUGH)
+        for _ in range(_TURNS):
+            before = found.value
+            z, _ = climb(objective, found.z, n, _ROUGH, 3 * ENOUGH)
+            found = maximise(objective, z, parameters, iterations, ENOUGH)
+            if found.value - before < 10 * ENOUGH:
+                break
         point = self._point(coordinates, start, found.z)
         return Fitted(coordinates, point, self.log_likelihood(point), found.value)
 
@@ -250,14 +254,6 @@ class Fitting:
                 directions[c.row, j] = c.slope(c.coordinate(point.values[c.row, drive]))
         values = np.repeat(point.values[:, [drive]], len(coordinates), axis=1)
         return self.whole.sensitivities(self.drives[drive], values, directions, kept)
-
-
-def _along(objective: Objective, z: Floats, together: Sequence[int], steps: Sequence[float]) -> Floats:
-    """Return the best of a point and points with some coordinates moved by one of several steps."""
-    many = np.repeat(z[:, None], len(steps) + 1, axis=1)
-    many[list(together), 1:] += np.array(steps)
-    many = np.clip(many, objective.lower[:, None], objective.upper[:, None])
-    return many[:, int(np.argmax(objective.values(many)))]
 
 
 def process_groups(spec: ModelSpec) -> tuple[list[list[int]], Floats]:

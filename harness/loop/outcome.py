@@ -34,6 +34,10 @@ Verdict = Literal["adequate", "amended", "unresolved"]
 COLOURED = 1e-4
 """p-value below which innovations count as coloured; each output of each drive is a test of its own."""
 
+EXPLAINED = 1e-8
+"""p-value of the innovations on the held-out drives, below which something is missing whatever the error is. Where the
+structure is right it is rarely below 1e-4, and noise that is fitted a little wrong makes the difference."""
+
 EXCESS = 0.05
 """Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
 
@@ -92,20 +96,25 @@ def outcome_of(trace: Trace, say: Say = lambda _: None) -> Outcome:
         say: Is told what is being done.
     """
     say("looking for where something is missing")
-    values, found = _values(trace), where(trace, _strays(trace))
-    verdict = verdict_of(trace, found)
+    values, judged = _values(trace), _judged(trace)
+    coloured = any(min(w.ljung_box, w.periodogram) < EXPLAINED for j in judged if j.held_out for w in j.whiteness)
+    found = where(trace, coloured or _strays(trace))
+    verdict = verdict_of(trace, found, coloured)
     nominal = fitted_model(trace, trace.fitting.whole.spec, trace.nominal.point)
     answer = _answer(trace, verdict, found)
-    return Outcome(trace, verdict, answer, values, _judged(trace), nominal, _amended(trace), found)
+    return Outcome(trace, verdict, answer, values, judged, nominal, _amended(trace), found)
 
 
-def verdict_of(trace: Trace, found: Where) -> Verdict:
+def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     """Return whether the model is adequate, amended, or lacks something that has no name here.
 
-    Something is still missing if the final model strays on the held-out drives further than the noise of the sensors,
-    with the curves that have no name if there are any, and either there are some or the last round held a hypothesis
-    that promised enough but did not pass.
+    Something is still missing if the final model's innovations on the held-out drives are anything but white, whatever
+    was named: then a name may stand for something else. So it is if the model strays there further than the noise of
+    the sensors, with the curves that have no name if there are any, and either there are some or the last round held a
+    hypothesis that promised enough but did not pass.
     """
+    if coloured and (trace.effects or found.unnamed is None):
+        return "unresolved"
     if (_failed(trace) or found.unnamed is not None) and final_judgement(trace, found).excess > EXCESS:
         return "unresolved"
     return "amended" if trace.effects or found.unnamed is not None else "adequate"

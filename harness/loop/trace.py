@@ -86,7 +86,7 @@ class Round:
 
     Attributes:
         candidates: Everything tried, best first.
-        before: The model without any of them, on the held-out drives.
+        before: The model without any of them, on the held-out drives, where it was refitted as its fits do best there.
         added: The one that was added; ``None`` in the last round.
         reason: Why, or why not, in a sentence.
         confusable: Names of what these drives can hardly tell from the best, itself first.
@@ -107,7 +107,7 @@ class Trace:
         fitting: The fitted drives.
         held_out: The held-out drives.
         free: Parameters of the nominal model that were fitted.
-        nominal: The nominal model fitted.
+        nominal: The nominal model fitted; of its fits the one that strays least on the held-out drives.
         final: The model with everything added.
         added: In the order added, without what the backward check took away.
         rounds: Of the selection.
@@ -183,9 +183,10 @@ class _Search:
         added: tuple[Hypothesis, ...] = ()
         rounds: list[Round] = []
         while len(rounds) <= self.rounds:
-            best, found = self._round(added, best, len(rounds) + 1)
+            without, found = self._round(added, [best], len(rounds) + 1)
+            best = without[-1]
             if not added:
-                nominal = best
+                nominal = min(without, key=lambda f: self._judge((), f.point).excess)
             rounds.append(found)
             if found.added is None:
                 break
@@ -213,8 +214,9 @@ class _Search:
     def _judge(self, added: tuple[Hypothesis, ...], point: Point) -> Judgement:
         return self.held_out.judge(added, point)
 
-    def _round(self, added: tuple[Hypothesis, ...], best: Fitted, number: int) -> tuple[Fitted, Round]:
-        """Try everything once; return the model without addition, refitted if that gained, and what was found."""
+    def _round(self, added: tuple[Hypothesis, ...], without: list[Fitted], number: int) -> tuple[list[Fitted], Round]:
+        """Try everything once; return fits of the model without addition, the likeliest last, and what was found."""
+        best = without[-1]
         self.say(f"round {number}: score test of every effect and every fixed parameter")
         test = ScoreTest(self.fitting, best)
         scores = test.of(self._open(added))
@@ -225,6 +227,9 @@ class _Search:
         alone = [self._promise(s) for s in promised if s.hypothesis.name != ALL_PARAMETERS]
         enough = max(0.5 * BIC_NEEDED, _NEAR * max(alone, default=0.0))
         chosen = [s for s in _distinct(promised) if self._promise(s) > enough][:_REFITTED]
+        chosen.sort(
+            key=lambda s: s.hypothesis.name == ALL_PARAMETERS
+        )  # the longest fit, and often spared by the others
         fits: dict[Hypothesis, Fitted] = {}
         reached = 0.0
         for s in chosen:
@@ -239,9 +244,10 @@ class _Search:
             again = self._again(added, best, fits)
             gain = max(f.objective for f in fits.values()) - best.objective
             if again.objective - best.objective > max(BIC_NEEDED, _OWN * gain):
-                return self._round(added, again, number)
-            best = again
-        before = self._judge(added, best.point)
+                return self._round(added, [*without, again], number)
+            if again is not best:
+                without, best = [*without, again], again
+        before = _hardest([self._judge(added, f.point) for f in without])
         candidates = []
         for s in promised:
             f = fits.get(s.hypothesis)
@@ -249,7 +255,7 @@ class _Search:
             judged = None if f is None else self._judge((*added, s.hypothesis), f.point)
             candidates.append(Candidate(s, f, bic, judged))
         candidates.sort(key=lambda c: (c.fitted is not None, c.bic), reverse=True)
-        return best, self._decide(tuple(candidates), before, number)
+        return without, self._decide(tuple(candidates), before, number)
 
     def _open(self, added: tuple[Hypothesis, ...]) -> list[Hypothesis]:
         """Return what is not in force yet."""
@@ -340,6 +346,15 @@ class _Search:
             if lost < BIC_NEEDED:
                 added, best = rest, without
         return added, best
+
+
+def _hardest(judged: Sequence[Judgement]) -> Judgement:
+    """Return a model without addition as its fits do best on the held-out drives.
+
+    The likeliest on the fitted drives may be the worst on these; an addition shall not pass for that.
+    """
+    best = min(judged, key=lambda j: j.excess)
+    return replace(best, log_likelihood=max(j.log_likelihood for j in judged))
 
 
 def _distinct(scores: Sequence[Score]) -> list[Score]:

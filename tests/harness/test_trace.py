@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,11 +14,14 @@ from harness.cli import app
 from harness.configure import resolve_single
 from harness.drives import build_drive
 from harness.identify.innovations import Innovations, hold
+from harness.identify.scoring import Objective
 from harness.loop.fit import Fitting
 from harness.loop.fitness import oddities
 from harness.loop.hypotheses import coordinates, hypotheses
+from harness.loop.outcome import verdict_of
 from harness.loop.score import ScoreTest, best_amplitudes, cosine
 from harness.loop.trace import first_variances
+from harness.loop.variances import climb
 from harness.loop.whole import Noise, Whole
 from harness.measured import load_recording
 from harness.recording_file import write_recording
@@ -111,6 +115,39 @@ def test_the_score_promises_what_a_refit_gains(whole):
     found = refitted.point.values[whole.row("steering_offset"), 0]
     assert found == pytest.approx(score.amplitudes[0], abs=score.error[0])
     assert abs(score.amplitudes[0] - 2e-4) < 4 * score.error[0]
+
+
+def test_the_noise_of_a_fit_does_not_depend_on_where_it_started(whole, gusty):
+    """Process noise fifty times too large hides what is missing; a search along the axes alone ended there."""
+    fitting, fitted = gusty
+    point = dataclasses.replace(fitted.point, process=fitted.point.process + np.log(50.0))
+    assert fitting.log_likelihood(point) < fitted.log_likelihood - 100
+    again = fitting.fit(fitted.coordinates, point, 10)
+    assert again.objective == pytest.approx(fitted.objective, abs=1.0)
+    assert again.point.measurement == pytest.approx(fitted.point.measurement, abs=0.02)
+
+
+def test_variances_climb_to_those_of_the_samples():
+    """The likelihood of independent normal samples is largest at their mean squares."""
+    squares = np.array([4.0, 1e-3, 50.0])
+
+    def values(many):
+        return -50.0 * np.sum(many[1:] + squares[:, None] * np.exp(-many[1:]), axis=0) - many[0] ** 2
+
+    objective = Objective(values, None, np.full(4, -20.0), np.full(4, 20.0))
+    z, value = climb(objective, np.array([1.0, 6.0, 6.0, -6.0]), 1, 20, 1e-6)
+    assert z[0] == 1.0
+    assert np.exp(z[1:]) == pytest.approx(squares, rel=2e-3)  # differences over 0.1 are 0.0017 off here
+    assert value == pytest.approx(values(z[:, None])[0])
+
+
+def test_coloured_innovations_are_no_amendment_whatever_was_named():
+    last = SimpleNamespace(added=None, candidates=())
+    named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01))
+    nothing = SimpleNamespace(unnamed=None)
+    assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
+    without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01))
+    assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
 
 
 def test_a_change_is_found_at_its_own_time_in_every_drive(whole, gusty):
