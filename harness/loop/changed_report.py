@@ -10,7 +10,7 @@ from harness.loop.changed import Change, Changes
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import Outcome
 from harness.report import style
-from harness.report.document import Block, Prose, Sheet, plain, strong
+from harness.report.document import Sheet
 from harness.report.store import print_unit, words
 
 _SHOWN = 8
@@ -25,21 +25,18 @@ def answer(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
         outcome: What was traced from the model with the likeliest of them.
         before: The model as it was before the change.
     """
-    found, trace = changes.found, outcome.trace
-    if found is None and not trace.added:
+    found, added = changes.found, outcome.trace.added
+    if found is None and not added:
         return outcome.answer
     sentences = []
     if found is not None:
-        # Refitted once more by the trace, jointly with what was added.
-        row = trace.fitting.whole.row(found.parameter.name)
-        value = float(trace.final.point.values[row, 0])
         fall = 1 - math.sqrt(found.held_out.excess / changes.before.excess)
         sentences = [
-            _sentence(found.parameter.name, found.stated, value, found.std, found.parameter.unit),
+            _sentence(found.parameter.name, found.stated, found.value, found.std, found.parameter.unit),
             "Of all parameters alone it explains these drives best: the held-out error beyond the noise falls by "
             f"{100 * fall:.0f} %.",
         ]
-    for h in trace.added:
+    for h in added:
         if h.name == ALL_PARAMETERS:
             sentences.append("Further parameters changed, which these drives cannot tell apart.")
         elif h.kind == "effect":
@@ -60,22 +57,16 @@ def _sentence(name: str, was: float, now: float, spread: float, unit: str) -> st
     return "{} changed from {} to {} ± {}{}.".format(_capital(name), *numbers, f" {print_unit(unit)}".rstrip())
 
 
-def blocks(changes: Changes, said: str) -> list[Block]:
-    """Return what the report says about the change."""
-    rows = [_row(c) for c in changes.tried[:_SHOWN]]
+def table(changes: Changes) -> Sheet:
+    """Return the parameters as a table, the likeliest change first."""
     header = ["parameter", "unit", "before", "now", "std. error", "gain in BIC", "held-out excess"]
     caption = (
         "Every parameter refitted alone, the likeliest first. Held-out excess: mean square of the error of the model "
         "alone over that of the sensors' noise, less one, summed over the outputs; "
-        f"{style.number(changes.before.excess)} as it was before."
+        f"{style.number(changes.before.excess)} as it was before. The trace starts from the first if that passes the "
+        "judges of an addition, otherwise from the model as it was before."
     )
-    return [Prose(strong(said)), Sheet(header, rows, caption, left=2), Prose(plain(_HOW))]
-
-
-_HOW = (
-    "What follows is traced from the model with the likeliest change if that passes the judges of an addition, and "
-    "from the model as it was before if it does not."
-)
+    return Sheet(header, [_row(c) for c in changes.tried[:_SHOWN]], caption, left=2)
 
 
 def _row(c: Change) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from harness.identify import figures as fit_figures
 from harness.loop import figures, glance, where_report, worth_report
@@ -94,11 +95,20 @@ def _found(outcome: Outcome) -> list[Block]:
             row = [called(h.name), words(v.name.replace("@", " in ")), unit]
             rows.append([*row, style.number(was), style.number(now, 4), style.number(spread)])
     header = ["addition", "parameter", "unit", "stated", "found", "std. error"]
-    blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
+    if rows:
+        blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
+    else:
+        blocks.append(Prose(plain("Many parameters moved together, none of them by more than three standard errors.")))
     for h in trace.effects:
         for port, text in equation(h, outcome).items():
-            blocks.append(Listing(f"{port}\n  before  {text['before']}\n  after   {text['after']}"))
+            before, after = (_breakable(text[k]) for k in ("before", "after"))
+            blocks.append(Listing(f"{port}\n  before  {before}\n  after   {after}"))
     return blocks
+
+
+def _breakable(equation: str) -> str:
+    """Return an equation with room around its products, so that a long one breaks into lines."""
+    return re.sub(r"(?<!\*)\*(?!\*)", " * ", equation)
 
 
 def _rounds(outcome: Outcome) -> list[Block]:

@@ -103,8 +103,8 @@ def _changed(
         task = replace(task, spec=replace(spec, values=values), free=(one.parameter.name,))
     outcome = run_trace(task, folder, console)
     errors, answer = held_out(outcome, spec), changed_report.answer(changes, outcome, spec)
-    blocks = [*changed_report.blocks(changes, answer), *_about(study, "changed.")]
-    _write(study, outcome, study.raw.changed.question, blocks, errors, folder, console)
+    tried = [changed_report.table(changes), *_about(study, "changed.")]
+    _write(study, outcome, study.raw.changed.question, tried, errors, folder, console, answer)
     write_files(folder, {"changed.json": json.dumps(changed_report.record(changes), indent=2) + "\n"})
     return answer
 
@@ -135,16 +135,19 @@ def _write(
     errors: Errors,
     folder: Path,
     console: Console,
+    answer: str = "",
 ) -> None:
-    """Write ``loop.json`` and the report, what is ``further`` in it behind what was found."""
+    """Write ``loop.json`` and the report, with an answer before that of the trace and what is ``further`` behind it."""
     from harness.loop.report import document
-    from harness.report.document import Document, Heading, write
+    from harness.report.document import Document, Heading, Prose, plain, strong, write
 
     with console.status("writing the report"):
         blocks = document(outcome, f"harness loop {study.path}").blocks
         _, first, *_ = (i for i, b in enumerate(blocks) if isinstance(b, Heading))  # the end of what was found
         write_files(folder, {"loop.json": json.dumps(errors, indent=2) + "\n"})
-        write(Document(title, [*blocks[:first], _errors(errors), *further, *blocks[first:]]), folder)
+        beyond = [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))] if answer else []
+        found = [blocks[0], *beyond, *blocks[1:first]]
+        write(Document(title, [*found, _errors(errors), *further, *blocks[first:]]), folder)
 
 
 def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
