@@ -234,13 +234,13 @@ def _warnings(raw: Raw, start: float) -> list[str]:
     if raw.gaps:
         a, b = max(raw.gaps, key=lambda gap: gap[1] - gap[0])
         found.append(
-            f"{where}: {len(raw.gaps)} gaps longer than {raw.largest_gap:.3g} s, the longest of {b - a:.3g} s from "
+            f"{where}: gaps longer than {raw.largest_gap:.3g} s: {len(raw.gaps)}, the longest of {b - a:.3g} s from "
             f"t = {a - start:.2f} s; they stay missing"
         )
     if len(raw.spikes):
         done = "taken for missing" if channel.remove_spikes else "kept; remove_spikes = true takes them for missing"
         times = ", ".join(f"{t - start:.2f}" for t in raw.spikes[:3])
-        found.append(f"{where}: {len(raw.spikes)} single samples jump out and back (t = {times} s); {done}")
+        found.append(f"{where}: single samples that jump out and back: {len(raw.spikes)} (t = {times} s); {done}")
     if raw.held > 1:
         found.append(f"{where}: {raw.held} rows repeat each sample; only the first of them counts as measured")
     return found
