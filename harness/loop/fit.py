@@ -32,7 +32,7 @@ ENOUGH = 0.3
 _ROUGH = 4
 """Iterations of a stage that only prepares the next one."""
 
-_TURNS = 3
+TURNS = 3
 """Most turns of noise and parameters at the end of a fit."""
 
 _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
@@ -114,7 +114,7 @@ class Fitting:
     def _range(self) -> range:
         return range(len(self.drives))
 
-    def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
+    def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, turns: int = TURNS) -> Fitted:
         """Fit parameters and noise in turns; parameters alone where the noise is held."""
         if self.noise_held:
             return self.only(coordinates, start, iterations)
@@ -124,7 +124,7 @@ class Fitting:
         for together in (list(range(n, n + groups)), *([j] for j in range(n, n + groups))):
             z = along(objective, z, together, _COARSE)
         found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH)
-        for _ in range(_TURNS):
+        for _ in range(turns):
             before = found.value
             z, _ = climb(objective, found.z, n, _ROUGH, 3 * ENOUGH)
             found = maximise(objective, z, parameters, iterations, ENOUGH)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.identify.methods.likelihood import white_noise
 from harness.identify.recordings import Drive
-from harness.loop.fit import Fitted, Fitting, Point
+from harness.loop.fit import TURNS, Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.loop.score import Score, ScoreTest, cosine
@@ -47,6 +47,9 @@ _FAVOUR = 2.0
 _OWN = 0.5
 """Share of the best hypothesis's gain from which, reached by the refitted model without it, a round starts again from
 there: its ranking was that of a poor fit."""
+
+_CLOSE = 500.0
+"""Lead in log-likelihood from which on the model without the best hypothesis need not be fitted to the end."""
 
 _REFITTED = 3
 _HOPE = 1.5
@@ -207,9 +210,11 @@ class _Search:
             self._judge(kept, best.point),
         )
 
-    def _fit(self, added: tuple[Hypothesis, ...], start: Point, iterations: int = _ITERATIONS) -> Fitted:
+    def _fit(
+        self, added: tuple[Hypothesis, ...], start: Point, iterations: int = _ITERATIONS, turns: int = TURNS
+    ) -> Fitted:
         moved = coordinates(self.whole, self.free, added, len(self.fitting.drives))
-        return self.fitting.fit(moved, start, iterations)
+        return self.fitting.fit(moved, start, iterations, turns)
 
     def _judge(self, added: tuple[Hypothesis, ...], point: Point) -> Judgement:
         return self.held_out.judge(added, point)
@@ -302,7 +307,9 @@ class _Search:
         for name in (*h.shared, *h.moments):
             values[self.whole.row(name)] = best.point.values[self.whole.row(name)]
         self.say("fitting the model without it again")
-        again = self._fit(added, replace(winner.point, values=values))
+        again = self._fit(added, replace(winner.point, values=values), turns=1)
+        if winner.objective - again.objective < _CLOSE:
+            again = self._fit(added, again.point)
         return again if again.objective > best.objective else best
 
     def _decide(self, candidates: tuple[Candidate, ...], before: Judgement, number: int) -> Round:
