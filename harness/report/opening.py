@@ -93,28 +93,26 @@ class _Change:
         best = int(np.argmin(self.after)) if self.differs else 0
         before, after, unit = float(self.before[best]), float(self.after[best]), self.quantity.unit
         if self.home is None:
-            change = f"is {with_unit(after, unit)}"
+            change, other = f"is {with_unit(after, unit)}", ""
         elif before > 0 and after / before < 1 + _STEADY:
-            change = f"stays at {with_unit(before, unit)}"
+            change, other = f"stays at {with_unit(before, unit)}", "is "
         else:
             change = f"grows from {number(before)} to {with_unit(after, unit)} ({_times(before, after)})"
-        return f"{subject} {self.quantity.words} {change}{self._others(best)}"
+            other = "to "
+        return f"{subject} {self.quantity.words} {change}{self._others(best, other)}"
 
-    def _others(self, best: int) -> str:
+    def _others(self, best: int, verb: str) -> str:
+        """Return which estimator that was, and behind a verb the worst one if they have to be told apart."""
         if len(self.names) == 1 < self.among:
             return f" with {self.names[0]}"  # all others lost more runs
         if not self.differs:
             return ""
-        last, unit = int(np.argmax(self.after)), self.quantity.unit
-        rank = "" if len(self.names) == 2 else f", the best of {len(self.names)},"
-        verb = "with" if self.home is None else "to"
-        other = f"{verb} {with_unit(float(self.after[last]), unit)}"
-        if self.home is None:
-            return (
-                f" with {self.names[best]}{rank} and {with_unit(float(self.after[last]), unit)} with {self.names[last]}"
-            )
-        worst = "" if len(self.names) == 2 else ", the worst"
-        return f" with {self.names[best]}{rank} and {other} with {self.names[last]}{worst}"
+        last = int(np.argmax(self.after))
+        other = f"{verb}{with_unit(float(self.after[last]), self.quantity.unit)} with {self.names[last]}"
+        if len(self.names) == 2:
+            return f" with {self.names[best]} and {other}"
+        worst = "" if self.home is None else ", the worst"
+        return f" with {self.names[best]}, the best of {len(self.names)}, and {other}{worst}"
 
 
 def _times(before: float, after: float) -> str:
