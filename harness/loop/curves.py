@@ -106,7 +106,6 @@ def described(curve: Curve) -> str:
         grid = np.linspace(0.0, reach, 100)
         left, right = curve.at(-grid), curve.at(grid)
         odd, even = 0.5 * (right - left), 0.5 * (right + left)
-        even = even - even.mean()
         total = np.sum(odd**2) + np.sum(even**2)
         kind = "odd in" if np.sum(odd**2) > _PURE * total else "even in" if np.sum(even**2) > _PURE * total else kind
     grid = np.linspace(low, high, 200)
