@@ -175,10 +175,14 @@ def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float
 
 
 def _process(spec: ModelSpec) -> list[Coordinate]:
-    """Return a coordinate per unit of the noisy states: velocities, angles, forces each share a factor."""
+    """Return a coordinate per unit of the noisy states: velocities, angles, forces each share a factor.
+
+    A random effect states its noise itself; how much of it there is, is a parameter.
+    """
     groups: dict[str, list[int]] = {}
-    for i, state in enumerate(spec.model().states):
-        if spec.process_noise[state] > 0:
+    model = spec.model()
+    for i, state in enumerate(model.states):
+        if spec.process_noise[state] > 0 and state not in model.noise:
             groups.setdefault(SIGNALS[state].unit if state in SIGNALS else state, []).append(i)
     bound = math.log(NOISE_RANGE)
     return [

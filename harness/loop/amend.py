@@ -81,7 +81,8 @@ def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr
     filters = Innovations(fitted_model(trace, spec, point), kind, whole.jobs)
     squares = []
     for i, (drive, recording) in enumerate(zip(trace.held_out.drives, recordings, strict=True)):
-        values = np.array([[point.values[whole.row(n), i]] for n in filters.model.parameter_names])
+        known = dict(zip(whole.names, point.values[:, i], strict=True))
+        values = np.array([[known[n] if n in known else spec.values[n]] for n in filters.model.parameter_names])
         held = replace(hold(filters.spec), values=values)
         own = joined(filters.drive(recording, drive.name), filters.model)
         squares.append(whole.share(partial(_unseen, filters, own, held), range(len(held.measurement))))
@@ -99,14 +100,16 @@ def _unseen(filters: Innovations, drive: Drive, held: Held, output: int) -> Floa
 def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
     """Return a model with values and variances of a point.
 
-    An effect's own states have no noise, and a change begins when it does in the first drive.
+    An effect's own states have no noise unless it is a random process, and a change begins when it does in the first
+    drive.
     """
     whole, noise = trace.fitting.whole, trace.fitting.noise_at(point)
     process = dict(zip(whole.nominal.states, map(float, noise.process[:, 0]), strict=True))
     model = spec.model()
+    known = dict(zip(whole.names, map(float, point.values[:, 0]), strict=True))
     return replace(
         spec,
-        values={n: float(point.values[whole.row(n), 0]) for n in model.parameter_names},
-        process_noise={s: process.get(s, 0.0) for s in model.states},
+        values={n: known[n] if n in known else spec.values[n] for n in model.parameter_names},
+        process_noise={s: process.get(s, spec.process_noise.get(s, 0.0)) for s in model.states},
         measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
     )

@@ -29,7 +29,7 @@ def blocks(outcome: Outcome) -> list[Block]:
     """Return the answer, the table, what was odd about the recordings, and how each round of the search ended."""
     found: list[Block] = [Heading("What was found?"), Prose(strong(outcome.answer))]
     rows = [["verdict", _MEANING[outcome.verdict]]]
-    rows += [["what", called(h.name)] for h in outcome.trace.added]
+    rows += [["what", called(h.name)] for h in outcome.added]
     if outcome.where.unnamed is not None:
         rows += [["what", f"without a name: {described(c)}"] for c in outcome.where.unnamed.curves]
     rows += [["how large", line] for line in _sizes(outcome)]
@@ -50,7 +50,7 @@ def blocks(outcome: Outcome) -> list[Block]:
 def _sizes(outcome: Outcome) -> list[str]:
     """Return the parameters of what was added, largest in standard errors first where they are many."""
     stated, found = outcome.trace.fitting.whole.spec.values, []
-    for h in outcome.trace.added:
+    for h in outcome.added:
         values = outcome.values[h.name]
         if h.name == ALL_PARAMETERS:
             moved = sorted(values, key=lambda v: -abs(v.value - stated[v.name]) / v.std if v.std else 0.0)[:3]

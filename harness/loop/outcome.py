@@ -22,6 +22,7 @@ from harness.loop.fit import Fitted
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.trace import Candidate, Say, Trace
+from harness.loop.wandering import EXPLAINED, Wandering
 from harness.loop.where import Where, pinpoint_record, unnamed_record, where
 from harness.loop.worth import Worth
 from harness.report.store import words
@@ -33,10 +34,6 @@ Verdict = Literal["adequate", "amended", "unresolved"]
 
 COLOURED = 1e-4
 """p-value below which innovations count as coloured; each output of each drive is a test of its own."""
-
-EXPLAINED = 1e-8
-"""p-value of the innovations on the held-out drives, below which something is missing whatever the error is. Where the
-structure is right it is rarely below 1e-4, and noise that is fitted a little wrong makes the difference."""
 
 EXCESS = 0.05
 """Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
@@ -83,6 +80,12 @@ class Outcome:
     notes: tuple[str, ...] = ()
 
     @property
+    def added(self) -> tuple[Hypothesis, ...]:
+        """Everything that was added, a random process last."""
+        process = self.where.wandering
+        return self.trace.added if process is None else (*self.trace.added, process.hypothesis)
+
+    @property
     def after(self) -> Judgement:
         """The final model on the held-out drives: with what has no name, if that helps there."""
         return final_judgement(self.trace, self.where)
@@ -96,13 +99,16 @@ def outcome_of(trace: Trace, say: Say = lambda _: None) -> Outcome:
         say: Is told what is being done.
     """
     say("looking for where something is missing")
-    values, judged = _values(trace), _judged(trace)
+    values, judged, amended = _values(trace), _judged(trace), _amended(trace)
     coloured = any(min(w.ljung_box, w.periodogram) < EXPLAINED for j in judged if j.held_out for w in j.whiteness)
-    found = where(trace, coloured or _strays(trace))
+    found = where(trace, amended, coloured or _strays(trace))
+    if found.wandering is not None:
+        amended = found.wandering.spec
+        values[found.wandering.hypothesis.name] = _of_process(found.wandering)
     verdict = verdict_of(trace, found, coloured)
     nominal = fitted_model(trace, trace.fitting.whole.spec, trace.nominal.point)
     answer = _answer(trace, verdict, found)
-    return Outcome(trace, verdict, answer, values, judged, nominal, _amended(trace), found)
+    return Outcome(trace, verdict, answer, values, judged, nominal, amended, found)
 
 
 def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
@@ -111,8 +117,10 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     Something is still missing if the final model's innovations on the held-out drives are anything but white, whatever
     was named: then a name may stand for something else. So it is if the model strays there further than the noise of
     the sensors, with the curves that have no name if there are any, and either there are some or the last round held a
-    hypothesis that promised enough but did not pass.
+    hypothesis that promised enough but did not pass. A random process is added only where it leaves nothing.
     """
+    if found.wandering is not None:
+        return "amended"
     if coloured and (trace.effects or found.unnamed is None):
         return "unresolved"
     if (_failed(trace) or found.unnamed is not None) and final_judgement(trace, found).excess > EXCESS:
@@ -154,6 +162,11 @@ def _values(trace: Trace) -> dict[str, tuple[Value, ...]]:
     return found
 
 
+def _of_process(process: Wandering) -> tuple[Value, ...]:
+    units = {p.name: p.unit for p in process.spec.model().parameters}
+    return tuple(Value(n, units[n], process.spec.values[n], e) for n, e in process.errors.items())
+
+
 def _errors(trace: Trace, fitted: Fitted) -> dict[tuple[str, int], float]:
     """Return standard errors by parameter and first drive in which it acts."""
     fitting, n = trace.fitting, len(fitted.coordinates)
@@ -173,11 +186,15 @@ def _errors(trace: Trace, fitted: Fitted) -> dict[tuple[str, int], float]:
 
 def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     parameters = [h for h in trace.added if h.kind == "parameter"]
-    named = ", ".join(words(h.name.replace("@", " of ")) for h in trace.effects)
+    process = found.wandering
+    effects = trace.effects if process is None else (*trace.effects, process.hypothesis)
+    named = ", ".join(words(h.name.replace("@", " of ")) for h in effects)
     wrong = ", ".join(words(h.name) for h in parameters)
     also = f" The stated values of {wrong} were wrong." if parameters else ""
     after = final_judgement(trace, found)
     gap = f" The held-out error beyond the noise of the sensors falls {_fall(trace.before, after)}."
+    if process is not None:
+        gap = (gap if trace.added else "") + _of_a_process(process)
     curves = [] if found.unnamed is None else [described(c) for c in found.unnamed.curves]
     unnamed = f" What is missing acts as {'; '.join(curves)}." if curves else ""
     if verdict == "adequate":
@@ -188,6 +205,13 @@ def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     part = f" {named[:1].upper()}{named[1:]} explains part of it." if named else ""
     closed = gap if named or curves else ""
     return f"Something is missing that no effect of the library explains.{part}{unnamed}{closed}{also}"
+
+
+def _of_a_process(process: Wandering) -> str:
+    return (
+        f" {words(process.hypothesis.name).capitalize()} is a random process: the model alone cannot foretell it. With "
+        f"a filter that knows of it the log-likelihood of the held-out drives rises by {process.held_out_gain:.0f}."
+    )
 
 
 def _fall(before: Judgement, after: Judgement) -> str:
@@ -240,8 +264,8 @@ def record(outcome: Outcome) -> dict[str, Any]:
         "residual": _residual(outcome, outputs),
         "pinpoint": pinpoint_record(outcome.where),
         "candidates": [_candidate(c, n) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
-        "added": [_added(h, outcome) for h in trace.effects],
-        "parameters": [_added(h, outcome) for h in trace.added if h.kind == "parameter"],
+        "added": [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
+        "parameters": [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
         "unnamed": unnamed_record(outcome.where.unnamed),
         "rounds": [
             {

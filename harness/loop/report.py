@@ -81,11 +81,11 @@ def _estimators(outcome: Outcome) -> list[Block]:
 
 def _found(outcome: Outcome) -> list[Block]:
     trace = outcome.trace
-    if not trace.added:
+    if not outcome.added:
         return []
     blocks: list[Block] = [Heading("How large is it?")]
     rows = []
-    for h in trace.added:
+    for h in outcome.added:
         for v in outcome.values[h.name]:
             stated = trace.fitting.whole.spec.values.get(v.name, math.nan)
             moved = abs(v.value - stated) > 3 * v.std if math.isfinite(stated) else True
@@ -99,7 +99,7 @@ def _found(outcome: Outcome) -> list[Block]:
         blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
     else:
         blocks.append(Prose(plain("Many parameters moved together, none of them by more than three standard errors.")))
-    for h in trace.effects:
+    for h in (h for h in outcome.added if h.kind == "effect"):
         for port, text in equation(h, outcome).items():
             before, after = (_breakable(text[k]) for k in ("before", "after"))
             blocks.append(Listing(f"{port}\n  before  {before}\n  after   {after}"))

@@ -123,7 +123,7 @@ def drives_of(task: Task, whole: Whole) -> tuple[list[Drive], list[Drive]]:
 def _with_worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Outcome:
     """Run the study; a trace is not lost because a study cannot be run with what it found."""
     assert task.study is not None
-    if not outcome.trace.added:
+    if not outcome.added:
         return replace(outcome, worth=f"Nothing was added to the model, so {task.study} was not run.")
     models = {"nominal": outcome.nominal, "amended": outcome.amended}
     try:

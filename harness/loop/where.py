@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from harness.configure import ModelSpec
 from harness.loop.curves import Curve, described
 from harness.loop.pinpoint import History, Pinpoint, Suspect
 from harness.loop.trace import Trace
 from harness.loop.unnamed import Unnamed, find_unnamed
+from harness.loop.wandering import Wandering, find_wandering
 
 SHOWN = 3
 """Entries whose disturbance is shown over time."""
@@ -24,12 +26,14 @@ class Where:
         final: With everything added; the same if nothing was.
         histories: Disturbances at the most suspect entries of the nominal model, each over every fitted drive.
         unnamed: What is left, as curves; ``None`` if it was not looked for or nothing predicts the drives left out.
+        wandering: What is left, as a random process of the library; then no curve is looked for.
     """
 
     nominal: Pinpoint
     final: Pinpoint
     histories: tuple[tuple[History, ...], ...]
     unnamed: Unnamed | None
+    wandering: Wandering | None = None
 
     @property
     def shown(self) -> tuple[Suspect, ...]:
@@ -37,19 +41,26 @@ class Where:
         return tuple(s for s in self.nominal.suspects[:SHOWN] if s.gain > 0)
 
 
-def where(trace: Trace, unexplained: bool) -> Where:
+def where(trace: Trace, amended: ModelSpec, unexplained: bool) -> Where:
     """Pinpoint what the nominal model and the final one lack.
 
     Args:
         trace: What was found.
-        unexplained: Whether something is left to look for a curve.
+        amended: The final model.
+        unexplained: Whether something is left to look for.
     """
     nominal = final = Pinpoint(trace.fitting, trace.nominal.point)
     if trace.added:
         final = Pinpoint(trace.fitting, trace.final.point, nominal.channels)
     histories = tuple(nominal.history(s) for s in nominal.suspects[:SHOWN] if s.gain > 0)
-    unnamed = find_unnamed(trace.fitting, trace.held_out, trace.final, trace.after, final) if unexplained else None
-    return Where(nominal, final, histories, unnamed)
+    if not unexplained:
+        return Where(nominal, final, histories, None)
+    wandering = find_wandering(trace, amended, final)
+    if wandering is not None:
+        return Where(nominal, final, histories, None, wandering)
+    return Where(
+        nominal, final, histories, find_unnamed(trace.fitting, trace.held_out, trace.final, trace.after, final)
+    )
 
 
 def pinpoint_record(found: Where) -> list[dict[str, Any]]:

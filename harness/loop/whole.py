@@ -275,7 +275,7 @@ _DUAL_NAMES = "from harness import lanes as plain\nfrom harness.dual_lanes impor
 def candidates_of(spec: ModelSpec, available: set[str], excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:
     """Return the effects of the library that a model may lack, place by place.
 
-    Left out are effects that are a random process (``pinpoint`` finds those), effects whose inputs the recordings do
+    Left out are effects that are a random process (``wandering`` finds those), effects whose inputs the recordings do
     not hold, and those that the model has or the user excludes.
     """
     found, without = [], excluded | {split(e)[0] for e in spec.effects}

@@ -37,9 +37,11 @@ FREE = ("stiffness_peak_front", "stiffness_peak_rear")
 
 
 def driven(seed, effects=(), duration=60.0, **values):
-    """Return a drive of a car that was simulated at 1 ms and recorded at 10 ms, without process noise."""
+    """Return a drive of a car that was simulated at 1 ms and recorded at 10 ms; only random effects have noise."""
     spec = resolve_single({**CAR, "effects": list(effects), "values": values, "step": "1 ms"}, "test")
-    spec = dataclasses.replace(spec, process_noise=dict.fromkeys(spec.process_noise, 0.0))
+    random = spec.model().noise
+    noise = {s: random.get(s, 0.0) * spec.step for s in spec.process_noise}
+    spec = dataclasses.replace(spec, process_noise=noise)
     vehicle = registry.load("models.vehicles", "car")
     context = DriveContext(vehicle.wheelbase(spec.values), spec.values["steering_ratio"], spec.step)
     options = {
