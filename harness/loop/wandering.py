@@ -70,18 +70,18 @@ def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wander
         return None
     most = pinpoint.suspects[0].gain
     suspected = [set(s.channel.ports) for s in pinpoint.suspects if 2 * (most - s.gain) < AHEAD]
-    for name in _processes(final):
+    for name in _processes(final, trace.fitting.whole):
         found = _fitted(trace, final, name) if _changed(final, name) in suspected else None
         if found is not None:
             return found
     return None
 
 
-def _processes(spec: ModelSpec) -> list[str]:
-    """Return the random processes of the library that a model may lack."""
-    present = {split(e)[0] for e in spec.effects}
+def _processes(spec: ModelSpec, whole: Whole) -> list[str]:
+    """Return the random processes of the library that a model may lack, but those that the user excludes."""
+    out = whole.excluded | {split(e)[0] for e in spec.effects}
     every = placements(spec.vehicle, spec.tyre, spec.sensors)
-    return [n for n in every if getattr(load_effect(n), "NOISE", None) and split(n)[0] not in present]
+    return [n for n in every if getattr(load_effect(n), "NOISE", None) and split(n)[0] not in out]
 
 
 def _changed(spec: ModelSpec, name: str) -> set[str]:

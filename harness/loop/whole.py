@@ -97,9 +97,9 @@ class Whole:
     def __init__(
         self, spec: ModelSpec, available: Iterable[str], jobs: int | None = None, excluded: Iterable[str] = ()
     ) -> None:
-        self.spec, self.nominal = spec, spec.model()
+        self.spec, self.nominal, self.excluded = spec, spec.model(), frozenset(excluded)
         self.jobs = jobs or os.cpu_count() or 1
-        self.placements = candidates_of(spec, set(available), frozenset(excluded))
+        self.placements = candidates_of(spec, set(available), self.excluded)
         files = tuple(dict.fromkeys(split(name)[0] for name in self.placements))
         self.model = _assembled(spec, files)
         self.names = self.model.parameter_names

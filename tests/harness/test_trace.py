@@ -146,7 +146,7 @@ def test_variances_climb_to_those_of_the_samples():
 def test_coloured_innovations_are_no_amendment_whatever_was_named():
     last = SimpleNamespace(added=None, candidates=())
     named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01))
-    nothing = SimpleNamespace(unnamed=None)
+    nothing = SimpleNamespace(unnamed=None, wandering=None)
     assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
     without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01))
     assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
