@@ -231,10 +231,10 @@ class _Search:
         # Many parameters at once promise much whatever is missing, so they keep nothing else from being fitted.
         alone = [self._promise(s) for s in promised if s.hypothesis.name != ALL_PARAMETERS]
         enough = max(0.5 * BIC_NEEDED, _NEAR * max(alone, default=0.0))
-        chosen = [s for s in _distinct(promised) if self._promise(s) > enough][:_REFITTED]
-        chosen.sort(
-            key=lambda s: s.hypothesis.name == ALL_PARAMETERS
-        )  # the longest fit, and often spared by the others
+        distinct = [s for s in _distinct(promised) if self._promise(s) > enough]
+        chosen = [s for s in distinct if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED]
+        # Many at once are the longest fit and often spared by what the others reach.
+        chosen += [s for s in distinct if s.hypothesis.name == ALL_PARAMETERS]
         fits: dict[Hypothesis, Fitted] = {}
         reached = 0.0
         for s in chosen:
