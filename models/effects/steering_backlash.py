@@ -1,9 +1,9 @@
 """Play in the steering: on every reversal the wheels wait until the play is crossed.
 
 The middle of the play, a state, stays where it is while the steering moves within the play and is pushed along
-beyond it (the play operator of Visintin 1994, with a soft edge and ``PUSHING`` as its time constant). The wheels
-stand at the angle less half the play times where in the play the steering is, from -1 to 1. Below ``NARROWEST`` the
-edge stays as wide, so that the slope at no play exists.
+beyond it (the play operator of Visintin 1994, with ``PUSHING`` as its time constant). The wheels stand at the angle
+less half the play times where in the play the steering is, from -1 to 1. Below ``NARROWEST`` the play stays as wide,
+so that the slope at no play exists.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ import sympy as sp
 
 from models.assemble import EffectContext
 from models.contracts import Parameter
+from models.expressions import larger, smaller
 
-PUSHING = 0.02
+PUSHING = 0.01
 """s; time in which the play follows the steering that pushes it."""
 
-NARROWEST = 0.001
-"""rad; the edge of the play is never narrower."""
+NARROWEST = 0.0002
+"""rad; the play that the state crosses is never narrower."""
 
 CONSTANTS: dict[str, str] = {"PUSHING": "s"}
 
@@ -44,6 +45,6 @@ def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     half, followed = e.p("steering_backlash"), e.state("steering_followed")
     edge = sp.sqrt(half**2 + NARROWEST**2)
     x = (value - followed) / edge
-    within = x / (1 + x**8) ** sp.Rational(1, 8)  # -1 to 1
+    within = larger(-1, smaller(1, x))
     e.derivative("steering_followed", edge * (x - within) / PUSHING)
     return value - half * within
