@@ -293,12 +293,17 @@ class _Search:
             rows = [self.whole.row(n) for n in h.amplitudes]
             less[rows] = point.values[rows] + share * (values[rows] - point.values[rows])
             starts.append(replace(point, values=less))
-        for name in h.amplitudes:
+        return self.fitting.best([*starts[1:], *self._on_grids(starts[0], h.amplitudes)])
+
+    def _on_grids(self, point: Point, names: Sequence[str]) -> list[Point]:
+        """Return a point, and others with one parameter each at a value of its grid."""
+        found = [point]
+        for name in names:
             for value in self.whole.model.parameters[self.whole.row(name)].grid:
-                other = values.copy()
-                other[self.whole.row(name)] = value
-                starts.append(replace(point, values=other))
-        return self.fitting.best(starts)
+                values = point.values.copy()
+                values[self.whole.row(name)] = value
+                found.append(replace(point, values=values))
+        return found
 
     def _again(self, added: tuple[Hypothesis, ...], best: Fitted, fits: dict[Hypothesis, Fitted]) -> Fitted:
         """Refit the model without addition from where the best hypothesis left its parameters and noise."""
@@ -339,20 +344,35 @@ class _Search:
         return found
 
     def _backward(self, added: tuple[Hypothesis, ...], best: Fitted) -> tuple[tuple[Hypothesis, ...], Fitted]:
-        """Take away what the later additions made superfluous."""
+        """Take away what the later additions made superfluous: all but one of them, or one after the other.
+
+        What is missing may have been taken for something else at first, and for the rest of it thereafter.
+        """
+        for h in added[1:]:
+            self.say(f"is {h.name.replace('_', ' ')} enough?")
+            alone, lost = self._without(added, (h,), best)
+            if lost < BIC_NEEDED:
+                return (h,), alone
         for h in added[:-1]:
             rest = tuple(k for k in added if k != h)
-            values = best.point.values.copy()
-            kept = {n for k in rest for n in (*k.shared, *k.moments)}
-            for name in (*h.shared, *h.moments):
-                if name not in kept:
-                    values[self.whole.row(name)] = self.whole.neutral()[self.whole.row(name)]
             self.say(f"is {h.name.replace('_', ' ')} still needed?")
-            without = self._fit(rest, replace(best.point, values=values))
-            lost = 2 * (best.objective - without.objective) - h.count(len(self.fitting.drives)) * self.log_samples
+            without, lost = self._without(added, rest, best)
             if lost < BIC_NEEDED:
                 added, best = rest, without
         return added, best
+
+    def _without(
+        self, added: tuple[Hypothesis, ...], rest: tuple[Hypothesis, ...], best: Fitted
+    ) -> tuple[Fitted, float]:
+        """Return the model with some of its additions only, and what it loses in BIC."""
+        kept = {n for k in rest for n in (*k.shared, *k.moments)}
+        gone = {n for h in added for n in (*h.shared, *h.moments)} - kept
+        values, rows = best.point.values.copy(), [self.whole.row(n) for n in gone]
+        values[rows] = self.whole.neutral()[rows, None]
+        starts = self._on_grids(replace(best.point, values=values), [n for h in rest for n in h.amplitudes])
+        fitted = self._fit(rest, self.fitting.best(starts))
+        freed = len(best.coordinates) - len(fitted.coordinates)
+        return fitted, 2 * (best.objective - fitted.objective) - freed * self.log_samples
 
 
 def _hardest(judged: Sequence[Judgement]) -> Judgement:
