@@ -125,7 +125,6 @@ def document(indices, found, plan: Plan, restarts: int, spread: int, command: st
     if SPREAD in found:
         pictures["restarts.svg"] = figures.restarts(found[SPREAD][2], counts, _words(SPREAD))
         blocks += [
-            Heading("How much do the first weights matter?"),
             Picture(
                 pictures["restarts.svg"],
                 f"Free-running NRMSE of {_words(SPREAD)}, summed over the outputs on the test drives: the first "
@@ -139,7 +138,6 @@ def document(indices, found, plan: Plan, restarts: int, spread: int, command: st
     ]
     header = ["layers", "neurons per layer", "neurons", "one step", "free, before tuning", "free, tuned"]
     blocks += [
-        Heading("Which architecture?"),
         Picture(
             pictures["architectures.svg"],
             f"Least NRMSE of {restarts} trainings per architecture, summed over the outputs on the test drives; "
