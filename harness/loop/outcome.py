@@ -21,7 +21,7 @@ from harness.loop.curves import described
 from harness.loop.fit import Fitted
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.loop.trace import Candidate, Say, Trace
+from harness.loop.trace import BIC_NEEDED, Candidate, Say, Trace
 from harness.loop.wandering import EXPLAINED, Wandering
 from harness.loop.where import Where, pinpoint_record, unnamed_record, where
 from harness.loop.worth import Worth
@@ -117,7 +117,7 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     Something is still missing if the final model's innovations on the held-out drives are anything but white, whatever
     was named: then a name may stand for something else. So it is if the model strays there further than the noise of
     the sensors, with the curves that have no name if there are any, and either there are some or the last round held a
-    hypothesis that promised enough but did not pass. A random process is added only where it leaves nothing.
+    hypothesis that gained enough but did not pass. A random process is added only where it leaves nothing.
     """
     if found.wandering is not None:
         return "amended"
@@ -141,9 +141,9 @@ def _strays(trace: Trace) -> bool:
 
 
 def _failed(trace: Trace) -> bool:
-    """Whether the last round held a hypothesis that promised enough but did not pass."""
+    """Whether the last round held a hypothesis that gained enough on the fitted drives but did not pass."""
     last = trace.rounds[-1]
-    return last.added is None and any(c.fitted is not None for c in last.candidates)
+    return last.added is None and any(c.fitted is not None and c.bic >= BIC_NEEDED for c in last.candidates)
 
 
 def _values(trace: Trace) -> dict[str, tuple[Value, ...]]:
