@@ -16,7 +16,7 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ()
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("axle_lift", r"\lambda_H", "dimensionless", -0.5, 0.99, "share of its load that the axle gives up", 0.0),
+    Parameter("axle_lift", r"\lambda_H", "dimensionless", -0.5, 0.99, "how much less than each other axle of its bogie it carries", 0.0),
 )
 
 

@@ -49,7 +49,6 @@ _SAME_NAME = {
     "trailer_cog_height": "longitudinal_transfer_height_trailer",
     "slosh_frequency": "slosh_frequency_trailer",
     "payload_shift": "payload_shift_trailer",
-    "lift": "axle_lift_21",
 }
 
 
@@ -77,6 +76,8 @@ def library_values(effect: Drawn, p: Semitrailer | Car) -> dict[str, float]:
             found[library] = value / p.steering_ratio
         elif name == "steering_ratio":
             found["steering_ratio_error"] = value / type(p)._field_defaults[name] - 1.0
+        elif name == "lift":  # the library compares with the other axles, which take what this one gives up
+            found["axle_lift_21"] = 1.0 - (1.0 - value) / (1.0 + value / 2.0)
         elif name == "stiffness_drift":
             found.update({f"stiffness_drift_{end}": value for end in ends})
         elif name == "relaxation_length":
