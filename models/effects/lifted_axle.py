@@ -16,7 +16,15 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ()
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("axle_lift", r"\lambda_H", "dimensionless", -0.5, 0.99, "how much less than each other axle of its bogie it carries", 0.0),
+    Parameter(
+        "axle_lift",
+        r"\lambda_H",
+        "dimensionless",
+        -0.5,
+        0.99,
+        "how much less than the other axles of the bogie it carries",
+        0.0,
+    ),
 )
 
 
