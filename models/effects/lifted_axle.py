@@ -21,7 +21,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         r"\lambda_H",
         "dimensionless",
         -0.5,
-        0.99,
+        0.995,
         "how much less than the other axles of the bogie it carries",
         0.0,
     ),
