@@ -321,7 +321,7 @@ class _Search:
         tried = [c for c in candidates if c.fitted is not None]
         if not tried:
             return Round(candidates, before, None, "nothing promises enough to be fitted", ())
-        best = next((c for c in tried if not self._objections(c, before)), tried[0])
+        best = preferred([c for c in tried if not self._objections(c, before)]) or tried[0]
         alike = tuple(c.hypothesis.name for c in candidates if c is not best and self._alike(best, c))
         objections = self._objections(best, before)
         reason = "; ".join(objections) or "passes all three judges"
@@ -373,6 +373,18 @@ class _Search:
         fitted = self._fit(rest, self.fitting.best(starts))
         freed = len(best.coordinates) - len(fitted.coordinates)
         return fitted, 2 * (best.objective - fitted.objective) - freed * self.log_samples
+
+
+def preferred(passing: Sequence[Candidate]) -> Candidate | None:
+    """Return what is added of what passes, best first: many parameters at once only if nothing alone strays less.
+
+    Many parameters fit anything a little; on drives that they were not fitted to the right one does better.
+    """
+    best = next(iter(passing), None)
+    if best is None or best.hypothesis.name != ALL_PARAMETERS or best.held_out is None:
+        return best
+    reached = best.held_out.excess
+    return next((c for c in passing if c.held_out is not None and c.held_out.excess < reached), best)
 
 
 def _hardest(judged: Sequence[Judgement]) -> Judgement:

@@ -146,7 +146,7 @@ def test_check_prints_and_writes_what_it_found(tmp_path):
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert "wrong sign" in done.output
-    assert "1 gaps" in done.output
+    assert "gaps longer than 0.05 s: 1" in done.output
     assert "front axle" in done.output
     page = (out / "check.html").read_text()
     assert page.count("data:image/svg") >= 3  # agreement, axles, signals

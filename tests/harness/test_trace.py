@@ -17,10 +17,10 @@ from harness.identify.innovations import Innovations, hold
 from harness.identify.scoring import Objective
 from harness.loop.fit import Fitting
 from harness.loop.fitness import oddities
-from harness.loop.hypotheses import coordinates, hypotheses
+from harness.loop.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.loop.outcome import verdict_of
 from harness.loop.score import ScoreTest, best_amplitudes, cosine
-from harness.loop.trace import first_variances
+from harness.loop.trace import first_variances, preferred
 from harness.loop.variances import climb
 from harness.loop.whole import Noise, Whole
 from harness.measured import load_recording
@@ -141,6 +141,18 @@ def test_variances_climb_to_those_of_the_samples():
     assert z[0] == 1.0
     assert np.exp(z[1:]) == pytest.approx(squares, rel=2e-3)  # differences over 0.1 are 0.0017 off here
     assert value == pytest.approx(values(z[:, None])[0])
+
+
+def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
+    def candidate(name, excess):
+        hypothesis = SimpleNamespace(name=name)
+        return SimpleNamespace(hypothesis=hypothesis, held_out=SimpleNamespace(excess=excess))
+
+    many, length, mass = candidate(ALL_PARAMETERS, 0.28), candidate("trailer_length", 0.14), candidate("mass", 0.5)
+    assert preferred([many, mass, length]) is length
+    assert preferred([many, mass]) is many
+    assert preferred([mass, many, length]) is mass
+    assert preferred([]) is None
 
 
 def test_coloured_innovations_are_no_amendment_whatever_was_named():
