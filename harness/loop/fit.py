@@ -126,7 +126,7 @@ class Fitting:
         found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH)
         for _ in range(turns):
             before = found.value
-            z, _ = climb(objective, found.z, n, _ROUGH, 3 * ENOUGH)
+            z = climb(objective, found.z, n, _ROUGH, 3 * ENOUGH)
             found = maximise(objective, z, parameters, iterations, ENOUGH)
             if found.value - before < 10 * ENOUGH:
                 break

@@ -89,17 +89,24 @@ def _certainty(outcome: Outcome) -> list[str]:
             text += ", both over the model with what earlier rounds had added"
         others = [called(n) for n in r.confusable[1:]]
         found.append(f"{text}; hardly told from {listed(others)}" if others else text)
+    if (process := outcome.where.wandering) is not None:
+        found.append(
+            f"{called(process.hypothesis.name)}: log-likelihood of a filter with it {style.number(process.gain)} "
+            f"higher on the fitted drives, {style.number(process.held_out_gain)} on those kept aside, where it leaves "
+            "white noise"
+        )
     return found
 
 
 def _improvements(outcome: Outcome) -> list[str]:
     """Return how far the model alone, and the estimators, come closer to the held-out drives."""
     trace, found = outcome.trace, []
-    if not trace.added and outcome.where.unnamed is None:
+    if not outcome.added and outcome.where.unnamed is None:
         return []
     outputs, after_all = list(trace.fitting.whole.model.outputs), outcome.after.error
     fall = trace.before.error / after_all
-    for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2]:
+    foretold = trace.added or outcome.where.unnamed is not None  # what a random process does, nothing foretells
+    for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2] if foretold else ():
         q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
         before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], after_all[a], noise))
         found.append(f"model alone, {q.words}: RMSE {before} to {after} {q.unit} (noise of the sensor {floor})")

@@ -25,8 +25,8 @@ _LENGTHS = (0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 4.0)
 """Of a step, tried together; with the point itself they are the lanes of one run."""
 
 
-def climb(objective: Objective, z: Floats, first: int, iterations: int, enough: float) -> tuple[Floats, float]:
-    """Return the point with the variances behind ``first`` at their likeliest, and its value.
+def climb(objective: Objective, z: Floats, first: int, iterations: int, enough: float) -> Floats:
+    """Return the point with the variances behind ``first`` at their likeliest.
 
     Args:
         objective: What is maximised.
@@ -50,7 +50,7 @@ def climb(objective: Objective, z: Floats, first: int, iterations: int, enough: 
         z, value = many[:, best], float(values[best])
         if gained < enough:
             break
-    return z, value
+    return z
 
 
 def _newton(objective: Objective, z: Floats, value: float, rows: NDArray[np.intp]) -> Floats:

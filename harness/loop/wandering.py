@@ -61,12 +61,14 @@ class Wandering:
 def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wandering | None:
     """Return the random process that explains what a model lacks; ``None`` if none does.
 
+    Where the noise is held as stated none is looked for: like process noise, it would take up what is missing.
+
     Args:
         trace: What was found.
         final: The final model.
         pinpoint: Of it.
     """
-    if not pinpoint.suspects or 2 * pinpoint.suspects[0].gain < BIC_NEEDED:
+    if trace.fitting.noise_held or not pinpoint.suspects or 2 * pinpoint.suspects[0].gain < BIC_NEEDED:
         return None
     most = pinpoint.suspects[0].gain
     suspected = [set(s.channel.ports) for s in pinpoint.suspects if 2 * (most - s.gain) < AHEAD]

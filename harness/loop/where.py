@@ -53,14 +53,11 @@ def where(trace: Trace, amended: ModelSpec, unexplained: bool) -> Where:
     if trace.added:
         final = Pinpoint(trace.fitting, trace.final.point, nominal.channels)
     histories = tuple(nominal.history(s) for s in nominal.suspects[:SHOWN] if s.gain > 0)
-    if not unexplained:
-        return Where(nominal, final, histories, None)
-    wandering = find_wandering(trace, amended, final)
-    if wandering is not None:
-        return Where(nominal, final, histories, None, wandering)
-    return Where(
-        nominal, final, histories, find_unnamed(trace.fitting, trace.held_out, trace.final, trace.after, final)
-    )
+    wandering = find_wandering(trace, amended, final) if unexplained else None
+    unnamed = None
+    if unexplained and wandering is None:
+        unnamed = find_unnamed(trace.fitting, trace.held_out, trace.final, trace.after, final)
+    return Where(nominal, final, histories, unnamed, wandering)
 
 
 def pinpoint_record(found: Where) -> list[dict[str, Any]]:
