@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from harness.loop.outcome import EXCESS
+from harness.loop.held_out import EXCESS
 from harness.report import style
 from harness.report.store import print_unit
 from models.placement import split

@@ -17,7 +17,8 @@ from harness.identify.recordings import Drive
 from harness.loop.fit import Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement
 from harness.loop.hypotheses import Coordinate, coordinates
-from harness.loop.trace import BIC_NEEDED, ERROR_NEEDED, first_variances
+from harness.loop.judges import BIC_NEEDED, ERROR_NEEDED
+from harness.loop.trace import first_variances
 from harness.loop.whole import Whole
 from models.contracts import Parameter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.loop.hypotheses import ALL_PARAMETERS
-from harness.loop.trace import BIC_NEEDED, Round
+from harness.loop.judges import BIC_NEEDED, Round
 from harness.report import style
 from harness.report.store import words
 

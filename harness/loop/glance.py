@@ -10,8 +10,8 @@ from harness.loop import worth_report
 from harness.loop.curves import described
 from harness.loop.figures import called
 from harness.loop.hypotheses import ALL_PARAMETERS
+from harness.loop.judges import BIC_NEEDED
 from harness.loop.outcome import Outcome, Value
-from harness.loop.trace import BIC_NEEDED
 from harness.loop.worth import Worth
 from harness.report import style
 from harness.report.document import Block, Bullets, Heading, Prose, Sheet, plain, strong

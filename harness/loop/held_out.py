@@ -16,6 +16,9 @@ from harness.loop.whole import Whole
 
 Floats = NDArray[np.float64]
 
+EXCESS = 0.05
+"""Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
+
 
 @dataclass(frozen=True)
 class Judgement:

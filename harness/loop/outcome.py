@@ -19,9 +19,10 @@ from harness.identify.residuals import whiteness
 from harness.loop.amend import Estimated, fitted_model
 from harness.loop.curves import described
 from harness.loop.fit import Fitted
-from harness.loop.held_out import Judgement
+from harness.loop.held_out import EXCESS, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.loop.trace import BIC_NEEDED, Candidate, Say, Trace
+from harness.loop.judges import BIC_NEEDED, Candidate
+from harness.loop.trace import Say, Trace
 from harness.loop.wandering import EXPLAINED, Wandering
 from harness.loop.where import Where, pinpoint_record, unnamed_record, where
 from harness.loop.worth import Worth
@@ -32,11 +33,11 @@ from models.signals import SIGNALS
 Floats = NDArray[np.float64]
 Verdict = Literal["adequate", "amended", "unresolved"]
 
+LITTLE = 1e-3
+"""Share of the nominal model's excess below which nothing is left to explain either."""
+
 COLOURED = 1e-4
 """p-value below which innovations count as coloured; each output of each drive is a test of its own."""
-
-EXCESS = 0.05
-"""Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,9 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
         return "amended"
     if coloured and (trace.effects or found.unnamed is None):
         return "unresolved"
-    if (_failed(trace) or found.unnamed is not None) and final_judgement(trace, found).excess > EXCESS:
+    if found.unnamed is not None and final_judgement(trace, found).excess > EXCESS:
+        return "unresolved"
+    if found.unnamed is None and _failed(trace) and _left(trace):
         return "unresolved"
     return "amended" if trace.effects or found.unnamed is not None else "adequate"
 
@@ -137,7 +140,12 @@ def final_judgement(trace: Trace, found: Where) -> Judgement:
 
 def _strays(trace: Trace) -> bool:
     """Whether something is left that the named effects do not explain."""
-    return trace.after.excess > EXCESS and (_failed(trace) or not trace.effects)
+    return _left(trace) and (_failed(trace) or not trace.effects)
+
+
+def _left(trace: Trace) -> bool:
+    """Whether the final model strays further than the noise of the sensors, and not just a little of what it did."""
+    return trace.after.excess > max(EXCESS, LITTLE * trace.before.excess)
 
 
 def _failed(trace: Trace) -> bool:

@@ -10,8 +10,8 @@ from harness.loop import figures, glance, where_report, worth_report
 from harness.loop.figures import called
 from harness.loop.glance import scaled
 from harness.loop.hypotheses import ALL_PARAMETERS
+from harness.loop.judges import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
 from harness.loop.outcome import COLOURED, Outcome, equation
-from harness.loop.trace import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
 from harness.report import style
 from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
 from harness.report.store import quantity, words

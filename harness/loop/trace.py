@@ -20,23 +20,12 @@ from harness.identify.recordings import Drive
 from harness.loop.fit import TURNS, Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
-from harness.loop.score import Score, ScoreTest, cosine
+from harness.loop.judges import BIC_NEEDED, Candidate, Round, decide, distinct, hardest, lookalikes
+from harness.loop.score import Score, ScoreTest
 from harness.loop.whole import Whole
 
 Floats = NDArray[np.float64]
 Say = Callable[[str], None]
-
-BIC_NEEDED = 50.0
-"""Gain in BIC on the fitted drives below which nothing is added."""
-
-ERROR_NEEDED = 0.2
-"""Share of the held-out error, beyond the noise of the sensors, that an addition must take away."""
-
-AHEAD = 50.0
-"""Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""
-
-ALIKE = 0.9
-"""Cosine of two responses from which hypotheses count as hard to tell apart."""
 
 ROUNDS = 5
 """Largest number of additions."""
@@ -59,47 +48,6 @@ _NEAR = 0.5
 """Hypotheses are fitted that promise at least this share of what the best one does."""
 
 _ITERATIONS = 8
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A hypothesis as tried in a round.
-
-    Attributes:
-        score: What it promised.
-        fitted: Fitted jointly with everything found before; ``None`` if it promised too little.
-        bic: Gain in BIC over the model without it, promised or fitted.
-        held_out: What the held-out drives say; ``None`` if it was not fitted.
-    """
-
-    score: Score
-    fitted: Fitted | None
-    bic: float
-    held_out: Judgement | None
-
-    @property
-    def hypothesis(self) -> Hypothesis:
-        """What was tried."""
-        return self.score.hypothesis
-
-
-@dataclass(frozen=True)
-class Round:
-    """One round of the selection.
-
-    Attributes:
-        candidates: Everything tried, best first.
-        before: The model without any of them, on the held-out drives, where it was refitted as its fits do best there.
-        added: The one that was added; ``None`` in the last round.
-        reason: Why, or why not, in a sentence.
-        confusable: Names of what these drives can hardly tell from the best, itself first.
-    """
-
-    candidates: tuple[Candidate, ...]
-    before: Judgement
-    added: Candidate | None
-    reason: str
-    confusable: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -231,10 +179,10 @@ class _Search:
         # Many parameters at once promise much whatever is missing, so they keep nothing else from being fitted.
         alone = [self._promise(s) for s in promised if s.hypothesis.name != ALL_PARAMETERS]
         enough = max(0.5 * BIC_NEEDED, _NEAR * max(alone, default=0.0))
-        distinct = [s for s in _distinct(promised) if self._promise(s) > enough]
-        chosen = [s for s in distinct if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED]
+        worth = [s for s in distinct(promised) if self._promise(s) > enough]
+        chosen = [s for s in worth if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED]
         # Many at once are the longest fit and often spared by what the others reach.
-        chosen += [s for s in distinct if s.hypothesis.name == ALL_PARAMETERS]
+        chosen += [s for s in worth if s.hypothesis.name == ALL_PARAMETERS]
         fits: dict[Hypothesis, Fitted] = {}
         reached = 0.0
         for s in chosen:
@@ -245,6 +193,7 @@ class _Search:
             fits[s.hypothesis] = fitted
             if s.hypothesis.name != ALL_PARAMETERS:
                 reached = max(reached, self._bic(s, fitted.objective - best.objective))
+        fits |= self._like_the_best(added, without, promised, fits, number)
         if fits:
             again = self._again(added, best, fits)
             gain = max(f.objective for f in fits.values()) - best.objective
@@ -252,15 +201,47 @@ class _Search:
                 return self._round(added, [*without, again], number)
             if again is not best:
                 without, best = [*without, again], again
-        before = _hardest([self._judge(added, f.point) for f in without])
-        candidates = []
-        for s in promised:
-            f = fits.get(s.hypothesis)
-            bic = self._promise(s) if f is None else self._bic(s, f.objective - best.objective)
-            judged = None if f is None else self._judge((*added, s.hypothesis), f.point)
-            candidates.append(Candidate(s, f, bic, judged))
+        before = hardest([self._judge(added, f.point) for f in without])
+        candidates = [self._candidate(added, s, fits.get(s.hypothesis), best) for s in promised]
         candidates.sort(key=lambda c: (c.fitted is not None, c.bic), reverse=True)
-        return without, self._decide(tuple(candidates), before, number)
+        return without, decide(tuple(candidates), before, number > self.rounds)
+
+    def _like_the_best(
+        self,
+        added: tuple[Hypothesis, ...],
+        without: list[Fitted],
+        promised: Sequence[Score],
+        fits: dict[Hypothesis, Fitted],
+        number: int,
+    ) -> dict[Hypothesis, Fitted]:
+        """Fit also what acts like the best of the fits, where another may be meant."""
+        best = without[-1]
+        tried = [self._candidate(added, s, fits[s.hypothesis], best) for s in promised if s.hypothesis in fits]
+        alone = [c for c in tried if c.hypothesis.name != ALL_PARAMETERS]
+        if not alone:
+            return {}
+        winner = max(alone, key=lambda c: c.bic)
+        others = lookalikes(winner, hardest([self._judge(added, f.point) for f in without]), promised, fits)
+        assert winner.fitted is not None
+        start = self._taken_back(winner.hypothesis, winner.fitted, best)
+        found = {}
+        for s in others[:_REFITTED]:
+            self.say(f"round {number}: fitting {s.hypothesis.name.replace('_', ' ')}, which acts alike")
+            starts = [self._start(best.point, s), self._start(start, s)]
+            found[s.hypothesis] = self._fit((*added, s.hypothesis), self.fitting.best(starts))
+        return found
+
+    def _candidate(self, added: tuple[Hypothesis, ...], s: Score, fitted: Fitted | None, best: Fitted) -> Candidate:
+        if fitted is None:
+            return Candidate(s, None, self._promise(s), None)
+        judged = self._judge((*added, s.hypothesis), fitted.point)
+        return Candidate(s, fitted, self._bic(s, fitted.objective - best.objective), judged)
+
+    def _taken_back(self, h: Hypothesis, fitted: Fitted, best: Fitted) -> Point:
+        """Return where a hypothesis left the model's parameters and noise, without itself."""
+        values, rows = fitted.point.values.copy(), [self.whole.row(n) for n in (*h.shared, *h.moments)]
+        values[rows] = best.point.values[rows]
+        return replace(fitted.point, values=values)
 
     def _open(self, added: tuple[Hypothesis, ...]) -> list[Hypothesis]:
         """Return what is not in force yet."""
@@ -308,40 +289,11 @@ class _Search:
     def _again(self, added: tuple[Hypothesis, ...], best: Fitted, fits: dict[Hypothesis, Fitted]) -> Fitted:
         """Refit the model without addition from where the best hypothesis left its parameters and noise."""
         h, winner = max(fits.items(), key=lambda item: item[1].objective)
-        values = winner.point.values.copy()
-        for name in (*h.shared, *h.moments):
-            values[self.whole.row(name)] = best.point.values[self.whole.row(name)]
         self.say("fitting the model without it again")
-        again = self._fit(added, replace(winner.point, values=values), turns=1)
+        again = self._fit(added, self._taken_back(h, winner, best), turns=1)
         if winner.objective - again.objective < _CLOSE:
             again = self._fit(added, again.point)
         return again if again.objective > best.objective else best
-
-    def _decide(self, candidates: tuple[Candidate, ...], before: Judgement, number: int) -> Round:
-        tried = [c for c in candidates if c.fitted is not None]
-        if not tried:
-            return Round(candidates, before, None, "nothing promises enough to be fitted", ())
-        best = preferred([c for c in tried if not self._objections(c, before)]) or tried[0]
-        alike = tuple(c.hypothesis.name for c in candidates if c is not best and self._alike(best, c))
-        objections = self._objections(best, before)
-        reason = "; ".join(objections) or "passes all three judges"
-        last = number > self.rounds
-        return Round(candidates, before, None if objections or last else best, reason, (best.hypothesis.name, *alike))
-
-    def _alike(self, best: Candidate, other: Candidate) -> bool:
-        return best.bic - other.bic < AHEAD or (abs(cosine(best.score, other.score)) > ALIKE and other.score.excited)
-
-    def _objections(self, c: Candidate, before: Judgement) -> list[str]:
-        """Return what speaks against adding a candidate."""
-        assert c.held_out is not None
-        found = []
-        if c.bic < BIC_NEEDED:
-            found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
-        if c.held_out.log_likelihood <= before.log_likelihood:
-            found.append("the held-out drives are not more likely with it")
-        if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
-            found.append("the free-running error on the held-out drives does not fall by a fifth")
-        return found
 
     def _backward(self, added: tuple[Hypothesis, ...], best: Fitted) -> tuple[tuple[Hypothesis, ...], Fitted]:
         """Take away what the later additions made superfluous: all but one of them, or one after the other.
@@ -373,33 +325,3 @@ class _Search:
         fitted = self._fit(rest, self.fitting.best(starts))
         freed = len(best.coordinates) - len(fitted.coordinates)
         return fitted, 2 * (best.objective - fitted.objective) - freed * self.log_samples
-
-
-def preferred(passing: Sequence[Candidate]) -> Candidate | None:
-    """Return what is added of what passes, best first: many parameters at once only if nothing alone strays less.
-
-    Many parameters fit anything a little; on drives that they were not fitted to the right one does better.
-    """
-    best = next(iter(passing), None)
-    if best is None or best.hypothesis.name != ALL_PARAMETERS or best.held_out is None:
-        return best
-    reached = best.held_out.excess
-    return next((c for c in passing if c.held_out is not None and c.held_out.excess < reached), best)
-
-
-def _hardest(judged: Sequence[Judgement]) -> Judgement:
-    """Return a model without addition as its fits do best on the held-out drives.
-
-    The likeliest on the fitted drives may be the worst on these; an addition shall not pass for that.
-    """
-    best = min(judged, key=lambda j: j.excess)
-    return replace(best, log_likelihood=max(j.log_likelihood for j in judged))
-
-
-def _distinct(scores: Sequence[Score]) -> list[Score]:
-    """Return scores, best first, without those whose response is that of a better one to a thousandth."""
-    kept: list[Score] = []
-    for s in scores[:12]:
-        if all(abs(cosine(s, k)) < 0.999 for k in kept):
-            kept.append(s)
-    return kept

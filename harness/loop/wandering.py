@@ -23,8 +23,9 @@ from harness.identify.methods.likelihood import Settings, identify
 from harness.identify.recordings import Drive
 from harness.identify.residuals import whiteness
 from harness.loop.hypotheses import Hypothesis
+from harness.loop.judges import AHEAD, BIC_NEEDED
 from harness.loop.pinpoint import Pinpoint
-from harness.loop.trace import AHEAD, BIC_NEEDED, Trace
+from harness.loop.trace import Trace
 from harness.loop.whole import Whole
 from models.assemble import assemble
 from models.contracts import Parameter

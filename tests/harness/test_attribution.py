@@ -15,7 +15,7 @@ from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of,
 from bench.attribution.score import FAILED, load, score, text
 from bench.attribution.tables import alarms, confusion, effects, kinds, matrix, numbers, share, smallest, wilson
 from harness.errors import UserError
-from harness.loop.outcome import EXCESS
+from harness.loop.held_out import EXCESS
 from harness.loop.run import whole_of
 from harness.measured.study import finely
 from models.assemble import assemble

@@ -18,9 +18,10 @@ from harness.identify.scoring import Objective
 from harness.loop.fit import Fitting
 from harness.loop.fitness import oddities
 from harness.loop.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
+from harness.loop.judges import lookalikes, preferred
 from harness.loop.outcome import verdict_of
 from harness.loop.score import ScoreTest, best_amplitudes, cosine
-from harness.loop.trace import first_variances, preferred
+from harness.loop.trace import first_variances
 from harness.loop.variances import climb
 from harness.loop.whole import Noise, Whole
 from harness.measured import load_recording
@@ -154,6 +155,25 @@ def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
     assert preferred([]) is None
 
 
+def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
+    def score(name, *response):
+        return SimpleNamespace(hypothesis=SimpleNamespace(name=name), response=(np.array(response),), excited=True)
+
+    def winner(excess):
+        held_out = SimpleNamespace(excess=excess, log_likelihood=10.0)
+        return SimpleNamespace(score=length, hypothesis=length.hypothesis, held_out=held_out, bic=2800.0)
+
+    length, inertia, mass = score("length", 1.0, 0.0), score("inertia", -1.0, 0.02), score("mass", 1.0, 1.0)
+    many, calm = score(ALL_PARAMETERS, 1.0, 0.0), score("calm", 1.0, 0.0)
+    calm.excited = False
+    promised = [length, mass, many, inertia, calm]
+    before = SimpleNamespace(excess=10.0, log_likelihood=0.0)
+    assert lookalikes(winner(0.14), before, promised, [length.hypothesis]) == [inertia]
+    assert lookalikes(winner(0.14), before, promised, [length.hypothesis, inertia.hypothesis]) == []
+    assert lookalikes(winner(0.01), before, promised, [length.hypothesis]) == []  # nothing is left
+    assert lookalikes(winner(9.0), before, promised, [length.hypothesis]) == []  # it would not be added
+
+
 def test_coloured_innovations_are_no_amendment_whatever_was_named():
     last = SimpleNamespace(added=None, candidates=())
     named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01))
@@ -161,6 +181,19 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
     assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
     without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01))
     assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
+
+
+def test_a_thousandth_of_the_first_error_is_nothing_that_is_missing():
+    failed = SimpleNamespace(added=None, candidates=(SimpleNamespace(fitted=object(), bic=78.0),))
+    found = SimpleNamespace(unnamed=None, wandering=None)
+
+    def named(before, after):
+        judged = [SimpleNamespace(excess=excess) for excess in (before, after)]
+        return SimpleNamespace(effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1])
+
+    assert verdict_of(named(177.0, 0.06), found, False) == "amended"
+    assert verdict_of(named(7.0, 0.06), found, False) == "unresolved"
+    assert verdict_of(named(7.0, 0.04), found, False) == "amended"  # within the noise of the sensors
 
 
 def test_a_change_is_found_at_its_own_time_in_every_drive(whole, gusty):

@@ -1,0 +1,148 @@
+"""Judge what was tried in a round: what is added, why, and what the drives can hardly tell from it."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
+
+from harness.loop.fit import Fitted
+from harness.loop.held_out import EXCESS, Judgement
+from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.loop.score import Score, cosine
+
+BIC_NEEDED = 50.0
+"""Gain in BIC on the fitted drives below which nothing is added."""
+
+ERROR_NEEDED = 0.2
+"""Share of the held-out error, beyond the noise of the sensors, that an addition must take away."""
+
+AHEAD = 50.0
+"""Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""
+
+ALIKE = 0.9
+"""Cosine of two responses from which hypotheses count as hard to tell apart."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis as tried in a round.
+
+    Attributes:
+        score: What it promised.
+        fitted: Fitted jointly with everything found before; ``None`` if it promised too little.
+        bic: Gain in BIC over the model without it, promised or fitted.
+        held_out: What the held-out drives say; ``None`` if it was not fitted.
+    """
+
+    score: Score
+    fitted: Fitted | None
+    bic: float
+    held_out: Judgement | None
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What was tried."""
+        return self.score.hypothesis
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the selection.
+
+    Attributes:
+        candidates: Everything tried, best first.
+        before: The model without any of them, on the held-out drives, where it was refitted as its fits do best there.
+        added: The one that was added; ``None`` in the last round.
+        reason: Why, or why not, in a sentence.
+        confusable: Names of what these drives can hardly tell from the best, itself first.
+    """
+
+    candidates: tuple[Candidate, ...]
+    before: Judgement
+    added: Candidate | None
+    reason: str
+    confusable: tuple[str, ...]
+
+
+def decide(candidates: tuple[Candidate, ...], before: Judgement, last: bool) -> Round:
+    """Return a round with what is added.
+
+    Args:
+        candidates: Everything tried, best first.
+        before: The model without any of them, on the held-out drives.
+        last: Whether nothing may be added any more.
+    """
+    tried = [c for c in candidates if c.fitted is not None]
+    if not tried:
+        return Round(candidates, before, None, "nothing promises enough to be fitted", ())
+    best = preferred([c for c in tried if not objections(c, before)]) or tried[0]
+    alike = tuple(c.hypothesis.name for c in candidates if c is not best and _alike(best, c))
+    against = objections(best, before)
+    reason = "; ".join(against) or "passes all three judges"
+    return Round(candidates, before, None if against or last else best, reason, (best.hypothesis.name, *alike))
+
+
+def _alike(best: Candidate, other: Candidate) -> bool:
+    return best.bic - other.bic < AHEAD or acts_alike(other.score, best.score)
+
+
+def acts_alike(one: Score, other: Score) -> bool:
+    """Whether the drives, which show one hypothesis, can hardly tell it from another."""
+    return one.excited and abs(cosine(one, other)) > ALIKE
+
+
+def objections(c: Candidate, before: Judgement) -> list[str]:
+    """Return what speaks against adding a candidate that was fitted to the model ``before``."""
+    assert c.held_out is not None
+    found = []
+    if c.bic < BIC_NEEDED:
+        found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
+    if c.held_out.log_likelihood <= before.log_likelihood:
+        found.append("the held-out drives are not more likely with it")
+    if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
+        found.append("the free-running error on the held-out drives does not fall by a fifth")
+    return found
+
+
+def preferred(passing: Sequence[Candidate]) -> Candidate | None:
+    """Return what is added of what passes, best first: many parameters at once only if nothing alone strays less.
+
+    Many parameters fit anything a little; on drives that they were not fitted to the right one does better.
+    """
+    best = next(iter(passing), None)
+    if best is None or best.hypothesis.name != ALL_PARAMETERS or best.held_out is None:
+        return best
+    reached = best.held_out.excess
+    return next((c for c in passing if c.held_out is not None and c.held_out.excess < reached), best)
+
+
+def hardest(judged: Sequence[Judgement]) -> Judgement:
+    """Return a model without addition as its fits do best on the held-out drives.
+
+    The likeliest on the fitted drives may be the worst on these; an addition shall not pass for that.
+    """
+    best = min(judged, key=lambda j: j.excess)
+    return replace(best, log_likelihood=max(j.log_likelihood for j in judged))
+
+
+def lookalikes(
+    winner: Candidate, before: Judgement, promised: Sequence[Score], tried: Container[Hypothesis]
+) -> list[Score]:
+    """Return what acts like the best of what was tried, if that passes but leaves something: another may be meant.
+
+    A promise is linear; of two that act alike, one that bends may promise less than half and reach far more.
+    """
+    assert winner.held_out is not None
+    if winner.held_out.excess < EXCESS or objections(winner, before):
+        return []
+    single = [s for s in promised if s.hypothesis not in tried and s.hypothesis.name != ALL_PARAMETERS]
+    return [s for s in single if acts_alike(s, winner.score)]
+
+
+def distinct(scores: Sequence[Score]) -> list[Score]:
+    """Return scores, best first, without those whose response is that of a better one to a thousandth."""
+    kept: list[Score] = []
+    for s in scores[:12]:
+        if all(abs(cosine(s, k)) < 0.999 for k in kept):
+            kept.append(s)
+    return kept
