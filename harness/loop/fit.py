@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from harness.configure import ModelSpec
 from harness.configure.limits import broken_relations
 from harness.identify.recordings import Drive
-from harness.identify.scoring import Objective, maximise
+from harness.identify.scoring import Found, Objective, maximise
 from harness.identify.space import NOISE_RANGE, PROCESS_PRIOR
 from harness.loop.hypotheses import Coordinate
 from harness.loop.variances import along, climb
@@ -126,19 +126,21 @@ class Fitting:
         found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH)
         for _ in range(turns):
             before = found.value
-            z = climb(objective, found.z, n, _ROUGH, 3 * ENOUGH)
+            z = climb(objective, found.z, before, n, _ROUGH, 3 * ENOUGH)
             found = maximise(objective, z, parameters, iterations, ENOUGH)
             if found.value - before < 10 * ENOUGH:
                 break
-        point = self._point(coordinates, start, found.z)
-        return Fitted(coordinates, point, self.log_likelihood(point), found.value)
+        return self._fitted(coordinates, start, found)
 
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit some parameters and leave the noise as it is."""
         objective, z, parameters = self._objective(coordinates, start)
         found = maximise(objective, z, parameters, iterations, ENOUGH)
-        point = self._point(coordinates, start, found.z)
-        return Fitted(coordinates, point, self.log_likelihood(point), found.value)
+        return self._fitted(coordinates, start, found)
+
+    def _fitted(self, coordinates: tuple[Coordinate, ...], start: Point, found: Found) -> Fitted:
+        penalty = float(self._penalty(coordinates, found.z[:, None])[0])
+        return Fitted(coordinates, self._point(coordinates, start, found.z), found.value + penalty, found.value)
 
     def log_likelihood(self, point: Point) -> float:
         """Return the log-likelihood of all drives at a point."""

@@ -21,24 +21,29 @@ _DIFFERENCE = 0.1
 _FARTHEST = 2.0
 """Longest step of a logarithm, and the step where the likelihood is not concave."""
 
+_NEAR = 0.3
+"""Longest step of a logarithm behind which the curvature counts as that before it."""
+
 _LENGTHS = (0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 4.0)
 """Of a step, tried together; with the point itself they are the lanes of one run."""
 
 
-def climb(objective: Objective, z: Floats, first: int, iterations: int, enough: float) -> Floats:
+def climb(objective: Objective, z: Floats, value: float, first: int, iterations: int, enough: float) -> Floats:
     """Return the point with the variances behind ``first`` at their likeliest.
 
     Args:
         objective: What is maximised.
         z: Where to start ``(n,)``; coordinates before ``first`` stay.
+        value: Its value there.
         first: First logarithm of a variance.
         iterations: Largest number of steps.
         enough: Gain of a step at which to stop.
     """
     rows = np.arange(first, len(z))
-    value = float(objective.values(z[:, None])[0])
+    curvature: Floats | None = None
     for _ in range(iterations):
-        step = _newton(objective, z, value, rows)
+        slope, curvature = _slopes(objective, z, value, rows, curvature)
+        step = _newton(slope, curvature)
         many = np.repeat(z[:, None], len(_LENGTHS) + 1, axis=1)
         many[first:, 1:] += step[:, None] * np.array(_LENGTHS)
         many = np.clip(many, objective.lower[:, None], objective.upper[:, None])
@@ -47,23 +52,33 @@ def climb(objective: Objective, z: Floats, first: int, iterations: int, enough: 
         gained = float(values[best]) - value
         if not gained > 0:
             break
+        if np.max(np.abs(many[:, best] - z)) > _NEAR:
+            curvature = None
         z, value = many[:, best], float(values[best])
         if gained < enough:
             break
     return z
 
 
-def _newton(objective: Objective, z: Floats, value: float, rows: NDArray[np.intp]) -> Floats:
-    """Return Newton's step with a diagonal Hessian ``(variances,)``; none where a difference is not finite."""
+def _slopes(
+    objective: Objective, z: Floats, value: float, rows: NDArray[np.intp], curvature: Floats | None
+) -> tuple[Floats, Floats]:
+    """Return slope and curvature along each logarithm ``(variances,)``: where the latter is known, by half the runs."""
     n = len(rows)
-    many = np.repeat(z[:, None], 2 * n, axis=1)
+    many = np.repeat(z[:, None], n if curvature is not None else 2 * n, axis=1)
     many[rows, np.arange(n)] += _DIFFERENCE
+    if curvature is not None:
+        return (objective.values(many) - value) / _DIFFERENCE + 0.5 * _DIFFERENCE * curvature, curvature
     many[rows, np.arange(n, 2 * n)] -= _DIFFERENCE
     values = objective.values(many)
     up, down = values[:n], values[n:]
     with np.errstate(invalid="ignore"):
-        slope = (up - down) / (2 * _DIFFERENCE)
-        curvature = (2 * value - up - down) / _DIFFERENCE**2
+        return (up - down) / (2 * _DIFFERENCE), (2 * value - up - down) / _DIFFERENCE**2
+
+
+def _newton(slope: Floats, curvature: Floats) -> Floats:
+    """Return Newton's step with a diagonal Hessian ``(variances,)``; none where a difference is not finite."""
+    with np.errstate(invalid="ignore"):
         far = np.abs(slope) > _FARTHEST * curvature
         step = np.where(far, np.sign(slope) * _FARTHEST, slope / np.where(far, 1.0, curvature))
     return np.nan_to_num(step, nan=0.0, posinf=0.0, neginf=0.0)

@@ -138,9 +138,10 @@ def test_variances_climb_to_those_of_the_samples():
         return -50.0 * np.sum(many[1:] + squares[:, None] * np.exp(-many[1:]), axis=0) - many[0] ** 2
 
     objective = Objective(values, None, np.full(4, -20.0), np.full(4, 20.0))
-    z = climb(objective, np.array([1.0, 6.0, 6.0, -6.0]), 1, 20, 1e-6)
+    start = np.array([1.0, 6.0, 6.0, -6.0])
+    z = climb(objective, start, float(values(start[:, None])[0]), 1, 20, 1e-6)
     assert z[0] == 1.0
-    assert np.exp(z[1:]) == pytest.approx(squares, rel=2e-3)  # differences over 0.1 are 0.0017 off here
+    assert np.exp(z[1:]) == pytest.approx(squares, rel=3e-3)  # differences over 0.1, with a curvature from nearby
 
 
 def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
