@@ -53,11 +53,10 @@ def _oracle(sealed: Mapping[str, Any], task: Task, whole: Whole) -> dict[str, An
     true = [true_hypotheses(whole, effect) for effect in sealed["effects"]]
     if not all(true):
         return {"excess": None, "added": None, "parameters": {}}
-    known = tuple(h for hypotheses_of_one in true for h in hypotheses_of_one)
     variances = first_variances(whole, drives)
     fitting = Fitting(whole, train, variances)
     free = free_parameters(sealed, task.free, whole)
-    start = _start(fitting, sealed, true, free)
+    start, known = _start(fitting, sealed, true, free)
     fitted = fitting.fit(coordinates(whole, free, known, len(train)), start, ITERATIONS)
     judged = HeldOut(whole, test, variances).judge(known, fitted.point)
     return {
@@ -71,22 +70,31 @@ def _oracle(sealed: Mapping[str, Any], task: Task, whole: Whole) -> dict[str, An
 def true_hypotheses(whole: Whole, effect: Mapping[str, Any]) -> tuple[Hypothesis, ...]:
     """Return the smallest hypothesis of the library that holds what is true, or several that together do, or nothing.
 
+    Where the seal has no values to go by it is everything that the library's effect has, or one of its places: then
+    all places are returned, and the drives decide.
+
     Args:
         whole: The model with the library.
         effect: From ``sealed.json``.
     """
-    known = effect["oracle"]
-    needed = {*known["parameters"], *(name for times in known["per_drive"].values() for name in times)}
+    needed = _needed(effect)
     own = [h for h in hypotheses(whole, ()) if h.kind == "effect" and split(h.name)[0] == effect["name"]]
     if not effect["in_library"] or not own:
         return ()
-    if not needed:  # no values to go by: everything that the library's effect has
-        return (max(own, key=lambda h: len(h.shared)),)
+    if not needed:
+        most = max(len(h.shared) for h in own)
+        return tuple(h for h in own if len(h.shared) == most)
     holding = [h for h in own if needed <= {*h.shared, *h.moments}]
     if holding:
         return (min(holding, key=lambda h: len(h.shared)),)
     parts = tuple(h for h in own if needed & {*h.shared, *h.moments})
     return parts if needed <= {n for h in parts for n in (*h.shared, *h.moments)} else ()
+
+
+def _needed(effect: Mapping[str, Any]) -> set[str]:
+    """Return the parameters of the library that the seal has values of."""
+    known = effect["oracle"]
+    return {*known["parameters"], *(name for times in known["per_drive"].values() for name in times)}
 
 
 def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], whole: Whole) -> tuple[str, ...]:
@@ -101,8 +109,8 @@ def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], whole: Whol
 
 def _start(
     fitting: Fitting, sealed: Mapping[str, Any], true: Sequence[tuple[Hypothesis, ...]], free: tuple[str, ...]
-) -> Point:
-    """Return the truth; of an effect without values in the library's words, what the score test promises."""
+) -> tuple[Point, tuple[Hypothesis, ...]]:
+    """Return the truth and what holds it; of an effect without values in the library's words, what a score promises."""
     point, whole = fitting.first(), fitting.whole
     values = point.values.copy()
     for name in free:
@@ -115,16 +123,18 @@ def _start(
             for name, time in effect["oracle"]["per_drive"][drive.name].items():
                 values[whole.row(name), i] = time
     point = replace(point, values=values)
-    effects = zip(true, sealed["effects"], strict=True)
-    unknown = [h for own, effect in effects if not effect["oracle"]["parameters"] for h in own]
-    return _promised(fitting, unknown, point, free) if unknown else point
-
-
-def _promised(fitting: Fitting, unknown: Sequence[Hypothesis], point: Point, free: tuple[str, ...]) -> Point:
-    whole = fitting.whole
+    if all(effect["oracle"]["parameters"] for effect in sealed["effects"]):
+        return point, tuple(h for own in true for h in own)
     without: Fitted = fitting.fit(coordinates(whole, free, (), len(fitting.drives)), point, ITERATIONS)
-    values = without.point.values.copy()
-    for score in ScoreTest(fitting, without).of(unknown):
-        for name, value in zip(score.hypothesis.shared, [*score.amplitudes, *score.shapes], strict=True):
-            values[whole.row(name)] = value
-    return replace(without.point, values=values)
+    test, values = ScoreTest(fitting, without), without.point.values.copy()
+    known: list[Hypothesis] = []
+    for own, effect in zip(true, sealed["effects"], strict=True):
+        if effect["oracle"]["parameters"]:
+            known += own
+            continue
+        scores = test.of(own)
+        for score in scores if _needed(effect) else [max(scores, key=lambda s: s.gain)]:
+            known.append(score.hypothesis)
+            for name, value in zip(score.hypothesis.shared, [*score.amplitudes, *score.shapes], strict=True):
+                values[whole.row(name)] = value
+    return replace(without.point, values=values), tuple(known)
