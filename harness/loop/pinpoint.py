@@ -1,9 +1,10 @@
 """Where is something missing? What an unknown, slowly varying disturbance would explain, entry by entry.
 
 A Gauss-Markov disturbance is put into each equation, each published force or angle and each sensor in turn; its
-variance and its time constant are the likeliest of a grid. What it gains in likelihood ranks the entries, and smoothed
-over the drive it shows what is missing (Kristensen, Madsen and Joergensen 2004). It is a hint and not a verdict: an
-entry that is not in the list, or that acts like another one, puts the blame on its neighbour.
+variance and, for the entries that come first, its time constant are the likeliest of a grid. What it gains in
+likelihood ranks the entries, and smoothed over the drive it shows what is missing (Kristensen, Madsen and Joergensen
+2004). It is a hint and not a verdict: an entry that is not in the list, or that acts like another one, puts the blame
+on its neighbour.
 """
 
 from __future__ import annotations
@@ -21,8 +22,14 @@ from harness.loop.fit import Fitting, Point
 
 Floats = NDArray[np.float64]
 
-TIME_CONSTANTS = (0.3, 3.0, 30.0)
-"""s; from a quick manoeuvre to a stretch of road."""
+FIRST = 3.0
+"""Time constant in s with which every entry is tried."""
+
+FURTHER = (0.3, 30.0)
+"""s; from a quick manoeuvre to a stretch of road: tried for the entries that come first."""
+
+_REFINED = 10
+"""So many of them; what comes behind is where nothing is missing."""
 
 _DEVIATIONS = np.geomspace(0.3, 1e3, LANES)
 """Standard deviations that are tried, over the one that the drives would just show within a time constant."""
@@ -82,8 +89,7 @@ class Pinpoint:
 
         self.linear = whole.share(linearised, numbers)
         self._inlets = whole.share(lambda i: self.linear[i].inlets(self.channels), numbers)
-        found = whole.share(self._suspect, self.channels if ranked else ())
-        self.suspects = tuple(sorted(found, key=lambda s: -s.gain))
+        self.suspects = self._ranked() if ranked else ()
 
     def inlets(self, channel: Channel) -> list[Inlet]:
         """Return how an entry acts in each drive."""
@@ -97,15 +103,21 @@ class Pinpoint:
             for linear, inlet in zip(self.linear, self.inlets(suspect.channel), strict=True)
         )
 
-    def _suspect(self, channel: Channel) -> Suspect:
+    def _ranked(self) -> tuple[Suspect, ...]:
+        found = self.whole.share(lambda c: self._suspect(c, (FIRST,)), self.channels)
+        found.sort(key=_gain, reverse=True)
+        first = self.whole.share(lambda s: max(s, self._suspect(s.channel, FURTHER), key=_gain), found[:_REFINED])
+        return tuple(sorted([*first, *found[_REFINED:]], key=_gain, reverse=True))
+
+    def _suspect(self, channel: Channel, time_constants: Sequence[float]) -> Suspect:
         inlets = self.inlets(channel)
         power, duration = 0.0, 0.0  # of the response to a constant one
         for linear, inlet in zip(self.linear, inlets, strict=True):
             ones = np.ones((len(linear.innovations.residual), 1))
             power += float(np.sum(linear.innovations.responses(inlet, ones) ** 2))
             duration += len(ones) * linear.innovations.step
-        best = Suspect(channel, 0.0, TIME_CONSTANTS[0], 0.0)
-        for time_constant in TIME_CONSTANTS if power > 0 else ():
+        best = Suspect(channel, 0.0, time_constants[0], 0.0)
+        for time_constant in time_constants if power > 0 else ():
             tried = _DEVIATIONS / np.sqrt(power / duration * time_constant)
             gains = np.sum(
                 [
@@ -119,3 +131,7 @@ class Pinpoint:
             if gains[most] > best.gain:
                 best = Suspect(channel, float(gains[most]), time_constant, float(tried[most]))
         return best
+
+
+def _gain(suspect: Suspect) -> float:
+    return suspect.gain
