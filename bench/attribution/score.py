@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -104,7 +104,7 @@ def score(folder: Path) -> Scored:
         sealed["kind"],
         next((m for m in MAGNITUDES if sealed["case"].endswith(f"-{m}")), ""),
         traced["verdict"],
-        sealed["expected_verdict"],
+        _expected(sealed, claimed, named),
         tuple(e["name"] for e in sealed["effects"]),
         tuple(claimed),
         _first(traced, accepted, sealed["kind"]),
@@ -119,6 +119,12 @@ def score(folder: Path) -> Scored:
         _size(known, sealed["noise"]) if known else "",
         _reach(known["oracle"]["parameters"], traced["candidates"]) if known else math.nan,
     )
+
+
+def _expected(sealed: Mapping[str, Any], claimed: Sequence[str], named: Container[str]) -> str:
+    """Return the verdict that is right: of effects that were found as parameters of the model, that it is adequate."""
+    as_parameters = not claimed and bool(sealed["effects"]) and all(e["name"] in named for e in sealed["effects"])
+    return "adequate" if as_parameters else str(sealed["expected_verdict"])
 
 
 def _oracle(file: Path) -> float:

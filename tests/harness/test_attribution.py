@@ -85,9 +85,10 @@ def test_another_effect_is_wrong_unless_the_true_one_stands_in_its_confusable_se
 def test_a_parameter_counts_for_an_effect_only_where_the_seal_says_so(tmp_path):
     wrong_ratio = {"parameters": [added("steering_ratio")], "verdict": "adequate"}
     same = [effect("steering_ratio", equivalent=["parameter:steering_ratio"])]
-    assert case(tmp_path, true=same, **wrong_ratio).first == "steering_ratio"
+    named = case(tmp_path, true=same, **wrong_ratio)
+    assert (named.right, named.first, named.expected) == (True, "steering_ratio", "adequate")
     other = case(tmp_path, true=[effect()], **wrong_ratio)
-    assert (other.right, other.first) == (False, "a parameter")
+    assert (other.right, other.first, other.expected) == (False, "a parameter", "amended")
 
 
 def test_a_parameter_in_a_confusable_set_is_not_taken_for_the_effect_of_the_same_name(tmp_path):
