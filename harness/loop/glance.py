@@ -125,7 +125,7 @@ def _rounds(outcome: Outcome) -> list[str]:
         if r.added is not None:
             sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
         elif any(c.fitted for c in r.candidates):
-            best = called(r.candidates[0].hypothesis.name)
+            best = called(r.confusable[0])
             sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
         else:
             sentences.append(f"Round {number} added nothing: {r.reason}.")

@@ -9,6 +9,7 @@ from harness.loop.fit import Fitted
 from harness.loop.held_out import EXCESS, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.score import Score, cosine
+from harness.report.store import words
 
 BIC_NEEDED = 50.0
 """Gain in BIC on the fitted drives below which nothing is added."""
@@ -18,6 +19,10 @@ ERROR_NEEDED = 0.2
 
 AHEAD = 50.0
 """Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""
+
+HOPEFUL = 500.0
+"""Gain in BIC from which an addition that leaves the free-running error is tried with a further one: the error may be
+that of another effect."""
 
 ALIKE = 0.9
 """Cosine of two responses from which hypotheses count as hard to tell apart."""
@@ -55,6 +60,7 @@ class Round:
         added: The one that was added; ``None`` in the last round.
         reason: Why, or why not, in a sentence.
         confusable: Names of what these drives can hardly tell from the best, itself first.
+        hopeful: What was not added, but may be with a further addition.
     """
 
     candidates: tuple[Candidate, ...]
@@ -62,6 +68,7 @@ class Round:
     added: Candidate | None
     reason: str
     confusable: tuple[str, ...]
+    hopeful: Candidate | None = None
 
 
 def decide(candidates: tuple[Candidate, ...], before: Judgement, last: bool) -> Round:
@@ -75,11 +82,28 @@ def decide(candidates: tuple[Candidate, ...], before: Judgement, last: bool) -> 
     tried = [c for c in candidates if c.fitted is not None]
     if not tried:
         return Round(candidates, before, None, "nothing promises enough to be fitted", ())
-    best = preferred([c for c in tried if not objections(c, before)]) or tried[0]
+    best = preferred([c for c in tried if not objections(c, before)])
+    hopeful = None if best or last else next((c for c in tried if is_hopeful(c, before)), None)
+    best = best or hopeful or tried[0]
     alike = tuple(c.hypothesis.name for c in candidates if c is not best and _alike(best, c))
     against = objections(best, before)
     reason = "; ".join(against) or "passes all three judges"
-    return Round(candidates, before, None if against or last else best, reason, (best.hypothesis.name, *alike))
+    added = None if against or last else best
+    return Round(candidates, before, added, reason, (best.hypothesis.name, *alike), hopeful)
+
+
+def is_hopeful(c: Candidate, before: Judgement) -> bool:
+    """Whether all that speaks against adding a hypothesis is that the free-running error falls too little."""
+    assert c.held_out is not None
+    likelier = c.bic >= HOPEFUL and c.held_out.log_likelihood > before.log_likelihood
+    return c.hypothesis.name != ALL_PARAMETERS and likelier and EXCESS < c.held_out.excess <= before.excess
+
+
+def with_further(found: Round, further: Round) -> Round:
+    """Return a round with what was hopeful added, because with a further addition it is among what passes."""
+    assert further.added is not None
+    reason = f"passes all three judges together with {words(further.added.hypothesis.name.replace('@', ' of '))}"
+    return replace(found, added=found.hopeful, reason=reason)
 
 
 def _alike(best: Candidate, other: Candidate) -> bool:
@@ -128,12 +152,14 @@ def hardest(judged: Sequence[Judgement]) -> Judgement:
 def lookalikes(
     winner: Candidate, before: Judgement, promised: Sequence[Score], tried: Container[Hypothesis]
 ) -> list[Score]:
-    """Return what acts like the best of what was tried, if that passes but leaves something: another may be meant.
+    """Return what acts like the best of what was tried, if that passes, or may yet, but leaves something.
 
-    A promise is linear; of two that act alike, one that bends may promise less than half and reach far more.
+    Another may be meant: a promise is linear, and of two that act alike, one that bends may promise less than half and
+    reach far more.
     """
     assert winner.held_out is not None
-    if winner.held_out.excess < EXCESS or objections(winner, before):
+    passes = not objections(winner, before) or is_hopeful(winner, before)
+    if winner.held_out.excess < EXCESS or not passes:
         return []
     single = [s for s in promised if s.hypothesis not in tried and s.hypothesis.name != ALL_PARAMETERS]
     return [s for s in single if acts_alike(s, winner.score)]

@@ -33,7 +33,7 @@ from models.signals import SIGNALS
 Floats = NDArray[np.float64]
 Verdict = Literal["adequate", "amended", "unresolved"]
 
-LITTLE = 1e-3
+LITTLE = 0.01
 """Share of the nominal model's excess below which nothing is left to explain either."""
 
 COLOURED = 1e-4

@@ -20,7 +20,7 @@ from harness.identify.recordings import Drive
 from harness.loop.fit import TURNS, Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
-from harness.loop.judges import BIC_NEEDED, Candidate, Round, decide, distinct, hardest, lookalikes
+from harness.loop.judges import BIC_NEEDED, Candidate, Round, decide, distinct, hardest, lookalikes, with_further
 from harness.loop.score import Score, ScoreTest
 from harness.loop.whole import Whole
 
@@ -138,12 +138,14 @@ class _Search:
             best = without[-1]
             if not added:
                 nominal = min(without, key=lambda f: self._judge((), f.point).excess)
-            rounds.append(found)
-            if found.added is None:
+            passed = self._further(added, found, len(rounds) + 1)
+            rounds += passed
+            if passed[-1].added is None:
                 break
-            added = (*added, found.added.hypothesis)
-            assert found.added.fitted is not None
-            best = found.added.fitted
+            for r in passed:
+                assert r.added is not None
+                assert r.added.fitted is not None
+                added, best = (*added, r.added.hypothesis), r.added.fitted
         kept, best = self._backward(added, best)
         return Trace(
             self.fitting,
@@ -157,6 +159,17 @@ class _Search:
             self._judge((), nominal.point),
             self._judge(kept, best.point),
         )
+
+    def _further(self, added: tuple[Hypothesis, ...], found: Round, number: int) -> list[Round]:
+        """Return a round; if what it found is hopeful, with the next one if that adds something to it.
+
+        Of two effects one may make the error and the other most of the innovations: then neither passes alone.
+        """
+        if found.hopeful is None:
+            return [found]
+        assert found.hopeful.fitted is not None
+        _, further = self._round((*added, found.hopeful.hypothesis), [found.hopeful.fitted], number + 1)
+        return [found] if further.added is None else [with_further(found, further), further]
 
     def _fit(
         self, added: tuple[Hypothesis, ...], start: Point, iterations: int = _ITERATIONS, turns: int = TURNS

@@ -18,7 +18,7 @@ from harness.identify.scoring import Objective
 from harness.loop.fit import Fitting
 from harness.loop.fitness import oddities
 from harness.loop.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
-from harness.loop.judges import lookalikes, preferred
+from harness.loop.judges import decide, is_hopeful, lookalikes, preferred, with_further
 from harness.loop.outcome import verdict_of
 from harness.loop.score import ScoreTest, best_amplitudes, cosine
 from harness.loop.trace import first_variances
@@ -172,7 +172,8 @@ def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
     assert lookalikes(winner(0.14), before, promised, [length.hypothesis]) == [inertia]
     assert lookalikes(winner(0.14), before, promised, [length.hypothesis, inertia.hypothesis]) == []
     assert lookalikes(winner(0.01), before, promised, [length.hypothesis]) == []  # nothing is left
-    assert lookalikes(winner(9.0), before, promised, [length.hypothesis]) == []  # it would not be added
+    assert lookalikes(winner(9.0), before, promised, [length.hypothesis]) == [inertia]  # a further one may help
+    assert lookalikes(winner(11.0), before, promised, [length.hypothesis]) == []  # it would not be added
 
 
 def test_coloured_innovations_are_no_amendment_whatever_was_named():
@@ -184,7 +185,28 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
     assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
 
 
-def test_a_thousandth_of_the_first_error_is_nothing_that_is_missing():
+def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
+    def candidate(name, bic, excess, likelihood=5000.0):
+        held_out = SimpleNamespace(excess=excess, log_likelihood=likelihood)
+        score = SimpleNamespace(response=(np.ones(1),), excited=True)
+        return SimpleNamespace(
+            hypothesis=SimpleNamespace(name=name), fitted=object(), bic=bic, held_out=held_out, score=score
+        )
+
+    before = SimpleNamespace(excess=27.6, log_likelihood=1000.0)
+    many, delay = candidate(ALL_PARAMETERS, 17800.0, 23.5), candidate("steering_delay", 15400.0, 25.6)
+    found = decide((many, delay), before, last=False)
+    assert (found.added, found.hopeful) == (None, delay)
+    passing = candidate("payload_shift", 9700.0, 0.06, 6000.0)
+    with_it = with_further(found, decide((passing,), delay.held_out, last=False))
+    assert with_it.added is delay
+    assert with_it.reason == "passes all three judges together with payload shift"
+    assert decide((many, delay), before, last=True).hopeful is None
+    for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
+        assert not is_hopeful(candidate(*other), before)
+
+
+def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
     failed = SimpleNamespace(added=None, candidates=(SimpleNamespace(fitted=object(), bic=78.0),))
     found = SimpleNamespace(unnamed=None, wandering=None)
 
@@ -193,8 +215,8 @@ def test_a_thousandth_of_the_first_error_is_nothing_that_is_missing():
         return SimpleNamespace(effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1])
 
     assert verdict_of(named(177.0, 0.06), found, False) == "amended"
-    assert verdict_of(named(7.0, 0.06), found, False) == "unresolved"
-    assert verdict_of(named(7.0, 0.04), found, False) == "amended"  # within the noise of the sensors
+    assert verdict_of(named(4.0, 0.06), found, False) == "unresolved"
+    assert verdict_of(named(4.0, 0.05), found, False) == "amended"  # within the noise of the sensors
 
 
 def test_a_change_is_found_at_its_own_time_in_every_drive(whole, gusty):
