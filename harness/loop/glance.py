@@ -131,5 +131,8 @@ def _rounds(outcome: Outcome) -> list[str]:
             sentences.append(f"Round {number} added nothing: {r.reason}.")
     if outcome.trace.dropped:
         names = listed([called(h.name) for h in outcome.trace.dropped])
-        sentences.append(f"Later additions made {names} superfluous.")
+        rounds = {r.added.hypothesis for r in outcome.trace.rounds if r.added is not None}
+        instead = [called(h.name) for h in outcome.trace.added if h not in rounds]
+        stands = f"A wrong {listed(instead)} explains as much as {names}, and takes its place."
+        sentences.append(stands if instead else f"Later additions made {names} superfluous.")
     return sentences

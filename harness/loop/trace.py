@@ -60,9 +60,9 @@ class Trace:
         free: Parameters of the nominal model that were fitted.
         nominal: The nominal model fitted; of its fits the one that strays least on the held-out drives.
         final: The model with everything added.
-        added: In the order added, without what the backward check took away.
+        added: In the order added, without what the checks at the end took away, and with what they put in its place.
         rounds: Of the selection.
-        dropped: What the backward check took away.
+        dropped: What the checks at the end took away.
         before: The nominal model on the held-out drives.
         after: The final one there.
     """
@@ -147,6 +147,7 @@ class _Search:
                 assert r.added.fitted is not None
                 added, best = (*added, r.added.hypothesis), r.added.fitted
         kept, best = self._backward(added, best)
+        kept, best = self._parameters_instead(kept, best, rounds)
         return Trace(
             self.fitting,
             self.held_out,
@@ -326,6 +327,29 @@ class _Search:
                 added, best = rest, without
         return added, best
 
+    def _parameters_instead(
+        self, added: tuple[Hypothesis, ...], best: Fitted, rounds: Sequence[Round]
+    ) -> tuple[tuple[Hypothesis, ...], Fitted]:
+        """Put a wrong parameter in place of an effect if it explains as much together with those added thereafter.
+
+        Of several wrong parameters none alone reaches an effect that resembles their sum; what that leaves is then
+        taken for one of them.
+        """
+        for i, h in enumerate(added):
+            rest = tuple(k for k in added if k != h)
+            if h.kind != "effect" or all(k.kind != "parameter" for k in added[i + 1 :]):
+                continue
+            fits = {}
+            for p in _stand_ins(rounds, added)[:_REFITTED]:
+                self.say(f"may {p.name.replace('_', ' ')} stand for {h.name.replace('_', ' ')}?")
+                fits[p] = self._without(added, (*rest, p), best)
+            if not fits:
+                continue
+            p, (fitted, lost) = min(fits.items(), key=lambda item: item[1][1])
+            if lost < BIC_NEEDED:
+                return (*rest, p), fitted
+        return added, best
+
     def _without(
         self, added: tuple[Hypothesis, ...], rest: tuple[Hypothesis, ...], best: Fitted
     ) -> tuple[Fitted, float]:
@@ -338,3 +362,13 @@ class _Search:
         fitted = self._fit(rest, self.fitting.best(starts))
         freed = len(best.coordinates) - len(fitted.coordinates)
         return fitted, 2 * (best.objective - fitted.objective) - freed * self.log_samples
+
+
+def _stand_ins(rounds: Sequence[Round], added: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return parameters that the drives could hardly tell from those that were added, the best of each round first."""
+    found: dict[Hypothesis, None] = {}
+    for r in rounds:
+        if r.added is not None and r.added.hypothesis in added and r.added.hypothesis.kind == "parameter":
+            alike = [c.hypothesis for c in r.candidates if c.hypothesis.name in r.confusable]
+            found |= {h: None for h in alike if h.kind == "parameter" and h.name != ALL_PARAMETERS and h not in added}
+    return list(found)

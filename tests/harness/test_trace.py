@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,11 +18,11 @@ from harness.identify.innovations import Innovations, hold
 from harness.identify.scoring import Objective
 from harness.loop.fit import Fitting
 from harness.loop.fitness import oddities
-from harness.loop.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
-from harness.loop.judges import decide, is_hopeful, lookalikes, preferred, with_further
+from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
+from harness.loop.judges import Round, decide, is_hopeful, lookalikes, preferred, with_further
 from harness.loop.outcome import verdict_of
 from harness.loop.score import ScoreTest, best_amplitudes, cosine
-from harness.loop.trace import first_variances
+from harness.loop.trace import _Search, first_variances
 from harness.loop.variances import climb
 from harness.loop.whole import Noise, Whole
 from harness.measured import load_recording
@@ -204,6 +205,30 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
     assert decide((many, delay), before, last=True).hopeful is None
     for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
         assert not is_hopeful(candidate(*other), before)
+
+
+def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
+    gain, mass, inertia, cog, many = (
+        Hypothesis(n, k, (n,))
+        for n, k in (("gain", "effect"), *((p, "parameter") for p in ("mass", "inertia", "cog", ALL_PARAMETERS)))
+    )
+
+    def found(added, *others):
+        candidates = tuple(SimpleNamespace(hypothesis=h) for h in (added, *others))
+        return Round(candidates, None, candidates[0], "", tuple(h.name for h in (added, *others)))
+
+    rounds = [found(gain, mass, cog), found(mass, many, inertia), Round((), None, None, "", ())]
+    lost = {inertia: 30.0, cog: -10.0}
+
+    def without(added, rest, best):
+        return rest, lost[rest[-1]]
+
+    search = SimpleNamespace(say=lambda _: None, _without=without)
+    instead = partial(_Search._parameters_instead, search)
+    assert instead((gain, mass), "best", rounds) == ((mass, inertia), (mass, inertia))  # the drives tell cog from mass
+    lost[inertia] = 70.0
+    assert instead((gain, mass), "best", rounds) == ((gain, mass), "best")
+    assert instead((mass, gain), "best", rounds) == ((mass, gain), "best")  # it was not the first to be taken
 
 
 def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
