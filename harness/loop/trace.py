@@ -129,6 +129,7 @@ class _Search:
         self.log_samples = math.log(fitting.samples)
 
     def run(self) -> Trace:
+        """Return what was found: round after round until nothing passes, then the checks of all additions."""
         self.say("fitting the nominal model")
         nominal = best = self._fit((), self.fitting.first(), 25)
         added: tuple[Hypothesis, ...] = ()
