@@ -275,7 +275,7 @@ class Innovations:
             first = self._first(drive, held)
             constants = self.duals.constants(held.values)
             self._slopes.follow(
-                drive.inputs, drive.between, drive.measurements, constants, first, 0, kept.gain, kept.whitening, slopes
+                drive.inputs, drive.between, drive.measurements, constants, first, kept.gain, kept.whitening, slopes
             )
             return slopes
 

@@ -162,7 +162,7 @@ def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
             row += 1
 
 
-def follow(u, between, y, constants, x0, start, gain, whitening, slopes):
+def follow(u, between, y, constants, x0, gain, whitening, slopes):
     """Run the mean alone, with the gains and the whitening of an earlier pass; over dual numbers only.
 
     Args:
@@ -170,8 +170,7 @@ def follow(u, between, y, constants, x0, start, gain, whitening, slopes):
         between: Inputs during the step behind each sample ``(samples, nu)``.
         y: Measurements ``(samples, ny)``, NaN where missing.
         constants: ``(nc, LANES)``.
-        x0: Mean at the first sample ``(nx, LANES)``.
-        start: That sample.
+        x0: First mean ``(nx, LANES)``.
         gain: From ``note_gain``, ``(samples, nx, ny)``; states behind its rows are not corrected.
         whitening: From ``note_gain``, ``(samples, ny, ny)``.
         slopes: Derivatives of the whitened innovations, written ``(samples, ny, lanes)``.
@@ -181,7 +180,7 @@ def follow(u, between, y, constants, x0, start, gain, whitening, slopes):
     e, u_now = np.empty((NY, LANES)), np.empty((nu, LANES))
     for i in range(NX):
         put(get(x0, i), x, i)
-    for k in range(start + 1, samples):
+    for k in range(1, samples):
         fill(between[k - 1], u_now)
         next_state(x, u_now, constants, x_prior, w)
         fill(u[k], u_now)

@@ -201,23 +201,28 @@ class Linearised:
             if c.kind == "equation":
                 ahead[:, self.whole.model.states.index(c.ports[0]), j] = step
         open_ = [j for j, c in enumerate(channels) if c.kind != "equation"]
-        ahead[:, :, open_], outputs[:, :, open_] = self._linearisation.along(
-            self.drive,
-            self.states,
+        ahead[:, :, open_], outputs[:, :, open_] = self.along(
             [channels[j].values(self.whole, self.values) for j in open_],
             [channels[j].direction(self.whole) for j in open_],
-            np.zeros((nx, len(open_))),
         )
         return ahead, outputs
 
+    def along(self, values: Sequence[Floats], parameters: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Return derivatives to directions of the parameters, as ``Linearisation.along`` has them, along the pass."""
+        held = np.zeros((len(self.whole.model.states), len(values)))
+        return self._linearisation.along(self.drive, self.states, values, parameters, held)
+
     def inlets(self, channels: Sequence[Channel]) -> list[Inlet]:
         """Return how channels enter the innovations."""
-        ahead, outputs = self.raw(channels)
+        return self.entering(*self.raw(channels))
+
+    def entering(self, ahead: Floats, outputs: Floats) -> list[Inlet]:
+        """Return how what moves next states ``(samples, nx, n)`` and outputs ``(samples, ny, n)`` enters them."""
         entry = ahead[:, self.active] - self._ahead @ (self._gain @ outputs)
         direct = self._whitening @ outputs
         return [
             Inlet(np.ascontiguousarray(entry[:, :, j]), np.ascontiguousarray(direct[:, :, j]))
-            for j in range(len(channels))
+            for j in range(entry.shape[2])
         ]
 
     def _active(self) -> NDArray[np.intp]:

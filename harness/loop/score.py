@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from harness.loop.disturbance import Linearisation
 from harness.loop.fit import Fitted, Fitting
 from harness.loop.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
 from harness.loop.moments import Choices, choices, join
+from harness.loop.onsets import Change, Columns, Onsets
 
 Floats = NDArray[np.float64]
-Columns = NDArray[np.float32]
-"""Many responses at once; they only choose where to look closer."""
-
 _ROUNDED = 1e-4
 """Share of the power of responses at single precision that may be left of them by rounding."""
 
@@ -82,6 +81,8 @@ class ScoreTest:
             numbers,
         )
         self._outputs = shape
+        self._linearisation = Linearisation(self.whole)
+        self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
         self._products: dict[tuple[int, str, str], Floats] = {}
         information = total([N.T @ N for N in self.moved])
@@ -93,16 +94,16 @@ class ScoreTest:
         plain = [h for h in tried if not h.moments]
         columns = self._plain_columns(plain)
         found = {id(h): self._plain(h, columns) for h in plain}
-        found |= {id(h): self._moments(h) for h in tried if h.moments}
+        changes = [h for h in tried if h.moments]
+        self.whole.share(lambda i: self._change(changes, i), range(len(self.drives)))
+        found |= {id(h): self._moments(h) for h in changes}
         return [found[id(h)] for h in tried]
 
-    def _sensitivities(
-        self, drive: int, values: Floats, names: Sequence[str], starts: Sequence[int] | None = None
-    ) -> Floats:
+    def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
         """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
         directions = np.zeros_like(values)
         directions[[self.whole.row(n) for n in names], range(len(names))] = 1.0
-        found = self.whole.sensitivities(self.drives[drive], values, directions, self.kept[drive], starts)
+        found = self.whole.sensitivities(self.drives[drive], values, directions, self.kept[drive])
         return _flat(found)
 
     def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[tuple[str, tuple[float, ...]], Floats]]:
@@ -199,16 +200,27 @@ class ScoreTest:
     def _steps(self, h: Hypothesis, amplitude: str, drive: int) -> Columns:
         """Return responses to changes of an amplitude at the times of a drive's grid ``(samples * ny, times)``."""
         if (drive, amplitude) not in self._cached:
-            grid, rows = self._times(drive), self.whole.model.parameters
-            values = np.repeat(self.point.values[:, [drive]], len(grid), axis=1)
-            values[[self.whole.row(n) for n in h.shapes]] = np.array(self._grid(h)[0])[:, None]
-            for m in h.moments:
-                values[self.whole.row(m)] = rows[self.whole.row(m)].upper
-            values[self.whole.row(h.moments[0])] = grid
-            starts = np.searchsorted(self.drives[drive].time, grid - 0.1).tolist()
-            found = self._sensitivities(drive, values, [amplitude] * len(grid), starts).astype(np.float32)
-            self._cached[drive, amplitude] = found
+            self._change([h], drive)
         return self._cached[drive, amplitude]
+
+    def _change(self, many: Sequence[Hypothesis], drive: int) -> None:
+        """Find the responses to all changes of some hypotheses in a drive at once."""
+        if drive not in self._onsets:
+            values, kept = self.point.values[:, drive], self.kept[drive]
+            self._onsets[drive] = Onsets(self._linearisation, self.drives[drive], values, kept, self._times(drive))
+        wanted = {a: h for h in many for a in h.amplitudes if (drive, a) not in self._cached}
+        found = self._onsets[drive].responses(
+            [Change(a, h.moments[0], self._begun(h, drive)) for a, h in wanted.items()]
+        )
+        self._cached |= {(drive, a): x for a, x in zip(wanted, found, strict=True)}
+
+    def _begun(self, h: Hypothesis, drive: int) -> Floats:
+        """Return the point with the first shapes of a hypothesis, and without an end to what begins."""
+        values = self.point.values[:, drive].copy()
+        values[[self.whole.row(n) for n in h.shapes]] = self._grid(h)[0]
+        for m in h.moments:
+            values[self.whole.row(m)] = self.whole.model.parameters[self.whole.row(m)].upper
+        return values
 
     def _sums(self, drive: int, h: Hypothesis, one: str, other: str) -> Floats:
         """Return what the responses to changes of two amplitudes have in common ``(times, times)``, projected."""

@@ -205,9 +205,7 @@ class Whole:
         valid = (total[1] >= len(drive.inputs)) & np.isfinite(total[0])
         return np.where(valid, total[0], -np.inf)[: len(columns)]
 
-    def sensitivities(
-        self, drive: Drive, values: Floats, directions: Floats, kept: Pass, starts: Sequence[int] | None = None
-    ) -> Floats:
+    def sensitivities(self, drive: Drive, values: Floats, directions: Floats, kept: Pass) -> Floats:
         """Return derivatives of the whitened innovations, gains and whitening held fixed ``(samples, ny, n)``.
 
         Args:
@@ -215,24 +213,18 @@ class Whole:
             values: A candidate for each direction ``(np, n)``; they may differ in what has no effect at ``kept``.
             directions: ``(np, n)``.
             kept: From ``run``.
-            starts: Sample up to which each direction has no effect ``(n,)``; no time is spent before it.
         """
         n, slopes = directions.shape[1], [np.zeros((*drive.measurements.shape, 0))]
         for s in range(0, n, LANES):
             columns = [min(k, n - 1) for k in range(s, s + LANES)]
             both = np.concatenate([values[:, columns], directions[:, columns]], axis=1)
             found = np.zeros((*drive.measurements.shape, LANES))
-            start = 0 if starts is None else min(starts[k] for k in columns)
-            first = self._first(drive, both)
-            if start > 0:
-                first[:, :LANES] = kept.state[start][:, None]
             self._follow.follow(
                 drive.inputs,
                 drive.between,
                 drive.measurements,
                 self.duals.constants(both),
-                first,
-                start,
+                self._first(drive, both),
                 kept.gain[:, : self.nx],
                 kept.whitening,
                 found,

@@ -21,7 +21,7 @@ from harness.loop.fitness import oddities
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.loop.judges import Round, decide, is_hopeful, lookalikes, preferred, with_further
 from harness.loop.outcome import verdict_of
-from harness.loop.score import ScoreTest, best_amplitudes, cosine
+from harness.loop.score import SPACING, ScoreTest, best_amplitudes, cosine
 from harness.loop.trace import _Search, first_variances
 from harness.loop.variances import climb
 from harness.loop.whole import Noise, Whole
@@ -251,6 +251,30 @@ def test_a_change_is_found_at_its_own_time_in_every_drive(whole, gusty):
     score = test.of([gust])[0]
     assert np.abs(score.moments - [[20.0, 31.0], [35.0, 44.0]]).max() <= 2.0
     assert score.gain > 100
+
+
+def test_the_response_to_a_change_is_that_of_the_whole_model(whole, gusty):
+    """Onsets are led through the linearised innovations; here through the filter's mean with derivatives."""
+    fitting, fitted = gusty
+    test = ScoreTest(fitting, fitted)
+    for name in ("crosswind", "friction_change"):
+        change = next(h for h in hypotheses(whole, FREE) if h.name == name)
+        test.of([change])
+        for moment in (3, 14):
+            values = fitted.point.values[:, 1].copy()
+            for n in change.moments:
+                values[whole.row(n)] = 1e5
+            values[whole.row(change.moments[0])] = SPACING * (moment + 1)
+            values[[whole.row(n) for n in change.shapes]] = [
+                whole.model.parameters[whole.row(n)].grid[0] for n in change.shapes
+            ]
+            for amplitude in change.amplitudes:
+                direction = np.zeros((len(values), 1))
+                direction[whole.row(amplitude)] = 1.0
+                exact = whole.sensitivities(fitting.drives[1], values[:, None], direction, test.kept[1]).reshape(-1)
+                found = test._steps(change, amplitude, 1)[:, moment]
+                assert np.linalg.norm(exact) > 0
+                assert np.linalg.norm(found - exact) < 5e-3 * np.linalg.norm(exact), (name, amplitude, moment)
 
 
 def test_an_effect_without_slope_is_told_from_one_that_is_there(whole, gusty):
