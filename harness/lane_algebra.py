@@ -77,7 +77,7 @@ def scalar_updates(x_prior, P_prior, predicted, H, y, r, x, P, work, info):
     """
     n, m = x.shape[0], y.shape[0]
     gain, slope = work[:n], work[n : 2 * n]
-    _innovations(P_prior, predicted, H, y, r, info)
+    _innovations(P_prior, predicted, H, y, r, slope, info)
     nis, log_likelihood, seen = splat(0.0), splat(0.0), splat(0.0)
     for i in range(n):
         put(get(x_prior, i), x, i)
@@ -134,16 +134,20 @@ def _joseph(P, H, a, r, gain, slope):
 
 
 @_jit
-def _innovations(P, predicted, H, y, r, info):
+def _innovations(P, predicted, H, y, r, slope, info):
     """Write the joint innovation and its covariance H P H' + R for the record."""
     n, m = P.shape[0], y.shape[0]
     for a in range(m):
         put(get(y, a) - get(predicted, a), info.innovation, a)
+        for j in range(n):
+            total = splat(0.0)
+            for i in range(n):
+                total = total + get(H, a, i) * get(P, i, j)
+            put(total, slope, j)
         for b in range(a + 1):
             total = get(r, a) if a == b else splat(0.0)
-            for i in range(n):
-                for j in range(n):
-                    total = total + get(H, a, i) * get(P, i, j) * get(H, b, j)
+            for j in range(n):
+                total = total + get(slope, j) * get(H, b, j)
             put(total, info.innovation_covariance, a, b)
             put(total, info.innovation_covariance, b, a)
 

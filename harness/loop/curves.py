@@ -13,6 +13,7 @@ from scipy.interpolate import BSpline
 
 from harness.loop.channels import Channel
 from harness.loop.drivers import Driver
+from harness.loop.turning import Turning
 from harness.report import style
 from harness.report.store import print_unit, quantity, words
 
@@ -97,7 +98,18 @@ class Curve:
         return np.sqrt(np.maximum(np.einsum("si,ij,sj->s", functions, self.covariance, functions), 0.0))
 
 
-def described(curve: Curve) -> str:
+def described(found: Curve | Turning) -> str:
+    """Say what a disturbance looks like."""
+    return _turning(found) if isinstance(found, Turning) else _curve(found)
+
+
+def _turning(turning: Turning) -> str:
+    grows = f" at {style.number(turning.speed)} m/s and growing with the square of the speed" if turning.growth else ""
+    size = amount(turning.amplitude, turning.channel)
+    return f"{entry(turning.channel)}, once per {style.number(turning.wavelength)} m driven, reaching {size}{grows}"
+
+
+def _curve(curve: Curve) -> str:
     """Say what a curve looks like: ``coupling moment, odd in the articulation angle, reaching 16 kN·m``."""
     low, high = curve.basis.ends
     reach = min(-low, high)

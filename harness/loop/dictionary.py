@@ -55,6 +55,7 @@ def proposals(
     drivers: Sequence[Driver],
     signals: Sequence[Floats],
     moved: Sequence[Floats],
+    residuals: Sequence[Floats],
 ) -> list[Proposal]:
     """Return pairs of entry and driver, the most stable first.
 
@@ -64,10 +65,11 @@ def proposals(
         drivers: Signals to be tried.
         signals: Their values by drive ``(samples, drivers)``.
         moved: What the fitted parameters do to the innovations, by drive ``(samples * ny, parameters)``.
+        residuals: Whitened innovations that are to be explained, by drive ``(samples, ny)``.
     """
     scale = 2.0 * np.std(np.concatenate(signals), axis=0)
     pieces = pinpoint.whole.share(
-        lambda i: _pieces(pinpoint, channels, signals[i] / np.where(scale > 0, scale, 1.0), moved[i], i),
+        lambda i: _pieces(pinpoint, channels, signals[i] / np.where(scale > 0, scale, 1.0), moved[i], residuals[i], i),
         range(len(signals)),
     )
     gram, pull = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
@@ -88,19 +90,19 @@ def proposals(
 
 
 def _pieces(
-    pinpoint: Pinpoint, channels: Sequence[Channel], signals: Floats, moved: Floats, drive: int
+    pinpoint: Pinpoint, channels: Sequence[Channel], signals: Floats, moved: Floats, residual: Floats, drive: int
 ) -> tuple[Floats, Floats]:
     """Return Gram matrix and pull of all terms, behind those of the parameters, for each piece of a drive."""
     shapes = np.stack([shape(signals) for shape in _SHAPES], axis=2)
     shapes -= shapes.mean(axis=0)
     terms = shapes.reshape(len(signals), -1)
     model = pinpoint.linear[drive].innovations
-    ny = model.residual.shape[1]
+    ny = residual.shape[1]
     columns = [moved.astype(np.float32)]
     for channel in channels:
         response = model.responses(pinpoint.inlets(channel)[drive], terms)
         columns.append(response.reshape(len(signals) * ny, -1).astype(np.float32))
-    X, r = np.concatenate(columns, axis=1), model.residual.reshape(-1).astype(np.float32)
+    X, r = np.concatenate(columns, axis=1), residual.reshape(-1).astype(np.float32)
     length = round(PIECE / model.step) * ny
     cuts = [slice(s, s + length) for s in range(0, len(r), length)]
     return np.array([X[c].T @ X[c] for c in cuts], dtype=float), np.array([X[c].T @ r[c] for c in cuts], dtype=float)

@@ -74,6 +74,16 @@ class InnovationModel:
             found[:, :, s : s + width] = moved[:, :, :width]
         return found
 
+    def adjoint(self, residual: Floats) -> Floats:
+        """Return the derivative of the log-likelihood to the state before every sample ``(samples, n)``.
+
+        Args:
+            residual: Whitened innovations ``(samples, ny)``.
+        """
+        found = np.zeros(self.transition.shape[:2])
+        _loops().pull_back(self.transition, self.output, residual, found)
+        return found
+
     def gains(self, inlet: Inlet, time_constant: float, deviations: Floats) -> Floats:
         """Return what a Gauss-Markov disturbance gains in log-likelihood for standard deviations ``(LANES,)``."""
         ny, n = self.output.shape[1:]

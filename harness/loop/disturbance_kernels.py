@@ -66,6 +66,20 @@ def respond(F, C, g, c, disturbance, found):
         z, ahead = ahead, z
 
 
+def pull_back(F, C, r, adjoint):
+    """Write how much each state before a sample ``(samples, n)`` would explain of all later innovations."""
+    samples, n = adjoint.shape
+    for k in range(samples - 1, 0, -1):
+        for i in range(n):
+            total = 0.0
+            for a in range(r.shape[1]):
+                total += C[k, a, i] * r[k, a]
+            if k + 1 < samples:
+                for j in range(n):
+                    total += F[k, j, i] * adjoint[k + 1, j]
+            adjoint[k, i] = total
+
+
 def track(F, C, g, c, r, decay, variance, gain, notes):
     """Estimate a Gauss-Markov disturbance of eight variances; write what each gains in log-likelihood over none.
 
@@ -231,4 +245,4 @@ def fill(values, numbers):
     raise RuntimeError("pasted in the generated module")
 
 
-PLAIN = (respond, update, predict, track, smooth, lasso)
+PLAIN = (respond, pull_back, update, predict, track, smooth, lasso)

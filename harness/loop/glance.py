@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from harness.loop import worth_report
-from harness.loop.curves import described
 from harness.loop.figures import called
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.judges import BIC_NEEDED
@@ -31,7 +30,7 @@ def blocks(outcome: Outcome) -> list[Block]:
     rows = [["verdict", _MEANING[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.added]
     if outcome.where.unnamed is not None:
-        rows += [["what", f"without a name: {described(c)}"] for c in outcome.where.unnamed.curves]
+        rows += [["what", f"without a name: {text}"] for text in outcome.where.unnamed.words]
     rows += [["how large", line] for line in _sizes(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]

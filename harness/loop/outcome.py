@@ -17,7 +17,6 @@ from harness.folder import write_files
 from harness.identify.outcome import Judged
 from harness.identify.residuals import whiteness
 from harness.loop.amend import Estimated, fitted_model
-from harness.loop.curves import described
 from harness.loop.fit import Fitted
 from harness.loop.held_out import EXCESS, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -203,7 +202,7 @@ def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     gap = f" The held-out error beyond the noise of the sensors falls {_fall(trace.before, after)}."
     if process is not None:
         gap = (gap if trace.added else "") + _of_a_process(process)
-    curves = [] if found.unnamed is None else [described(c) for c in found.unnamed.curves]
+    curves = [] if found.unnamed is None else found.unnamed.words
     unnamed = f" What is missing acts as {'; '.join(curves)}." if curves else ""
     if verdict == "adequate":
         return f"The model is adequate: nothing is missing that these drives can show.{also}{gap if also else ''}"

@@ -1,12 +1,14 @@
-"""Something is missing that has no name: the disturbance it makes, as a curve over a signal.
+"""Something is missing that has no name: the disturbance it makes, as a curve over a signal or once per turn.
 
-The dictionary proposes entries and signals. Of each pair a smooth curve is fitted to the innovations together with the
+What comes back with the distance driven is looked for first (``turning``), because nothing else explains it. The
+dictionary proposes entries and signals. Of each pair a smooth curve is fitted to the innovations together with the
 parameters that the model's own fit moves, each time without one of the drives, and is judged by the likelihood of that
 one. The best is taken, then the best beside it, as long as the drives left out become likelier. What is left must make
 the held-out drives likelier as well.
 
 Free running, a curve over motion is fed by the motion of the model itself and not by the measured one: what it closes
-of the error is a prediction. Inputs are those of the recording, as for every model.
+of the error is a prediction. Inputs are those of the recording, as for every model. What turns has the phase that suits
+the drive.
 """
 
 from __future__ import annotations
@@ -21,13 +23,15 @@ from numpy.typing import NDArray
 from harness.compile import compile_model
 from harness.identify.recordings import Drive
 from harness.lanes import LANES
-from harness.loop.curves import FUNCTIONS, Basis, Curve
+from harness.loop.channels import Channel
+from harness.loop.curves import FUNCTIONS, Basis, Curve, described
 from harness.loop.dictionary import Proposal, proposals
 from harness.loop.drivers import Driver, drivers_of, rates
 from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement, strayed
 from harness.loop.hypotheses import Coordinate
 from harness.loop.pinpoint import Pinpoint
+from harness.loop.turning import Ride, Turning, find_turning, ridden
 from harness.loop.whole import Whole
 
 Floats = NDArray[np.float64]
@@ -38,10 +42,16 @@ NEEDED = 25.0
 CURVES = 3
 """Largest number of curves."""
 
+TURNS = 3
+"""Largest number of disturbances that turn: an order and its harmonics."""
+
 _ENTRIES = 8
 _PAIRS = 12
 _STABLE = 0.2
 """Entries that the dictionary sees, pairs of which curves are fitted, and the least stability of a pair."""
+
+_SPEED = ("speed", "longitudinal_velocity")
+"""Signals, either of which tells the distance driven."""
 
 _STIFFNESS = (1e-4, 1e-2, 1.0)
 """Penalty on second differences, over the mean information on a weight."""
@@ -56,12 +66,19 @@ class Unnamed:
         shift: Parameters that move with them: value by name.
         held_out_gain: In log-likelihood of the held-out drives, as the innovations promise.
         judgement: The model with the curves, free running on the held-out drives.
+        turning: What comes back with the distance driven, in the order it was taken.
     """
 
     curves: tuple[Curve, ...]
     shift: dict[str, float]
     held_out_gain: float
     judgement: Judgement
+    turning: tuple[Turning, ...] = ()
+
+    @property
+    def words(self) -> list[str]:
+        """What each looks like."""
+        return [*map(described, self.turning), *map(described, self.curves)]
 
 
 @dataclass(frozen=True)
@@ -90,12 +107,35 @@ class _Drives:
         kept = fitting.passes(point)
         own = tuple(replace(c, drives=tuple(range(len(self.drives)))) for c in moved)
         self.moved = [-fitting.columns(own, point, i, k).reshape(k.whitened.size, len(own)) for i, k in enumerate(kept)]
-        self.residual = [linear.innovations.residual.reshape(-1) for linear in pinpoint.linear]
         states = [linear.states for linear in pinpoint.linear]
         self.signals = [
             np.column_stack([d.of(x, drive.inputs, rates(drive)) for d in self.drivers])
             for x, drive in zip(states, self.drives, strict=True)
         ]
+        self.rides = ridden(pinpoint, self._speeds())
+
+    def _speeds(self) -> list[Floats]:
+        """Return the speed by drive; zero if the model has none, so that no distance is driven."""
+        for driver in self.drivers:
+            if driver.name in _SPEED:
+                return self.signal(driver)
+        return [np.zeros(len(s)) for s in self.signals]
+
+    def turned(self, turning: Turning) -> tuple[list[Ride], float, list[Floats]]:
+        """Give each drive its phase of a disturbance.
+
+        Returns:
+            The drives with what it leaves of their innovations, the gain in log-likelihood, and the disturbance by
+            drive ``(samples,)``.
+        """
+        rides, total, disturbances = [], 0.0, []
+        for ride, inlet in zip(self.rides, self.pinpoint.inlets(turning.channel), strict=True):
+            waves = turning.waves(ride.distance, ride.speed)
+            shares, gain, explained = ride.phase(inlet, waves)
+            rides.append(replace(ride, residual=ride.residual - explained))
+            disturbances.append(waves @ shares)
+            total += gain
+        return rides, total, disturbances
 
     def signal(self, driver: Driver) -> list[Floats]:
         """Return a signal by drive."""
@@ -117,9 +157,9 @@ class _Drives:
     def sums(self, columns: Sequence[Sequence[Floats]]) -> list[_Sums]:
         """Return the sums by fold: a drive each, or halves of the only one."""
         found = []
-        for i, r in enumerate(self.residual):
+        for i, r in enumerate(ride.residual.reshape(-1) for ride in self.rides):
             X = np.concatenate([self.moved[i], *(c[i] for c in columns)], axis=1)
-            cuts = (0, len(r)) if len(self.residual) > 1 else (0, len(r) // 2, len(r))
+            cuts = (0, len(r)) if len(self.rides) > 1 else (0, len(r) // 2, len(r))
             for a, b in itertools.pairwise(cuts):
                 found.append(_Sums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
         return found
@@ -128,7 +168,7 @@ class _Drives:
 def find_unnamed(
     fitting: Fitting, held_out: HeldOut, final: Fitted, before: Judgement, pinpoint: Pinpoint
 ) -> Unnamed | None:
-    """Return what a model lacks as curves; ``None`` if nothing predicts drives that it was not fitted to.
+    """Return what a model lacks without a name; ``None`` if nothing predicts drives that it was not fitted to.
 
     Args:
         fitting: The fitted drives.
@@ -143,24 +183,55 @@ def find_unnamed(
     suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
     if not suspects:
         return None
-    pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved)
+    there = Pinpoint(held_out.fitting, before.point, suspects, ranked=False)
+    kept_aside = _Drives(there, held_out.fitting, before.point, moved)
+    turnings, disturbances, gain = _turning(here, kept_aside, held_out.fitting.samples)
+    pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved, [r.residual for r in here.rides])
     pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
     curves, weights = _selected(here, pairs, np.array([c.prior**-2.0 for c in moved]))
-    if not curves:
+    columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
+    by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
+    if by_curves <= 0:
+        curves, weights = [], np.zeros(len(moved))
+    if not curves and not turnings:
         return None
+    gain += max(by_curves, 0.0)
     point = _shifted(before.point, moved, weights[: len(moved)])
     shift = {c.parameter.name: float(point.values[c.row, 0]) for c in moved}
-    there = Pinpoint(held_out.fitting, before.point, [*dict.fromkeys(c.channel for c in curves)], ranked=False)
-    kept_aside = _Drives(there, held_out.fitting, before.point, moved)
-    columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
-    gain = sum(_gain(s, weights) for s in kept_aside.sums(columns))
-    if gain <= 0:
-        return None
-    numbers = range(len(held_out.drives))
-    free = tuple(whole.share(lambda i: _run(whole, held_out.drives[i], point.values[:, i], there, i, curves), numbers))
+
+    def run(i: int) -> Floats:
+        turned = [(t.channel, d[i]) for t, d in zip(turnings, disturbances, strict=True)]
+        return _run(whole, held_out.drives[i], point.values[:, i], there, i, curves, turned)
+
+    free = tuple(whole.share(run, range(len(held_out.drives))))
     error, excess = strayed(held_out.drives, free, held_out.variances)
     judgement = Judgement(before.log_likelihood + gain, error, excess, free, point)
-    return Unnamed(tuple(curves), shift, gain, judgement)
+    return Unnamed(tuple(curves), shift, gain, judgement, tuple(turnings))
+
+
+def _turning(here: _Drives, there: _Drives, samples: int) -> tuple[list[Turning], list[list[Floats]], float]:
+    """Take one disturbance that turns after the other, as long as the held-out drives become likelier.
+
+    Returns:
+        What turns; each over the held-out drives, ``(samples,)`` by drive; and the gain there, less what the phases
+        cost that were looked for in them.
+    """
+    found: list[Turning] = []
+    disturbances: list[list[Floats]] = []
+    total = 0.0
+    while len(found) < TURNS:
+        best = find_turning(here.pinpoint, there.pinpoint.channels, here.rides, NEEDED)
+        if best is None:
+            break
+        rides, gain, disturbance = there.turned(best)
+        gain -= 0.5 * len(rides) * np.log(samples)
+        if gain <= 0:
+            break
+        here.rides, there.rides = here.turned(best)[0], rides
+        found.append(best)
+        disturbances.append(disturbance)
+        total += gain
+    return found, disturbances, total
 
 
 def _gain(sums: _Sums, weights: Floats) -> float:
@@ -253,15 +324,24 @@ def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
 
 
 def _run(
-    whole: Whole, drive: Drive, values: Floats, pinpoint: Pinpoint, number: int, curves: Sequence[Curve]
+    whole: Whole,
+    drive: Drive,
+    values: Floats,
+    pinpoint: Pinpoint,
+    number: int,
+    curves: Sequence[Curve],
+    turned: Sequence[tuple[Channel, Floats]],
 ) -> Floats:
     """Run the model alone with the disturbances that its own motion makes; return its outputs ``(samples, ny)``.
+
+    What turns is there at every sample already.
 
     How an entry moves the next state is taken along the measured drive; it hardly depends on the motion.
     """
     spec = whole.spec
     compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False, jacobians=False)
-    ahead, direct = pinpoint.linear[number].raw([c.channel for c in curves])
+    ahead, direct = pinpoint.linear[number].raw([*(c.channel for c in curves), *(channel for channel, _ in turned)])
+    turning = np.column_stack([np.zeros((len(drive.time), 0)), *(d for _, d in turned)])
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
     tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
     constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
@@ -274,7 +354,7 @@ def _run(
         if not np.all(np.abs(x[:, 0]) <= limits):
             break
         now = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
-        d = np.array([np.interp(driver.of(*now)[0], grid, table) for driver, grid, table in tables])
+        d = np.array([*(np.interp(driver.of(*now)[0], grid, table) for driver, grid, table in tables), *turning[k]])
         compiled.kernels.output(x, np.repeat(drive.inputs[k][:, None], LANES, axis=1), constants, y)
         outputs[k] = y[:, 0] + direct[k] @ d
         compiled.kernels.next_state(x, np.repeat(drive.between[k][:, None], LANES, axis=1), constants, xn, w)

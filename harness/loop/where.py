@@ -10,6 +10,7 @@ from harness.configure import ModelSpec
 from harness.loop.curves import Curve, described
 from harness.loop.pinpoint import History, Pinpoint, Suspect
 from harness.loop.trace import Trace
+from harness.loop.turning import Turning
 from harness.loop.unnamed import Unnamed, find_unnamed
 from harness.loop.wandering import Wandering, find_wandering
 
@@ -84,10 +85,25 @@ def unnamed_record(found: Unnamed | None) -> dict[str, Any] | None:
         return None
     return {
         "curves": [_curve(c) for c in found.curves],
+        "turning": [_turning(t) for t in found.turning],
         "parameters": found.shift,
         "held_out_log_likelihood_gain": found.held_out_gain,
         "excess": found.judgement.excess if math.isfinite(found.judgement.excess) else None,
         "driven_by": "the motion of the model itself and the recorded inputs",
+    }
+
+
+def _turning(t: Turning) -> dict[str, Any]:
+    return {
+        "channel": t.channel.name,
+        "ports": list(t.channel.ports),
+        "unit": t.channel.unit,
+        "words": described(t),
+        "wavelength": t.wavelength,
+        "amplitude": t.amplitude,
+        "speed": t.speed,
+        "grows_with_speed_to_the": t.growth,
+        "log_likelihood_gain": t.gain,
     }
 
 
