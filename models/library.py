@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import functools
+
 from models import registry
-from models.assemble import assemble
+from models.assemble import Model, assemble
 from models.contracts import ModelError
 from models.placement import Layout, place_of, sites
 
 
+@functools.lru_cache(maxsize=256)
+def assembled(vehicle: str, tyre: str | None, effects: tuple[str, ...], sensors: str | None) -> Model:
+    """Return what ``assemble`` does, remembered: a search asks for the same models several times."""
+    return assemble(vehicle, tyre, effects, sensors)
+
+
+@functools.lru_cache(maxsize=64)
 def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str, ...]:
     """Return the name of every effect at every place where it fits, ``crosswind@trailer`` or ``steering_lag``.
 
@@ -19,7 +28,7 @@ def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str
     Raises:
         ModelError: If these parts make no model.
     """
-    ports = assemble(vehicle, tyre, (), sensors).ports
+    ports = assembled(vehicle, tyre, (), sensors).ports
     layout = Layout.of(registry.load("models.vehicles", vehicle))
     found: list[str] = []
     for file in registry.names("models.effects"):
@@ -28,7 +37,7 @@ def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str
         for place in places:
             name = f"{file}@{place}" if place_of(effect) and place else file
             try:
-                assemble(vehicle, tyre, [name], sensors)
+                assembled(vehicle, tyre, (name,), sensors)
             except ModelError:
                 continue
             found.append(name)

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from harness.loop.hypotheses import Hypothesis, hypotheses
 from harness.loop.whole import Whole
 from models import registry
-from models.assemble import Model, assemble, symbol
+from models.assemble import Model, symbol
+from models.library import assembled
 from models.placement import Layout, suffix
 from models.signals import SIGNALS
 
@@ -96,7 +97,7 @@ def _per_second(unit: str) -> str:
 
 def _of_effect(whole: Whole, h: Hypothesis) -> list[Channel]:
     spec = whole.spec
-    model = assemble(spec.vehicle, spec.tyre, (*spec.effects, h.name), spec.sensors)
+    model = assembled(spec.vehicle, spec.tyre, (*spec.effects, h.name), spec.sensors)
     known = {p.name: p for p in model.parameters}
     found = []
     for name in h.amplitudes:

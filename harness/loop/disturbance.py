@@ -144,9 +144,15 @@ class Linearisation:
         _loops()
 
     def along(
-        self, drive: Drive, states: Floats, values: Sequence[Floats], parameters: Sequence[Floats], moved: Floats
+        self,
+        drive: Drive,
+        states: Floats,
+        values: Sequence[Floats],
+        parameters: Sequence[Floats],
+        moved: Floats,
+        rows: NDArray[np.intp],
     ) -> tuple[Floats, Floats]:
-        """Return derivatives of the next state ``(samples, nx, n)`` and of the outputs ``(samples, ny, n)``.
+        """Return derivatives of the next state ``(samples, rows, n)`` and of the outputs ``(samples, ny, n)``.
 
         Args:
             drive: With the inputs at the samples.
@@ -154,9 +160,10 @@ class Linearisation:
             values: Parameters there, for each direction ``(np,)``.
             parameters: Directions in the space of parameters, ``(np,)`` each.
             moved: Directions of the state ``(nx, n)``.
+            rows: States whose derivatives are wanted.
         """
         n, shape = len(values), (len(self.whole.model.states), len(self.whole.model.outputs))
-        found = [np.zeros((len(states), size, n)) for size in shape]
+        ahead, outputs = np.empty((len(states), len(rows), n)), np.empty((len(states), shape[1], n))
         for s in range(0, n, LANES):
             columns = [min(j, n - 1) for j in range(s, s + LANES)]
             both = np.column_stack([*(values[j] for j in columns), *(parameters[j] for j in columns)])
@@ -164,9 +171,9 @@ class Linearisation:
             directions = np.ascontiguousarray(moved[:, columns])
             constants = self._compiled.constants(both)
             self._tangents(drive.inputs, drive.between, constants, states, directions, *parts)
-            for whole, part in zip(found, parts, strict=True):
-                whole[:, :, s : s + LANES] = part[:, :, : n - s]
-        return found[0], found[1]
+            ahead[:, :, s : s + LANES] = parts[0][:, rows, : n - s]
+            outputs[:, :, s : s + LANES] = parts[1][:, :, : n - s]
+        return ahead, outputs
 
 
 class Linearised:
@@ -204,31 +211,45 @@ class Linearised:
 
     def raw(self, channels: Sequence[Channel]) -> tuple[Floats, Floats]:
         """Return how channels move the next state ``(samples, nx, n)`` and the outputs ``(samples, ny, n)``."""
-        samples, nx, ny = len(self.states), len(self.whole.model.states), len(self.whole.model.outputs)
-        ahead, outputs = np.zeros((samples, nx, len(channels))), np.zeros((samples, ny, len(channels)))
+        return self._moved(channels, np.arange(len(self.whole.model.states)))
+
+    def _moved(self, channels: Sequence[Channel], rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        samples, ny = len(self.states), len(self.whole.model.outputs)
+        ahead, outputs = np.zeros((samples, len(rows), len(channels))), np.zeros((samples, ny, len(channels)))
         step = 1.0 if self.whole.model.discrete else self.whole.spec.step
         for j, c in enumerate(channels):
             if c.kind == "equation":
-                ahead[:, self.whole.model.states.index(c.ports[0]), j] = step
+                ahead[:, rows == self.whole.model.states.index(c.ports[0]), j] = step
         open_ = [j for j, c in enumerate(channels) if c.kind != "equation"]
-        ahead[:, :, open_], outputs[:, :, open_] = self.along(
+        ahead[:, :, open_], outputs[:, :, open_] = self._along_parameters(
             [channels[j].values(self.whole, self.values) for j in open_],
             [channels[j].direction(self.whole) for j in open_],
+            rows,
         )
         return ahead, outputs
 
     def along(self, values: Sequence[Floats], parameters: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """Return derivatives to directions of the parameters, as ``Linearisation.along`` has them, along the pass."""
+        """Return derivatives of the active states and of the outputs to directions of the parameters, along the pass.
+
+        Args:
+            values: Parameters, for each direction ``(np,)``.
+            parameters: Directions, ``(np,)`` each.
+        """
+        return self._along_parameters(values, parameters, self.active)
+
+    def _along_parameters(
+        self, values: Sequence[Floats], parameters: Sequence[Floats], rows: NDArray[np.intp]
+    ) -> tuple[Floats, Floats]:
         held = np.zeros((len(self.whole.model.states), len(values)))
-        return self._linearisation.along(self.drive, self.states, values, parameters, held)
+        return self._linearisation.along(self.drive, self.states, values, parameters, held, rows)
 
     def inlets(self, channels: Sequence[Channel]) -> list[Inlet]:
         """Return how channels enter the innovations."""
-        return self.entering(*self.raw(channels))
+        return self.entering(*self._moved(channels, self.active))
 
     def entering(self, ahead: Floats, outputs: Floats) -> list[Inlet]:
-        """Return how what moves next states ``(samples, nx, n)`` and outputs ``(samples, ny, n)`` enters them."""
-        entry = ahead[:, self.active] - self._ahead @ (self._gain @ outputs)
+        """Return how what moves active states ``(samples, rows, n)`` and outputs ``(samples, ny, n)`` enters them."""
+        entry = ahead - self._ahead @ (self._gain @ outputs)
         direct = self._whitening @ outputs
         return [
             Inlet(np.ascontiguousarray(entry[:, :, j]), np.ascontiguousarray(direct[:, :, j]))
@@ -251,5 +272,4 @@ class Linearised:
         drive = replace(self.drive, inputs=self.drive.inputs[samples], between=self.drive.between[samples])
         states = np.ascontiguousarray(self.states[samples])
         unit = np.eye(len(self.whole.model.states))[:, rows]
-        ahead, outputs = self._linearisation.along(drive, states, [self.values] * n, [nothing] * n, unit)
-        return ahead[:, rows], outputs
+        return self._linearisation.along(drive, states, [self.values] * n, [nothing] * n, unit, rows)

@@ -27,9 +27,8 @@ from harness.loop.judges import AHEAD, BIC_NEEDED
 from harness.loop.pinpoint import Pinpoint
 from harness.loop.trace import Trace
 from harness.loop.whole import Whole
-from models.assemble import assemble
 from models.contracts import Parameter
-from models.library import placements
+from models.library import assembled, placements
 from models.placement import load_effect, split
 
 EXPLAINED = 1e-8
@@ -89,7 +88,7 @@ def _processes(spec: ModelSpec, whole: Whole) -> list[str]:
 
 def _changed(spec: ModelSpec, name: str) -> set[str]:
     """Return the ports that an effect changes."""
-    before, after = spec.model().ports, assemble(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors).ports
+    before, after = spec.model().ports, assembled(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors).ports
     return {port for port in before if before[port] != after[port]}
 
 

@@ -28,7 +28,7 @@ from harness.simulate import paste
 from models import registry
 from models.assemble import Model, assemble
 from models.contracts import ModelError
-from models.library import placements
+from models.library import assembled, placements
 from models.placement import load_effect, split
 
 Floats = NDArray[np.float64]
@@ -274,7 +274,7 @@ def candidates_of(spec: ModelSpec, available: set[str], excluded: frozenset[str]
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
         if getattr(load_effect(name), "NOISE", None) or split(name)[0] in without:
             continue
-        model = assemble(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors)
+        model = assembled(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors)
         needed = {model.rates.get(i, i) for i in model.inputs} - {"time"}
         if needed <= available:
             found.append(name)
