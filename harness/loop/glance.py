@@ -23,11 +23,14 @@ _MEANING = {
     "unresolved": "unresolved: something is missing that no effect of the library explains",
 }
 
+_NAMELESS = "amended: what is missing has no name, but what it does is known and holds on the drives kept aside"
+
 
 def blocks(outcome: Outcome) -> list[Block]:
     """Return the answer, the table, what was odd about the recordings, and how each round of the search ended."""
     found: list[Block] = [Heading("What was found?"), Prose(strong(outcome.answer))]
-    rows = [["verdict", _MEANING[outcome.verdict]]]
+    nameless = outcome.verdict == "amended" and not outcome.added
+    rows = [["verdict", _NAMELESS if nameless else _MEANING[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.added]
     if outcome.where.unnamed is not None:
         rows += [["what", f"without a name: {text}"] for text in outcome.where.unnamed.words]

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from harness.identify.recordings import Drive
 from harness.loop.correlation import Consistency, CrossCorrelation
 from harness.loop.curves import Curve, entry, shown
 from harness.loop.drivers import Driver, rates
 from harness.loop.pinpoint import History, Pinpoint, Suspect
+from harness.loop.turning import WAVELENGTHS, Turning
 from harness.report import style
 from harness.report.store import print_unit, quantity, words
 
@@ -134,6 +136,31 @@ def curves(pinpoint: Pinpoint, found: Sequence[Curve]) -> bytes:
             Line2D([], [], color=style.MEASURED, ls="", marker="o", ms=3.5, label="smoothed disturbance, mean"),
         ]
         style.head(fig, "What does the missing effect hang on?", handles)
+        return style.svg(fig)
+
+
+def spectra(found: Sequence[Turning]) -> bytes:
+    """Return what a disturbance gains that comes back after a distance, over that distance, a panel for each taken."""
+    with style.drawing():
+        fig = style.figure(0.9 + 1.9 * len(found))
+        panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, t in zip(panels, found, strict=True):
+            axes.plot(t.spectrum.wavelength, t.spectrum.gain, color=_BEFORE.line, lw=0.6)
+            axes.plot([t.wavelength], [t.gain], ls="", marker="v", ms=6, color=_AFTER.line)
+            axes.annotate(
+                style.with_unit(t.wavelength, "m"), (t.wavelength, t.gain), (8, -3), textcoords="offset points"
+            )
+            axes.set_title(entry(t.channel), loc="left")
+            axes.set_ylabel("gain in log-\nlikelihood")
+            axes.set_ylim(0.0, 1.15 * t.gain)
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(ScalarFormatter())
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            axes.set_xticks([0.5, 1.0, 2.0, 5.0, 10.0])
+            axes.set_xlim(*WAVELENGTHS)
+            axes.grid(True)
+        panels[-1].set_xlabel("distance driven until it comes back, in m")
+        style.head(fig, "What turns?")
         return style.svg(fig)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from harness.loop import vehicle_picture, where_figures
 from harness.loop.correlation import LARGEST_LAG, consistency, cross_correlation
-from harness.loop.curves import amount, described, entry
+from harness.loop.curves import amount, entry
 from harness.loop.drivers import drivers_of, rates
 from harness.loop.outcome import Outcome
 from harness.loop.unnamed import Unnamed
@@ -61,10 +61,29 @@ def unnamed(outcome: Outcome) -> list[Block]:
     found = outcome.where.unnamed
     if found is None:
         return []
-    return [
+    blocks: list[Block] = [
         Heading("What is missing without a name?"),
-        Bullets([strong(_sentence(described(c))) for c in found.curves]),
+        Bullets([strong(_sentence(text)) for text in found.words]),
         Prose(plain(_worth(outcome, found))),
+    ]
+    return [*blocks, *_turning(found), *_curves(outcome, found)]
+
+
+def _turning(found: Unnamed) -> list[Block]:
+    if not found.turning:
+        return []
+    caption = (
+        "Gain in log-likelihood of the fitted drives by a disturbance that comes back with the distance driven, at the "
+        "entry where it gains most; each drive has its own phase. Mark: what was taken. A wheel turns once per "
+        "circumference; a half or a third of that is an order of it."
+    )
+    return [Picture(where_figures.spectra(found.turning), caption, "Gain over the distance after which it comes back.")]
+
+
+def _curves(outcome: Outcome, found: Unnamed) -> list[Block]:
+    if not found.curves:
+        return []
+    return [
         Picture(
             where_figures.curves(outcome.where.final, found.curves),
             "Curves fitted to the innovations of the fitted drives. Points: mean of the disturbance that the smoother "
@@ -91,10 +110,13 @@ def _sentence(text: str) -> str:
 def _worth(outcome: Outcome, found: Unnamed) -> str:
     before, after = outcome.trace.after.excess, found.judgement.excess
     moved = f"The held-out drives become likelier by {style.number(found.held_out_gain)} in log-likelihood."
-    fed = (
-        "Free running, the curves are fed by the motion of the model itself and by the recorded inputs, not by the "
-        "measured motion."
-    )
+    parts = []
+    if found.curves:
+        parts.append("the curves are fed by the motion of the model itself and by the recorded inputs, not by the "
+                     "measured motion")  # fmt: skip
+    if found.turning:
+        parts.append("what turns has the phase that suits the drive")
+    fed = f"Free running, {', and '.join(parts)}."
     if after < before:
         return f"{moved} Their excess falls from {style.number(before)} to {style.number(after)}. {fed}"
     return f"{moved} Their free-running error does not fall, so the final model is the one without. {fed}"
