@@ -10,11 +10,11 @@ with speed are common to all, and judge the drives left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
+from scipy import ndimage, optimize
 
 from harness.loop.channels import Channel
 from harness.loop.disturbance import Inlet, InnovationModel
@@ -37,6 +37,9 @@ _PADDED = 4
 _KNOTS = 12
 """Wavelengths at which the power of the response is computed; it is smooth in between."""
 
+_NEAR = 400
+"""Lines to either side whose median is the background of a line: what jerks at random moments has no line."""
+
 _SAMPLES = 4.0
 """Samples that a turn takes at least, on the average."""
 
@@ -53,6 +56,10 @@ class Spectrum:
     wavelength: Floats
     gain: Floats
 
+    def background(self) -> Floats:
+        """Return the gain by chance over that in white noise ``(lines,)``, 1 at least."""
+        return np.maximum(1.0, ndimage.median_filter(self.gain, 2 * _NEAR + 1, mode="nearest"))
+
 
 @dataclass(frozen=True)
 class Turning:
@@ -65,6 +72,7 @@ class Turning:
         speed: At which it has its amplitude, in m/s.
         amplitude: In the unit of the channel.
         gain: In log-likelihood of the fitted drives.
+        clarity: The same over the background of its line.
         spectrum: From which it was taken.
     """
 
@@ -74,11 +82,36 @@ class Turning:
     speed: float
     amplitude: float
     gain: float
+    clarity: float
     spectrum: Spectrum
 
-    def waves(self, distance: Floats, speed: Floats) -> Floats:
-        """Return it a quarter of a turn apart, at amplitude ``(samples, 2)``."""
+    def waves(self, ride: Ride) -> Waves:
+        """Return it over a drive, a quarter of a turn apart."""
+        s, v = ride.distance, ride.speed
+        now, middle = self._at(s, v), self._at(0.5 * (s[:-1] + s[1:]), 0.5 * (v[:-1] + v[1:]))
+        during = now.copy()
+        during[:-1] = (now[:-1] + 4.0 * middle + now[1:]) / 6.0
+        return Waves(now, during)
+
+    def _at(self, distance: Floats, speed: Floats) -> Floats:
         return self.amplitude * _waves(1.0 / self.wavelength, distance, (speed / self.speed) ** self.growth)
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Disturbances, each ``(samples, n)``. What is quick is not the same at a sample and during the step behind it.
+
+    Attributes:
+        now: At every sample.
+        during: Mean over the step behind it.
+    """
+
+    now: Floats
+    during: Floats
+
+    def of(self, shares: Floats) -> Waves:
+        """Return sums of them with shares ``(n,)``, as one."""
+        return Waves(self.now @ shares[:, None], self.during @ shares[:, None])
 
 
 @dataclass(frozen=True)
@@ -104,9 +137,15 @@ class Ride:
         found[0] = 0.0  # the first sample is not used
         return found
 
-    def phase(self, inlet: Inlet, waves: Floats) -> tuple[Floats, float, Floats]:
+    def response(self, inlet: Inlet, waves: Waves) -> Floats:
+        """Return how disturbances move the whitened innovations ``(samples, ny, n)``."""
+        entry = replace(inlet, direct=np.zeros_like(inlet.direct))
+        moved = self.model.responses(entry, waves.during)
+        return moved + inlet.direct[:, :, None] * waves.now[:, None, :] * (np.arange(len(moved)) > 0)[:, None, None]
+
+    def phase(self, inlet: Inlet, waves: Waves) -> tuple[Floats, float, Floats]:
         """Return the best phase of waves a quarter of a turn apart: its shares of both, gain, and what it explains."""
-        X = self.model.responses(inlet, waves)
+        X = self.response(inlet, waves)
         b = np.tensordot(X, self.residual, ((0, 1), (0, 1)))
         G = np.tensordot(X, X, ((0, 1), (0, 1)))
         # Along the circle the gain has two maxima at most; a grid of degrees finds the higher one.
@@ -136,7 +175,7 @@ def find_turning(
         pinpoint: Of the fitted drives.
         channels: Entries at which it may act.
         rides: The same drives.
-        needed: Gain, over what the best of as many tries as there are lines reaches in white noise.
+        needed: Gain over the background, beyond what the best of as many tries as there are lines reaches by chance.
     """
     mean = float(np.concatenate([r.speed for r in rides]).mean())
     lines = _lines(rides, mean)
@@ -153,9 +192,9 @@ def find_turning(
         spectrum = _spectrum(pulls, power, rides, lines)
         for growth in GROWTH:
             found = _taken(channel, inlets, pulls, rides, spectrum, growth, mean)
-            if best is None or found.gain > best.gain:
+            if best is None or found.clarity > best.clarity:
                 best = found
-    if best is None or best.gain < needed + np.log(len(lines) * len(channels)):
+    if best is None or best.clarity < needed + np.log(len(lines) * len(channels)):
         return None
     return best
 
@@ -210,7 +249,8 @@ def _taken(
     mean: float,
 ) -> Turning:
     """Return the highest line of a spectrum at its exact wavelength, with its size."""
-    top = int(np.argmax(spectrum.gain))
+    background = spectrum.background()
+    top = int(np.argmax(spectrum.gain / background))
     numbers, sizes = 1.0 / spectrum.wavelength, [(r.speed / mean) ** growth for r in rides]
     width = numbers[1] - numbers[0]
 
@@ -224,12 +264,13 @@ def _taken(
     number = float(
         optimize.minimize_scalar(less, near, bounds=near, method="bounded", options={"xatol": 1e-3 * width}).x
     )
-    first = Turning(channel, 1.0 / number, growth, mean, 1.0, 0.0, spectrum)
+    first = Turning(channel, 1.0 / number, growth, mean, 1.0, 0.0, 0.0, spectrum)
     push = power = 0.0
-    for r, inlet, pull in zip(rides, inlets, pulls, strict=True):
-        waves = first.waves(r.distance, r.speed)
-        b = pull @ waves
-        response = r.model.responses(inlet, waves) @ (b / max(float(np.hypot(*b)), 1e-300))
-        push, power = push + float(np.hypot(*b)), power + float(np.sum(response**2))
+    for r, inlet in zip(rides, inlets, strict=True):
+        X = r.response(inlet, first.waves(r))
+        b = np.tensordot(X, r.residual, ((0, 1), (0, 1)))
+        push += float(np.hypot(*b))
+        power += float(np.sum((X @ (b / max(float(np.hypot(*b)), 1e-300))) ** 2))
     amplitude = push / max(power, 1e-300)
-    return Turning(channel, 1.0 / number, growth, mean, amplitude, 0.5 * push * amplitude, spectrum)
+    gain = 0.5 * push * amplitude
+    return Turning(channel, 1.0 / number, growth, mean, amplitude, gain, gain / background[top], spectrum)

@@ -31,7 +31,7 @@ from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement, strayed
 from harness.loop.hypotheses import Coordinate
 from harness.loop.pinpoint import Pinpoint
-from harness.loop.turning import Ride, Turning, find_turning, ridden
+from harness.loop.turning import Ride, Turning, Waves, find_turning, ridden
 from harness.loop.whole import Whole
 
 Floats = NDArray[np.float64]
@@ -121,19 +121,19 @@ class _Drives:
                 return self.signal(driver)
         return [np.zeros(len(s)) for s in self.signals]
 
-    def turned(self, turning: Turning) -> tuple[list[Ride], float, list[Floats]]:
+    def turned(self, turning: Turning) -> tuple[list[Ride], float, list[Waves]]:
         """Give each drive its phase of a disturbance.
 
         Returns:
             The drives with what it leaves of their innovations, the gain in log-likelihood, and the disturbance by
-            drive ``(samples,)``.
+            drive.
         """
         rides, total, disturbances = [], 0.0, []
         for ride, inlet in zip(self.rides, self.pinpoint.inlets(turning.channel), strict=True):
-            waves = turning.waves(ride.distance, ride.speed)
+            waves = turning.waves(ride)
             shares, gain, explained = ride.phase(inlet, waves)
             rides.append(replace(ride, residual=ride.residual - explained))
-            disturbances.append(waves @ shares)
+            disturbances.append(waves.of(shares))
             total += gain
         return rides, total, disturbances
 
@@ -181,13 +181,14 @@ def find_unnamed(
     moved = [c for c in final.coordinates if not c.parameter.per_drive]
     here = _Drives(pinpoint, fitting, final.point, moved)
     suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
-    if not suspects:
-        return None
-    there = Pinpoint(held_out.fitting, before.point, suspects, ranked=False)
+    there = Pinpoint(held_out.fitting, before.point, pinpoint.channels, ranked=False)
     kept_aside = _Drives(there, held_out.fitting, before.point, moved)
     turnings, disturbances, gain = _turning(here, kept_aside, held_out.fitting.samples)
-    pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved, [r.residual for r in here.rides])
-    pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
+    pairs: list[Proposal] = []
+    if suspects:
+        residuals = [r.residual for r in here.rides]
+        pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved, residuals)
+        pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
     curves, weights = _selected(here, pairs, np.array([c.prior**-2.0 for c in moved]))
     columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
     by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
@@ -209,15 +210,15 @@ def find_unnamed(
     return Unnamed(tuple(curves), shift, gain, judgement, tuple(turnings))
 
 
-def _turning(here: _Drives, there: _Drives, samples: int) -> tuple[list[Turning], list[list[Floats]], float]:
+def _turning(here: _Drives, there: _Drives, samples: int) -> tuple[list[Turning], list[list[Waves]], float]:
     """Take one disturbance that turns after the other, as long as the held-out drives become likelier.
 
     Returns:
-        What turns; each over the held-out drives, ``(samples,)`` by drive; and the gain there, less what the phases
+        What turns; each over the held-out drives, by drive; and the gain there, less what the phases
         cost that were looked for in them.
     """
     found: list[Turning] = []
-    disturbances: list[list[Floats]] = []
+    disturbances: list[list[Waves]] = []
     total = 0.0
     while len(found) < TURNS:
         best = find_turning(here.pinpoint, there.pinpoint.channels, here.rides, NEEDED)
@@ -330,7 +331,7 @@ def _run(
     pinpoint: Pinpoint,
     number: int,
     curves: Sequence[Curve],
-    turned: Sequence[tuple[Channel, Floats]],
+    turned: Sequence[tuple[Channel, Waves]],
 ) -> Floats:
     """Run the model alone with the disturbances that its own motion makes; return its outputs ``(samples, ny)``.
 
@@ -341,7 +342,8 @@ def _run(
     spec = whole.spec
     compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False, jacobians=False)
     ahead, direct = pinpoint.linear[number].raw([*(c.channel for c in curves), *(channel for channel, _ in turned)])
-    turning = np.column_stack([np.zeros((len(drive.time), 0)), *(d for _, d in turned)])
+    nothing = np.zeros((len(drive.time), 0))
+    now, during = (np.column_stack([nothing, *p]) for p in ([w.now for _, w in turned], [w.during for _, w in turned]))
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
     tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
     constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
@@ -353,10 +355,10 @@ def _run(
     for k in range(len(drive.time)):
         if not np.all(np.abs(x[:, 0]) <= limits):
             break
-        now = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
-        d = np.array([*(np.interp(driver.of(*now)[0], grid, table) for driver, grid, table in tables), *turning[k]])
+        read = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
+        d = [float(np.interp(driver.of(*read)[0], grid, table)) for driver, grid, table in tables]
         compiled.kernels.output(x, np.repeat(drive.inputs[k][:, None], LANES, axis=1), constants, y)
-        outputs[k] = y[:, 0] + direct[k] @ d
+        outputs[k] = y[:, 0] + direct[k] @ [*d, *now[k]]
         compiled.kernels.next_state(x, np.repeat(drive.between[k][:, None], LANES, axis=1), constants, xn, w)
-        x, xn = xn + (ahead[k] @ d)[:, None], x
+        x, xn = xn + (ahead[k] @ [*d, *during[k]])[:, None], x
     return outputs
