@@ -15,13 +15,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.configure import ModelSpec
 from harness.identify.contract import Problem
-from harness.identify.innovations import Innovations, hold
+from harness.identify.innovations import Held, Innovations, hold
 from harness.identify.methods.likelihood import Settings, identify
 from harness.identify.recordings import Drive
 from harness.identify.residuals import whiteness
+from harness.loop.held_out import EXCESS
 from harness.loop.hypotheses import Hypothesis
 from harness.loop.judges import AHEAD, BIC_NEEDED
 from harness.loop.pinpoint import Pinpoint
@@ -31,9 +33,15 @@ from models.contracts import Parameter
 from models.library import assembled, placements
 from models.placement import load_effect, split
 
+Floats = NDArray[np.float64]
+
 EXPLAINED = 1e-8
 """p-value of the innovations on the held-out drives, below which something is missing whatever the error is. Where the
 structure is right it is rarely below 1e-4, and noise that is fitted a little wrong makes the difference."""
+
+FARTHER = 4.0
+"""Times as far as a random process makes it stray the model alone may stray; beyond it something else is missing. A
+process that changes slowly may well do twice in a drive what it does on the average."""
 
 _SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
 """The model was fitted before; the filter with the process starts near."""
@@ -120,8 +128,32 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
     tests = [whiteness(column) for d in there for column in filters.run(d, with_it).whitened[1:].T]
     if min(min(t.ljung_box, t.periodogram) for t in tests) < EXPLAINED:
         return None
+    if trace.after.excess > max(EXCESS, FARTHER * expected_excess(filters, there, with_it, trace.held_out.variances)):
+        return None
     hypothesis = Hypothesis(name, "effect", tuple(absent), tuple(n for n in names if n not in absent))
     return Wandering(hypothesis, fit.spec, {n: fit.estimate(n).error for n in names}, gain, held_out_gain)
+
+
+def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Held, variances: Floats) -> float:
+    """Return how far a model alone strays because of its random processes, as ``Judgement.excess`` has it.
+
+    The filter that sees nothing and knows of no other noise states the variances of the outputs.
+
+    Args:
+        filters: Of the model with the processes.
+        drives: The recordings.
+        held: The model and its noise.
+        variances: Of the sensors' noise ``(ny,)``.
+    """
+    process = np.where([[s in filters.model.noise] for s in filters.model.states], held.process, 0.0)
+    alone = replace(held, process=process)
+    found = []
+    for drive in drives:
+        unseen = replace(
+            drive, measurements=np.full_like(drive.measurements, np.nan), first_variance=np.zeros(len(process))
+        )
+        found.append(filters.run(unseen, alone).deviation[1:] ** 2 - held.measurement[:, 0])
+    return float(np.sum(np.concatenate(found).mean(axis=0) / variances))
 
 
 def _first(filters: Innovations, drives: Sequence[Drive], parameters: Sequence[Parameter]) -> ModelSpec:

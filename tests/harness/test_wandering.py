@@ -1,5 +1,6 @@
 """A random process that a model lacks: found where it acts, with its parameters, and nowhere else."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,12 +8,14 @@ import pytest
 from test_trace import CAR, FREE, SIGNALS, driven
 
 from harness.configure import resolve_single
+from harness.identify.innovations import Innovations, hold
 from harness.loop.amend import fitted_model
 from harness.loop.fit import Fitting
+from harness.loop.held_out import HeldOut
 from harness.loop.hypotheses import coordinates
 from harness.loop.pinpoint import Pinpoint
 from harness.loop.trace import first_variances
-from harness.loop.wandering import find_wandering
+from harness.loop.wandering import expected_excess, find_wandering
 from harness.loop.whole import Whole
 
 WANDER, MEMORY = 0.02, 5.0
@@ -29,7 +32,8 @@ def search(whole, recordings):
     variances = first_variances(whole, drives)
     fitting = Fitting(whole, drives[:-1], variances)
     fit = fitting.fit(coordinates(whole, FREE, (), len(drives) - 1), fitting.first(), 10)
-    trace = SimpleNamespace(fitting=fitting, held_out=Fitting(whole, drives[-1:], variances), free=FREE)
+    held_out = HeldOut(whole, drives[-1:], variances)
+    trace = SimpleNamespace(fitting=fitting, held_out=held_out, free=FREE, after=held_out.judge((), fit.point))
     return find_wandering(trace, fitted_model(trace, whole.spec, fit.point), Pinpoint(fitting, fit.point))
 
 
@@ -56,3 +60,25 @@ def test_a_gust_is_no_bank(whole):
         for i, (a, b) in enumerate(times)
     ]
     assert search(whole, gusts) is None
+
+
+def test_a_process_explains_as_much_straying_as_it_makes(whole):
+    """The variance without measurements against drives in which the process is the only thing that is missing."""
+    values = {"bank_wander": WANDER, "bank_memory": MEMORY}
+    spec = resolve_single({**CAR, "integrator": "rk4", "effects": ["road_bank_varying"], "values": values}, "test")
+    noise = spec.model().noise
+    spec = dataclasses.replace(
+        spec, process_noise={**spec.process_noise, **{s: v * spec.step for s, v in noise.items()}}
+    )
+    filters = Innovations(spec)
+    drives = [filters.drive(driven(seed, ["road_bank_varying"], **values), f"drive {seed}") for seed in range(90, 96)]
+    variances = np.array([1e-4, 1e-2, 1e-3])
+    expected = expected_excess(filters, drives, hold(spec), variances)
+    free = [filters.free_run(d, hold(spec)).outputs[:, :, 0] for d in drives]
+    clean = [whole.free_run(whole.drive(driven(seed), "clean"), whole.neutral()).outputs for seed in range(90, 96)]
+    apart = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
+    silent = np.concatenate(
+        [whole.drive(driven(seed), "clean").measurements - c for seed, c in zip(range(90, 96), clean, strict=True)]
+    )
+    made = np.sum((np.nanmean(apart**2, axis=0) - np.nanmean(silent**2, axis=0)) / variances)
+    assert expected == pytest.approx(made, rel=0.35)  # six drives of a dozen independent stretches each
