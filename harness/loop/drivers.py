@@ -2,15 +2,21 @@
 
 Tyre forces are not among them: a filter that knows nothing of the disturbance makes its forces follow it, so that they
 would explain whatever is missing. Inputs are measured, and a measured angle or rate is hardly filtered.
+
+What depends on its own past (rubber that is stiffer at first, a load that gives way) is driven by the quick part of a
+signal: by what is left of it without its low-pass of first order. That is taken a sample before: the quick part of
+a filtered signal holds the noise of the sample's own measurements, which would explain itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from harness.identify.recordings import Drive
 from harness.loop.whole import Whole
@@ -21,6 +27,9 @@ Floats = NDArray[np.float64]
 
 _LOWEST_SPEED = 1.0
 """m/s; a curvature is taken at this speed at least."""
+
+WITHIN = (0.2, 0.6)
+"""s; how old the quick part of a signal may be."""
 
 _WINDOW = 0.1
 """s over which the rate of an input is taken."""
@@ -34,13 +43,28 @@ class Driver:
         name: As a signal of the project where it is one.
         words: In reports.
         unit: SI.
-        of: Its value from states ``(samples, nx)``, inputs ``(samples, nu)`` and rates of the inputs ``(samples, nu)``.
+        of: The signal from states ``(samples, nx)``, inputs ``(samples, nu)`` and rates of those ``(samples, nu)``.
+        within: Time constant in s of the low-pass that is taken off, infinite if it is the signal itself.
     """
 
     name: str
     words: str
     unit: str
-    of: Callable[[Floats, Floats, Floats], Floats]
+    of: Callable[[Floats, Floats, Floats], Floats] = field(compare=False)
+    within: float = math.inf
+
+    def over(self, states: Floats, drive: Drive) -> Floats:
+        """Return its value over a drive ``(samples,)`` of states ``(samples, nx)``."""
+        s = self.of(states, drive.inputs, rates(drive))
+        share = self.renewed(float(drive.time[1] - drive.time[0]))
+        if share == 0.0:
+            return s
+        slow, _ = signal.lfilter([share], [1.0, share - 1.0], s, zi=[(1.0 - share) * s[0]])
+        return np.concatenate([[0.0], (s - slow)[:-1]])
+
+    def renewed(self, step: float) -> float:
+        """Return the share of the low-pass that a step in s renews; none of it where nothing is taken off."""
+        return -math.expm1(-step / self.within)
 
 
 def drivers_of(whole: Whole) -> tuple[Driver, ...]:
@@ -59,6 +83,16 @@ def drivers_of(whole: Whole) -> tuple[Driver, ...]:
         for s in measured:
             if SIGNALS[s].unit == "rad/s":
                 found += _turning(s, model.states.index(s), speed)
+    return tuple(found)
+
+
+def with_quick(drivers: Sequence[Driver]) -> tuple[Driver, ...]:
+    """Return drivers and the quick parts of those that are angles or rates of turn."""
+    found = list(drivers)
+    for d in drivers:
+        if d.name in SIGNALS and d.unit in ("rad", "rad/s"):
+            for within in WITHIN:
+                found.append(replace(d, words=f"quick part of the {d.words} (within {within:g} s)", within=within))
     return tuple(found)
 
 

@@ -26,7 +26,7 @@ from harness.lanes import LANES
 from harness.loop.channels import Channel
 from harness.loop.curves import FUNCTIONS, Basis, Curve, described
 from harness.loop.dictionary import Proposal, proposals
-from harness.loop.drivers import Driver, drivers_of, rates
+from harness.loop.drivers import Driver, drivers_of, rates, with_quick
 from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement, strayed
 from harness.loop.hypotheses import Coordinate
@@ -41,6 +41,10 @@ NEEDED = 25.0
 
 CURVES = 3
 """Largest number of curves."""
+
+TRUSTED = 0.03
+"""Standard deviation of the step of a parameter's coordinate beside curves: further from the fit, its linear response
+means little, and a parameter that these drives hardly show would leave the range in which the model holds."""
 
 TURNS = 3
 """Largest number of disturbances that turn: an order and its harmonics."""
@@ -103,13 +107,13 @@ class _Drives:
 
     def __init__(self, pinpoint: Pinpoint, fitting: Fitting, point: Point, moved: Sequence[Coordinate]) -> None:
         self.pinpoint, self.drives = pinpoint, fitting.drives
-        self.drivers = drivers_of(fitting.whole)
+        self.drivers = with_quick(drivers_of(fitting.whole))
         kept = fitting.passes(point)
         own = tuple(replace(c, drives=tuple(range(len(self.drives)))) for c in moved)
         self.moved = [-fitting.columns(own, point, i, k).reshape(k.whitened.size, len(own)) for i, k in enumerate(kept)]
         states = [linear.states for linear in pinpoint.linear]
         self.signals = [
-            np.column_stack([d.of(x, drive.inputs, rates(drive)) for d in self.drivers])
+            np.column_stack([d.over(x, drive) for d in self.drivers])
             for x, drive in zip(states, self.drives, strict=True)
         ]
         self.rides = ridden(pinpoint, self._speeds())
@@ -139,7 +143,7 @@ class _Drives:
 
     def signal(self, driver: Driver) -> list[Floats]:
         """Return a signal by drive."""
-        j = next(j for j, d in enumerate(self.drivers) if d.name == driver.name)
+        j = self.drivers.index(driver)
         return [s[:, j] for s in self.signals]
 
     def responses(self, proposal: Proposal, basis: Basis) -> list[Floats]:
@@ -189,7 +193,7 @@ def find_unnamed(
         residuals = [r.residual for r in here.rides]
         pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved, residuals)
         pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
-    curves, weights = _selected(here, pairs, np.array([c.prior**-2.0 for c in moved]))
+    curves, weights = _selected(here, pairs, np.array([c.prior**-2.0 + TRUSTED**-2.0 for c in moved]))
     columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
     by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
     if by_curves <= 0:
@@ -351,12 +355,17 @@ def _run(
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
     limits = np.array([whole.model.valid.get(name, np.inf) for name in whole.model.states])
     outputs = np.full((len(drive.time), compiled.ny), np.nan)
-    slopes = rates(drive)
+    slopes, renewed = rates(drive), np.array([c.driver.renewed(spec.step) for c in curves])
+    slow, quick = None, np.zeros(len(curves))
     for k in range(len(drive.time)):
         if not np.all(np.abs(x[:, 0]) <= limits):
             break
         read = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
-        d = [float(np.interp(driver.of(*read)[0], grid, table)) for driver, grid, table in tables]
+        signals = np.array([driver.of(*read)[0] for driver, _, _ in tables])
+        driven = np.where(renewed > 0, quick, signals)  # what is quick, of the sample before: see ``Driver.over``
+        slow = signals if slow is None else slow + renewed * (signals - slow)
+        quick = signals - slow
+        d = [float(np.interp(s, grid, table)) for s, (_, grid, table) in zip(driven, tables, strict=True)]
         compiled.kernels.output(x, np.repeat(drive.inputs[k][:, None], LANES, axis=1), constants, y)
         outputs[k] = y[:, 0] + direct[k] @ [*d, *now[k]]
         compiled.kernels.next_state(x, np.repeat(drive.between[k][:, None], LANES, axis=1), constants, xn, w)

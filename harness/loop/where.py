@@ -114,6 +114,7 @@ def _curve(c: Curve) -> dict[str, Any]:
         "unit": c.channel.unit,
         "driver": c.driver.name,
         "driver_unit": c.driver.unit,
+        "driver_within": c.driver.within if math.isfinite(c.driver.within) else None,
         "words": described(c),
         "degree": 3,
         "knots": c.basis.knots.tolist(),

@@ -11,7 +11,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 from harness.identify.recordings import Drive
 from harness.loop.correlation import Consistency, CrossCorrelation
 from harness.loop.curves import Curve, entry, shown
-from harness.loop.drivers import Driver, rates
+from harness.loop.drivers import Driver
 from harness.loop.pinpoint import History, Pinpoint, Suspect
 from harness.loop.turning import WAVELENGTHS, Turning
 from harness.report import style
@@ -173,7 +173,7 @@ def shown_driver(driver: Driver) -> tuple[str, float]:
 def _binned(pinpoint: Pinpoint, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean of the smoothed disturbance over bins of the signal: where the bins are, and the means."""
     suspect = next(s for s in pinpoint.suspects if s.channel == curve.channel)
-    signal = np.concatenate([curve.driver.of(p.states, p.drive.inputs, rates(p.drive)) for p in pinpoint.linear])
+    signal = np.concatenate([curve.driver.over(p.states, p.drive) for p in pinpoint.linear])
     smoothed = np.concatenate([h.mean for h in pinpoint.history(suspect)])
     edges = np.linspace(*curve.basis.ends, _BINS + 1)
     which = np.digitize(signal, edges) - 1

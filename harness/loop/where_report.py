@@ -7,7 +7,7 @@ import numpy as np
 from harness.loop import vehicle_picture, where_figures
 from harness.loop.correlation import LARGEST_LAG, consistency, cross_correlation
 from harness.loop.curves import amount, entry
-from harness.loop.drivers import drivers_of, rates
+from harness.loop.drivers import drivers_of
 from harness.loop.outcome import Outcome
 from harness.loop.unnamed import Unnamed
 from harness.report import style
@@ -129,7 +129,7 @@ def innovations(outcome: Outcome) -> list[Block]:
     drivers = drivers_of(whole)
     whitened = [p.whitened for p in linear]
     checks = [consistency(p.drive.time[1:], w[1:]) for p, w in zip(linear, whitened, strict=True)]
-    signals = [np.column_stack([d.of(p.states, p.drive.inputs, rates(p.drive)) for d in drivers]) for p in linear]
+    signals = [np.column_stack([d.over(p.states, p.drive) for d in drivers]) for p in linear]
     found = cross_correlation([w[1:] for w in whitened], [s[1:] for s in signals], whole.spec.step)
     outputs = list(whole.model.outputs)
     share = np.abs(found.values / found.band[:, None])
