@@ -43,8 +43,8 @@ CURVES = 3
 """Largest number of curves."""
 
 TRUSTED = 0.03
-"""Standard deviation of the step of a parameter's coordinate beside curves: further from the fit, its linear response
-means little, and a parameter that these drives hardly show would leave the range in which the model holds."""
+"""Standard deviation of the step of a parameter that only a prior holds: further from the fit its linear response means
+little, and what these drives hardly show would leave the range in which the model holds."""
 
 TURNS = 3
 """Largest number of disturbances that turn: an order and its harmonics."""
@@ -193,25 +193,32 @@ def find_unnamed(
         residuals = [r.residual for r in here.rides]
         pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved, residuals)
         pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
-    curves, weights = _selected(here, pairs, np.array([c.prior**-2.0 + TRUSTED**-2.0 for c in moved]))
+    prior = np.array([min(c.prior, TRUSTED) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
+    alone = _solved(here.sums([]), prior, 0, _STIFFNESS[0])[0]
+    curves, weights = _selected(here, pairs, prior)
     columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
     by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
-    if by_curves <= 0:
-        curves, weights = [], np.zeros(len(moved))
-    if not curves and not turnings:
-        return None
-    gain += max(by_curves, 0.0)
-    point = _shifted(before.point, moved, weights[: len(moved)])
-    shift = {c.parameter.name: float(point.values[c.row, 0]) for c in moved}
 
-    def run(i: int) -> Floats:
-        turned = [(t.channel, d[i]) for t, d in zip(turnings, disturbances, strict=True)]
-        return _run(whole, held_out.drives[i], point.values[:, i], there, i, curves, turned)
+    def judged(curves: Sequence[Curve], weights: Floats, by_curves: float) -> Unnamed:
+        point = _shifted(before.point, moved, weights[: len(moved)])
 
-    free = tuple(whole.share(run, range(len(held_out.drives))))
-    error, excess = strayed(held_out.drives, free, held_out.variances)
-    judgement = Judgement(before.log_likelihood + gain, error, excess, free, point)
-    return Unnamed(tuple(curves), shift, gain, judgement, tuple(turnings))
+        def run(i: int) -> Floats:
+            turned = [(t.channel, d[i]) for t, d in zip(turnings, disturbances, strict=True)]
+            return _run(whole, held_out.drives[i], point.values[:, i], there, i, curves, turned)
+
+        free = tuple(whole.share(run, range(len(held_out.drives))))
+        error, excess = strayed(held_out.drives, free, held_out.variances)
+        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excess, free, point)
+        shift = {c.parameter.name: float(point.values[c.row, 0]) for c in moved}
+        return Unnamed(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
+
+    found = []
+    if turnings:
+        found.append(judged((), alone, 0.0))
+    if by_curves > 0:
+        found.append(judged(curves, weights, by_curves))
+    # The gains of the filter still are those that took what turns for noise, so curves may explain those.
+    return min(found, key=lambda u: u.judgement.excess, default=None)
 
 
 def _turning(here: _Drives, there: _Drives, samples: int) -> tuple[list[Turning], list[list[Waves]], float]:

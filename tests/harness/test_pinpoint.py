@@ -1,5 +1,7 @@
 """Where something is missing and what it looks like: known answers on drives of a car that was simulated."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from test_trace import CAR, FREE, SIGNALS, driven
@@ -8,7 +10,7 @@ from harness.configure import resolve_single
 from harness.loop.channels import channels_of
 from harness.loop.correlation import consistency, cross_correlation
 from harness.loop.curves import described
-from harness.loop.drivers import drivers_of
+from harness.loop.drivers import WITHIN, drivers_of, with_quick
 from harness.loop.fit import Fitting
 from harness.loop.held_out import HeldOut
 from harness.loop.hypotheses import coordinates
@@ -101,6 +103,25 @@ def test_nothing_is_found_where_nothing_is_missing(whole):
     pinpoint = Pinpoint(fitting, fit.point)
     assert pinpoint.suspects[0].gain < 25
     assert find_unnamed(fitting, held_out, fit, held_out.judge((), fit.point), pinpoint) is None
+
+
+def test_the_quick_part_of_a_signal_forgets_and_knows_nothing_of_its_own_sample(whole):
+    """After a step to one, what is left of the signal without its low-pass falls by its time constant."""
+    drive = whole.drive(driven(66), "drive")
+    states, inputs = np.zeros((len(drive.time), len(whole.model.states))), drive.inputs.copy()
+    column, step = whole.model.inputs.index("steering_wheel_angle"), float(drive.time[1])
+    inputs[:, column] = drive.time >= 1.0
+    drive = dataclasses.replace(drive, inputs=inputs)
+    whole_signal, *quick = [d for d in with_quick(drivers_of(whole)) if d.name == "steering_wheel_angle"]
+    assert np.array_equal(whole_signal.over(states, drive), inputs[:, column])
+    assert [d.within for d in quick] == list(WITHIN)
+    first = int(np.argmax(inputs[:, column]))
+    for d in quick:
+        left = d.over(states, drive)
+        assert np.all(left[: first + 1] == 0.0)
+        later = np.arange(first + 1, len(left))
+        assert left[later] == pytest.approx(np.exp(-step / d.within) ** (later - first), rel=1e-9)
+        assert "quick part of the steering wheel angle" in d.words
 
 
 def test_drivers_are_inputs_and_measured_motion_and_never_forces(whole):
