@@ -270,6 +270,7 @@ class Innovations:
         """
 
         def follow(start: int) -> Floats:
+            """Return the derivatives along the directions of one batch of lanes."""
             held = _dual(point, directions.take(slice(start, start + LANES)))
             slopes = np.zeros((*drive.measurements.shape, LANES))
             first = self._first(drive, held)

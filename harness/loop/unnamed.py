@@ -200,6 +200,7 @@ def find_unnamed(
     by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
 
     def judged(curves: Sequence[Curve], weights: Floats, by_curves: float) -> Unnamed:
+        """Return what turns, with these curves, as the model alone does with them on the drives kept aside."""
         point = _shifted(before.point, moved, weights[: len(moved)])
 
         def run(i: int) -> Floats:
