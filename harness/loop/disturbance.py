@@ -39,10 +39,12 @@ class Inlet:
     Attributes:
         entry: ``g``, per sample ``(samples, n)``.
         direct: ``c``, whitened ``(samples, ny)``.
+        through: Part of the entry that comes through the outputs and the gain, ``-A K D`` ``(samples, n)``.
     """
 
     entry: Floats
     direct: Floats
+    through: Floats | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -249,10 +251,11 @@ class Linearised:
 
     def entering(self, ahead: Floats, outputs: Floats) -> list[Inlet]:
         """Return how what moves active states ``(samples, rows, n)`` and outputs ``(samples, ny, n)`` enters them."""
-        entry = ahead - self._ahead @ (self._gain @ outputs)
+        through = -self._ahead @ (self._gain @ outputs)
+        entry = ahead + through
         direct = self._whitening @ outputs
         return [
-            Inlet(np.ascontiguousarray(entry[:, :, j]), np.ascontiguousarray(direct[:, :, j]))
+            Inlet(*(np.ascontiguousarray(part[:, :, j]) for part in (entry, direct, through)))
             for j in range(entry.shape[2])
         ]
 

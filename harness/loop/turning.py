@@ -10,7 +10,7 @@ with speed are common to all, and judge the drives left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,9 +139,9 @@ class Ride:
 
     def response(self, inlet: Inlet, waves: Waves) -> Floats:
         """Return how disturbances move the whitened innovations ``(samples, ny, n)``."""
-        entry = replace(inlet, direct=np.zeros_like(inlet.direct))
-        moved = self.model.responses(entry, waves.during)
-        return moved + inlet.direct[:, :, None] * waves.now[:, None, :] * (np.arange(len(moved)) > 0)[:, None, None]
+        during = Inlet(inlet.entry - inlet.through, np.zeros_like(inlet.direct))
+        now = Inlet(inlet.entry - during.entry, inlet.direct)
+        return self.model.responses(during, waves.during) + self.model.responses(now, waves.now)
 
     def phase(self, inlet: Inlet, waves: Waves) -> tuple[Floats, float, Floats]:
         """Return the best phase of waves a quarter of a turn apart: its shares of both, gain, and what it explains."""
