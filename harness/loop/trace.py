@@ -20,7 +20,17 @@ from harness.identify.recordings import Drive
 from harness.loop.fit import TURNS, Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
-from harness.loop.judges import BIC_NEEDED, Candidate, Round, decide, distinct, hardest, lookalikes, with_further
+from harness.loop.judges import (
+    BIC_NEEDED,
+    Candidate,
+    Round,
+    decide,
+    distinct,
+    hardest,
+    lookalikes,
+    objections,
+    with_further,
+)
 from harness.loop.score import Score, ScoreTest
 from harness.loop.whole import Whole
 
@@ -42,7 +52,8 @@ _CLOSE = 500.0
 
 _REFITTED = 3
 _HOPE = 1.5
-"""A fit may gain this much more than the score promises; what cannot reach the best one so far is not fitted."""
+"""A fit may gain this much more than the score promises, and more still where the best one so far did; what cannot
+reach that one is not fitted."""
 
 _NEAR = 0.5
 """Hypotheses are fitted that promise at least this share of what the best one does."""
@@ -199,16 +210,16 @@ class _Search:
         # Many at once are the longest fit and often spared by what the others reach.
         chosen += [s for s in worth if s.hypothesis.name == ALL_PARAMETERS]
         fits: dict[Hypothesis, Fitted] = {}
-        reached = 0.0
+        reached, short = 0.0, 1.0
         for s in chosen:
-            if _HOPE * self._promise(s) < reached:
+            if _HOPE * short * self._promise(s) < reached:
                 continue
-            self.say(f"round {number}: fitting {s.hypothesis.name.replace('_', ' ')}")
-            fitted = self._fit((*added, s.hypothesis), self._start(best.point, s))
-            fits[s.hypothesis] = fitted
-            if s.hypothesis.name != ALL_PARAMETERS:
-                reached = max(reached, self._bic(s, fitted.objective - best.objective))
+            fits[s.hypothesis] = fitted = self._tried(added, best, s, number)
+            gain = self._bic(s, fitted.objective - best.objective)
+            if s.hypothesis.name != ALL_PARAMETERS and gain > reached:
+                reached, short = gain, max(1.0, gain / self._promise(s))
         fits |= self._like_the_best(added, without, promised, fits, number)
+        fits |= self._spared(added, without, worth, fits, number)
         if fits:
             again = self._again(added, best, fits)
             gain = max(f.objective for f in fits.values()) - best.objective
@@ -220,6 +231,38 @@ class _Search:
         candidates = [self._candidate(added, s, fits.get(s.hypothesis), best) for s in promised]
         candidates.sort(key=lambda c: (c.fitted is not None, c.bic), reverse=True)
         return without, decide(tuple(candidates), before, number > self.rounds)
+
+    def _tried(self, added: tuple[Hypothesis, ...], best: Fitted, s: Score, number: int) -> Fitted:
+        self.say(f"round {number}: fitting {s.hypothesis.name.replace('_', ' ')}")
+        return self._fit((*added, s.hypothesis), self._start(best.point, s))
+
+    def _spared(
+        self,
+        added: tuple[Hypothesis, ...],
+        without: list[Fitted],
+        worth: Sequence[Score],
+        fits: dict[Hypothesis, Fitted],
+        number: int,
+    ) -> dict[Hypothesis, Fitted]:
+        """Fit what was spared for promising too little, where nothing that was fitted passes, until something does.
+
+        Large effects bend, so that the right one may promise a part of what it reaches, and a wrong one that fits the
+        fitted drives alone may reach more than that. Many parameters at once count for nothing here.
+        """
+        best, before = without[-1], hardest([self._judge(added, f.point) for f in without])
+
+        def passes(s: Score, fitted: Fitted) -> bool:
+            return not objections(self._judged(added, s, fitted, best), before)
+
+        alone = [s for s in worth if s.hypothesis.name != ALL_PARAMETERS]
+        if any(passes(s, fits[s.hypothesis]) for s in alone if s.hypothesis in fits):
+            return {}
+        found: dict[Hypothesis, Fitted] = {}
+        for s in [s for s in alone if s.hypothesis not in fits][:_REFITTED]:
+            found[s.hypothesis] = fitted = self._tried(added, best, s, number)
+            if passes(s, fitted):
+                break
+        return found
 
     def _like_the_best(
         self,
@@ -249,6 +292,9 @@ class _Search:
     def _candidate(self, added: tuple[Hypothesis, ...], s: Score, fitted: Fitted | None, best: Fitted) -> Candidate:
         if fitted is None:
             return Candidate(s, None, self._promise(s), None)
+        return self._judged(added, s, fitted, best)
+
+    def _judged(self, added: tuple[Hypothesis, ...], s: Score, fitted: Fitted, best: Fitted) -> Candidate:
         judged = self._judge((*added, s.hypothesis), fitted.point)
         return Candidate(s, fitted, self._bic(s, fitted.objective - best.objective), judged)
 

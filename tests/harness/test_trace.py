@@ -18,6 +18,7 @@ from harness.identify.innovations import Innovations, hold
 from harness.identify.scoring import Objective
 from harness.loop.fit import Fitting
 from harness.loop.fitness import oddities
+from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.loop.judges import Round, decide, is_hopeful, lookalikes, preferred, with_further
 from harness.loop.outcome import verdict_of
@@ -205,6 +206,30 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
     assert decide((many, delay), before, last=True).hopeful is None
     for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
         assert not is_hopeful(candidate(*other), before)
+
+
+def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
+    excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 230.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
+    worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
+    many, steer, inertia, lag, delay = worth
+
+    def judged(excess):
+        return Judgement(-excess, np.zeros(1), excess, (), None)
+
+    search = SimpleNamespace(
+        _judge=lambda added, point: judged(233.0),
+        _judged=lambda added, s, fitted, best: SimpleNamespace(bic=1e4, held_out=judged(excesses[s.hypothesis.name])),
+        _tried=lambda added, best, s, number: f"fit of {s.hypothesis.name}",
+    )
+
+    def spared(*fitted):
+        without = [SimpleNamespace(point=None)]
+        found = _Search._spared(search, (), without, worth, {s.hypothesis: None for s in fitted}, 1)
+        return [h.name for h in found]
+
+    assert spared(steer, many) == ["inertia", "steering_lag"]  # until one passes
+    assert spared(steer, lag) == []  # one does
+    assert spared(many, steer, inertia, lag, delay) == []
 
 
 def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
