@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,10 @@ AHEAD = 50.0
 HOPEFUL = 500.0
 """Gain in BIC from which an addition that leaves the free-running error is tried with a further one: the error may be
 that of another effect."""
+
+IMPLAUSIBLE = 3.0
+"""Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which no parameter of many is believed
+to be wrong: large enough, anything that is missing has them fit it somehow."""
 
 ALIKE = 0.9
 """Cosine of two responses from which hypotheses count as hard to tell apart."""
@@ -125,7 +130,21 @@ def objections(c: Candidate, before: Judgement) -> list[str]:
         found.append("the held-out drives are not more likely with it")
     if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
         found.append("the free-running error on the held-out drives does not fall by a fifth")
+    if c.hypothesis.name == ALL_PARAMETERS and (far := beyond_belief(c)):
+        found.append(f"stated values would be wrong by factors that nobody believes: {far}")
     return found
+
+
+def beyond_belief(c: Candidate) -> str:
+    """Return which of many parameters would be wrong by too much, and by what factors; nothing if none is."""
+    assert c.fitted is not None
+    factors = {}
+    for at in c.fitted.coordinates:
+        away = at.coordinate(c.fitted.point.values[at.row, at.drives[0]]) - at.centre
+        if abs(away) > IMPLAUSIBLE * at.prior:
+            factors[words(at.parameter.name)] = math.exp(away)
+    worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]
+    return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)
 
 
 def preferred(passing: Sequence[Candidate]) -> Candidate | None:

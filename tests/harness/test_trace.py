@@ -16,11 +16,11 @@ from harness.configure import resolve_single
 from harness.drives import build_drive
 from harness.identify.innovations import Innovations, hold
 from harness.identify.scoring import Objective
-from harness.loop.fit import Fitting
+from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.fitness import oddities
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
-from harness.loop.judges import Round, decide, is_hopeful, lookalikes, preferred, with_further
+from harness.loop.judges import Candidate, Round, decide, is_hopeful, lookalikes, objections, preferred, with_further
 from harness.loop.outcome import verdict_of
 from harness.loop.score import SPACING, ScoreTest, best_amplitudes, cosine
 from harness.loop.trace import _Search, first_variances
@@ -192,7 +192,11 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
         held_out = SimpleNamespace(excess=excess, log_likelihood=likelihood)
         score = SimpleNamespace(response=(np.ones(1),), excited=True)
         return SimpleNamespace(
-            hypothesis=SimpleNamespace(name=name), fitted=object(), bic=bic, held_out=held_out, score=score
+            hypothesis=SimpleNamespace(name=name),
+            fitted=SimpleNamespace(coordinates=()),
+            bic=bic,
+            held_out=held_out,
+            score=score,
         )
 
     before = SimpleNamespace(excess=27.6, log_likelihood=1000.0)
@@ -208,6 +212,27 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
         assert not is_hopeful(candidate(*other), before)
 
 
+def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole):
+    """Each moves within three deviations of its prior, a factor of 1.8; one fitted alone is free of that."""
+    many = next(h for h in hypotheses(whole, FREE) if h.name == ALL_PARAMETERS)
+    before = Judgement(0.0, np.zeros(1), 10.0, (), None)
+
+    def found(hypothesis, **factors):
+        values = whole.neutral()[:, None]
+        for name, factor in factors.items():
+            values[whole.row(name)] *= factor
+        fitted = Fitted(coordinates(whole, FREE, (hypothesis,), 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+        held_out = Judgement(1.0, np.zeros(1), 0.01, (), fitted.point)
+        return objections(Candidate(SimpleNamespace(hypothesis=hypothesis), fitted, 1e3, held_out), before)
+
+    assert found(many, mass=1.75, yaw_inertia=0.57) == []
+    assert found(many, mass=1.1, yaw_inertia=0.5, cog_to_front_axle=2.5) == [
+        "stated values would be wrong by factors that nobody believes: CoG to front axle 2.5, yaw inertia 0.5"
+    ]
+    mass = next(h for h in hypotheses(whole, FREE) if h.name == "mass")
+    assert found(mass, mass=2.5) == []
+
+
 def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
     excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 230.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
     worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
@@ -218,7 +243,9 @@ def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
 
     search = SimpleNamespace(
         _judge=lambda added, point: judged(233.0),
-        _judged=lambda added, s, fitted, best: SimpleNamespace(bic=1e4, held_out=judged(excesses[s.hypothesis.name])),
+        _judged=lambda added, s, fitted, best: SimpleNamespace(
+            hypothesis=s.hypothesis, bic=1e4, held_out=judged(excesses[s.hypothesis.name])
+        ),
         _tried=lambda added, best, s, number: f"fit of {s.hypothesis.name}",
     )
 
