@@ -21,7 +21,8 @@ and a work array ``w (nw, LANES)``:
 ==========================================  ================================================================
 
 and, when derivatives to inputs or parameters are asked for, ``drift_input_jacobian(x, u, c, J)``,
-``drift_parameter_jacobian(x, u, c, J)`` and ``output_parameter_jacobian(x, u, c, J)``.
+``drift_parameter_jacobian(x, u, c, J)`` and ``output_parameter_jacobian(x, u, c, J)``. ``SEEN_STATES (ny, nx)`` holds
+the columns of ``H`` that may differ from zero, row by row, and then -1.
 """
 
 from __future__ import annotations
@@ -208,6 +209,13 @@ def _written(
     return eqs, model_source(eqs, step, integrator, substeps, jacobians)
 
 
+def _seen(eqs: Equations) -> list[list[int]]:
+    """Return the columns of the output Jacobian that may differ from zero, row by row, then -1."""
+    nx = len(eqs.derivatives)
+    rows = [sorted(j for a, j in eqs.output_state_jacobian if a == row) for row in range(len(eqs.outputs))]
+    return [[*row, *[-1] * (nx - len(row))] for row in rows]
+
+
 def model_source(eqs: Equations, step: float, integrator: str, substeps: int, jacobians: bool = True) -> str:
     """Return the source text of a model's kernels."""
     nx, nu, ny = len(eqs.derivatives), len(eqs.model.inputs), len(eqs.outputs)
@@ -219,7 +227,7 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
     parts = [
         HEADER,
         f"NX, NU, NY, NS, NW = {nx}, {nu}, {ny}, {len(eqs.signals)}, {work_size(nx, integrator, substeps)}",
-        *when(lambda: f"OUTPUTS_ARE_LINEAR = {eqs.outputs_are_linear}"),
+        *when(lambda: f"OUTPUTS_ARE_LINEAR = {eqs.outputs_are_linear}\nSEEN_STATES = np.array({_seen(eqs)})"),
         constants_kernel(eqs),
         kernel(eqs, "drift", "x, u, c, dx", vector("dx", eqs.derivatives)),
         *when(lambda: kernel(eqs, "drift_jacobian", "x, u, c, J", matrix("J", eqs.state_jacobian, nx, nx))),

@@ -26,12 +26,12 @@ from harness.lane_random import next_words, normal_pair, uniform
 from harness.lanes import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
 
 __all__ = [
-    "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "Belief", "Info", "State", "absolute", "any_of",
-    "atan", "central_differences", "cholesky", "cos", "cross_covariance", "deviations", "exp", "floor", "gather", "get",
-    "is_nan", "log", "mahalanobis", "maximum", "minimum", "next_covariance", "next_jacobian", "next_state",
-    "next_words", "normal_pair", "outer_sum", "output", "output_jacobian", "put", "scalar_updates", "select",
-    "sigma_mean", "sigma_update", "sign", "signals", "signals_jacobian", "sin", "splat", "sqrt", "tan", "tanh",
-    "uniform",
+    "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "SEEN_STATES", "Belief", "Info", "State", "absolute",
+    "any_of", "atan", "central_differences", "cholesky", "cos", "cross_covariance", "deviations", "exp", "floor",
+    "gather", "get", "is_nan", "log", "mahalanobis", "maximum", "minimum", "next_covariance", "next_jacobian",
+    "next_state", "next_words", "normal_pair", "outer_sum", "output", "output_jacobian", "put", "scalar_updates",
+    "select", "sigma_mean", "sigma_update", "sign", "signals", "signals_jacobian", "sin", "splat", "sqrt", "tan",
+    "tanh", "uniform",
 ]  # fmt: skip
 
 
@@ -91,5 +91,6 @@ def _compiled_only(*_: Any) -> Any:
 
 NX = NU = NY = NS = NW = 0
 OUTPUTS_ARE_LINEAR = False
+SEEN_STATES = None
 next_state = next_jacobian = next_covariance = _compiled_only
 output = output_jacobian = signals = signals_jacobian = _compiled_only

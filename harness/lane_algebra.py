@@ -57,7 +57,7 @@ def mahalanobis(S, error, scratch, n):
 
 
 @_jit
-def scalar_updates(x_prior, P_prior, predicted, H, y, r, x, P, work, info):
+def scalar_updates(x_prior, P_prior, predicted, H, seen, y, r, x, P, work, info):
     """Correct a prior with independent measurements one at a time, in Joseph form (Ziaukas 2.14 to 2.16).
 
     Measurements with diagonal noise may be processed one after another with the same result as all at once;
@@ -68,6 +68,8 @@ def scalar_updates(x_prior, P_prior, predicted, H, y, r, x, P, work, info):
         P_prior: Predicted covariance ``(nx, nx, LANES)``.
         predicted: Predicted measurements ``(ny, LANES)``.
         H: Output Jacobian at the prediction ``(ny, nx, LANES)``.
+        seen: Columns of it that may differ from zero, row by row, then -1 ``(ny, nx)``. Most sensors see one state, and
+            products with zeros would be most of the work.
         y: Measurements ``(ny, LANES)``.
         r: Measurement variances ``(ny, LANES)``.
         x: Corrected state, written.
@@ -77,8 +79,8 @@ def scalar_updates(x_prior, P_prior, predicted, H, y, r, x, P, work, info):
     """
     n, m = x.shape[0], y.shape[0]
     gain, slope = work[:n], work[n : 2 * n]
-    _innovations(P_prior, predicted, H, y, r, slope, info)
-    nis, log_likelihood, seen = splat(0.0), splat(0.0), splat(0.0)
+    _innovations(P_prior, predicted, H, seen, y, r, slope, info)
+    nis, log_likelihood, count = splat(0.0), splat(0.0), splat(0.0)
     for i in range(n):
         put(get(x_prior, i), x, i)
         for j in range(n):
@@ -87,66 +89,74 @@ def scalar_updates(x_prior, P_prior, predicted, H, y, r, x, P, work, info):
         measured = get(y, a) == get(y, a)
         s = get(r, a)
         rest = get(y, a) - get(predicted, a)
-        for i in range(n):
-            g = splat(0.0)
-            for j in range(n):
-                g = g + get(P, i, j) * get(H, a, j)
-            put(g, slope, i)
-            s = s + get(H, a, i) * g
-            rest = rest - get(H, a, i) * (get(x, i) - get(x_prior, i))
+        _times_row(P, H, seen, a, slope)
+        for c in range(seen.shape[1]):
+            j = seen[a, c]
+            if j < 0:
+                break
+            s = s + get(H, a, j) * get(slope, j)
+            rest = rest - get(H, a, j) * (get(x, j) - get(x_prior, j))
         rest = select(measured, rest, 0.0)
         inverse = 1.0 / s
         for i in range(n):
             k = select(measured, get(slope, i) * inverse, 0.0)
             put(k, gain, i)
             put(get(x, i) + k * rest, x, i)
-        _joseph(P, H, a, get(r, a), gain, slope)
+        _joseph(P, H, seen, a, get(r, a), gain, slope)
         nis = nis + rest * rest * inverse
         log_likelihood = log_likelihood + select(
             measured, -0.5 * (rest * rest * inverse + log(s) + 1.8378770664093453), 0.0
         )
-        seen = seen + select(measured, 1.0, 0.0)
+        count = count + select(measured, 1.0, 0.0)
     put(nis, info.nis, 0)
     put(log_likelihood, info.log_likelihood, 0)
-    put(seen, info.seen, 0)
+    put(count, info.seen, 0)
 
 
 @_jit
-def _joseph(P, H, a, r, gain, slope):
-    """Overwrite P by (I - K h) P (I - K h)' + K r K' for one measurement row h, slope = P h'."""
-    n = P.shape[0]
-    for i in range(n):
-        k = get(gain, i)
-        for j in range(n):
-            put(get(P, i, j) - k * get(slope, j), P, i, j)
-    for i in range(n):
-        v = splat(0.0)
-        for j in range(n):
-            v = v + get(P, i, j) * get(H, a, j)
-        put(v, slope, i)
-    for i in range(n):
-        v = get(slope, i)
-        k = get(gain, i)
+def _times_row(P, H, seen, a, product):
+    """Write ``P h'`` for one measurement row h over its non-zero entries."""
+    for i in range(P.shape[0]):
+        total = splat(0.0)
+        for c in range(seen.shape[1]):
+            j = seen[a, c]
+            if j < 0:
+                break
+            total = total + get(P, i, j) * get(H, a, j)
+        put(total, product, i)
+
+
+@_jit
+def _joseph(P, H, seen, a, r, gain, slope):
+    """Overwrite P by (I - K h) P (I - K h)' + K r K' for one measurement row h, slope = P h'.
+
+    Row by row of the lower triangle: a row of (I - K h) P and its product with h' need nothing that was overwritten.
+    """
+    for i in range(P.shape[0]):
+        k, v = get(gain, i), splat(0.0)
+        for c in range(seen.shape[1]):
+            j = seen[a, c]
+            if j < 0:
+                break
+            v = v + (get(P, i, j) - k * get(slope, j)) * get(H, a, j)
         for j in range(i + 1):
-            value = get(P, i, j) + (k * r - v) * get(gain, j)
+            value = get(P, i, j) - k * get(slope, j) + (k * r - v) * get(gain, j)
             put(value, P, i, j)
             put(value, P, j, i)
 
 
 @_jit
-def _innovations(P, predicted, H, y, r, slope, info):
+def _innovations(P, predicted, H, seen, y, r, slope, info):
     """Write the joint innovation and its covariance H P H' + R for the record."""
-    n, m = P.shape[0], y.shape[0]
-    for a in range(m):
+    for a in range(y.shape[0]):
         put(get(y, a) - get(predicted, a), info.innovation, a)
-        for j in range(n):
-            total = splat(0.0)
-            for i in range(n):
-                total = total + get(H, a, i) * get(P, i, j)
-            put(total, slope, j)
+        _times_row(P, H, seen, a, slope)
         for b in range(a + 1):
             total = get(r, a) if a == b else splat(0.0)
-            for j in range(n):
+            for c in range(seen.shape[1]):
+                j = seen[b, c]
+                if j < 0:
+                    break
                 total = total + get(slope, j) * get(H, b, j)
             put(total, info.innovation_covariance, a, b)
             put(total, info.innovation_covariance, b, a)

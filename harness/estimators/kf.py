@@ -15,6 +15,7 @@ from harness.kernel import (
     NW,
     NX,
     NY,
+    SEEN_STATES,
     get,
     next_covariance,
     next_jacobian,
@@ -53,7 +54,7 @@ def step(before, u_before, u, y, belief, work, after, info):
         put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
     output_jacobian(straight, u, constants, predicted, H)
     add_product(H, x_prior, NY, predicted)
-    scalar_updates(x_prior, P_prior, predicted, H, y, r, after.mean, after.covariance, scratch, info)
+    scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
     put(splat(0.0), info.repairs, 0)
 
 

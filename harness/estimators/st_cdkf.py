@@ -22,6 +22,7 @@ from harness.kernel import (
     NX,
     NY,
     OUTPUTS_ARE_LINEAR,
+    SEEN_STATES,
     any_of,
     central_differences,
     cholesky,
@@ -104,7 +105,7 @@ def step(before, u_before, u, y, belief, work, after, info):
         output_jacobian(x_prior, u, constants, predicted, H)
         if fading:
             inflate(spread, fading_factor(spread, H, predicted, y, belief, after.memory), q, P_prior)
-        scalar_updates(x_prior, P_prior, predicted, H, y, r, after.mean, after.covariance, scratch, info)
+        scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
     else:
         repaired = maximum(repaired, cholesky(P_prior, factor, NX))
         observe(x_prior, factor, h, u, constants, point, images)

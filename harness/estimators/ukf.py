@@ -15,6 +15,7 @@ from harness.kernel import (
     NX,
     NY,
     OUTPUTS_ARE_LINEAR,
+    SEEN_STATES,
     cholesky,
     cross_covariance,
     deviations,
@@ -62,7 +63,7 @@ def step(before, u_before, u, y, belief, work, after, info):
     outer_sum(images, w0c, wi, belief.process_noise, P_prior, NX)
     if OUTPUTS_ARE_LINEAR:
         output_jacobian(x_prior, u, constants, predicted, H)
-        scalar_updates(x_prior, P_prior, predicted, H, y, r, after.mean, after.covariance, scratch, info)
+        scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
     else:
         repaired = maximum(repaired, cholesky(P_prior, factor, NX))
         observe(x_prior, factor, distance, u, constants, point, images)

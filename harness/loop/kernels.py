@@ -15,6 +15,7 @@ from harness.kernel import (
     NW,
     NX,
     NY,
+    SEEN_STATES,
     Info,
     get,
     next_covariance,
@@ -76,7 +77,7 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
         output_jacobian(x_prior[:NX], u_nominal, nominal_constants, unused, H)
         output_whole(x_prior, u_now, constants, predicted)
         fill(y[k], y_now)
-        scalar_updates(x_prior[:NX], P_prior, predicted, H, y_now, R, x[:NX], P, scratch, info)
+        scalar_updates(x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, x[:NX], P, scratch, info)
         for i in range(NX, NX_WHOLE):
             put(get(x_prior, i), x, i)
         if notes[0].shape[0] > 0:
