@@ -130,17 +130,19 @@ def objections(c: Candidate, before: Judgement) -> list[str]:
         found.append("the held-out drives are not more likely with it")
     if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
         found.append("the free-running error on the held-out drives does not fall by a fifth")
-    if c.hypothesis.name == ALL_PARAMETERS and (far := beyond_belief(c)):
-        found.append(f"stated values would be wrong by factors that nobody believes: {far}")
+    # Where they leave nothing they are shown for what they are, and the verdict doubts them.
+    if c.hypothesis.name == ALL_PARAMETERS and c.held_out.excess >= EXCESS:
+        assert c.fitted is not None
+        if far := beyond_belief(c.fitted):
+            found.append(f"stated values would be wrong by factors that nobody believes: {far}")
     return found
 
 
-def beyond_belief(c: Candidate) -> str:
+def beyond_belief(fitted: Fitted) -> str:
     """Return which of many parameters would be wrong by too much, and by what factors; nothing if none is."""
-    assert c.fitted is not None
     factors = {}
-    for at in c.fitted.coordinates:
-        away = at.coordinate(c.fitted.point.values[at.row, at.drives[0]]) - at.centre
+    for at in fitted.coordinates:
+        away = at.coordinate(float(fitted.point.values[at.row, at.drives[0]])) - at.centre
         if abs(away) > IMPLAUSIBLE * at.prior:
             factors[words(at.parameter.name)] = math.exp(away)
     worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]

@@ -20,7 +20,7 @@ from harness.loop.amend import Estimated, fitted_model
 from harness.loop.fit import Fitted
 from harness.loop.held_out import EXCESS, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.loop.judges import BIC_NEEDED, Candidate
+from harness.loop.judges import BIC_NEEDED, Candidate, beyond_belief
 from harness.loop.trace import Say, Trace
 from harness.loop.wandering import EXPLAINED, Wandering
 from harness.loop.where import Where, pinpoint_record, unnamed_record, where
@@ -117,8 +117,11 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     Something is still missing if the final model's innovations on the held-out drives are anything but white, whatever
     was named: then a name may stand for something else. So it is if the model strays there further than the noise of
     the sensors, with the curves that have no name if there are any, and either there are some or the last round held a
-    hypothesis that gained enough but did not pass. A random process is added only where it leaves nothing.
+    hypothesis that gained enough but did not pass. A random process is added only where it leaves nothing. Many wrong
+    parameters explain nothing if one would be wrong beyond belief.
     """
+    if beyond_belief(trace.final):
+        return "unresolved"
     if found.wandering is not None:
         return "amended"
     if coloured and (trace.effects or found.unnamed is None):
@@ -198,6 +201,9 @@ def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     named = ", ".join(words(h.name.replace("@", " of ")) for h in effects)
     wrong = ", ".join(words(h.name) for h in parameters)
     also = f" The stated values of {wrong} were wrong." if parameters else ""
+    if far := beyond_belief(trace.final):
+        rest = "the rest" if effects else "it"
+        also = f" Many stated values would explain {rest}, but wrong by factors that nobody believes: {far}."
     after = final_judgement(trace, found)
     gap = f" The held-out error beyond the noise of the sensors falls {_fall(trace.before, after)}."
     if process is not None:

@@ -179,11 +179,12 @@ def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
 
 
 def test_coloured_innovations_are_no_amendment_whatever_was_named():
+    plain = SimpleNamespace(coordinates=())
     last = SimpleNamespace(added=None, candidates=())
-    named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01))
+    named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
     nothing = SimpleNamespace(unnamed=None, wandering=None)
     assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
-    without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01))
+    without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
     assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
 
 
@@ -213,24 +214,39 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
 
 
 def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole):
-    """Each moves within three deviations of its prior, a factor of 1.8; one fitted alone is free of that."""
+    """Each moves within three deviations of its prior, a factor of 1.8; one fitted alone is free of that.
+
+    Where they leave nothing they stay, for nothing else explains as much, but the verdict does not believe them.
+    """
     many = next(h for h in hypotheses(whole, FREE) if h.name == ALL_PARAMETERS)
     before = Judgement(0.0, np.zeros(1), 10.0, (), None)
 
-    def found(hypothesis, **factors):
+    def fit(hypothesis, **factors):
         values = whole.neutral()[:, None]
         for name, factor in factors.items():
             values[whole.row(name)] *= factor
-        fitted = Fitted(coordinates(whole, FREE, (hypothesis,), 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
-        held_out = Judgement(1.0, np.zeros(1), 0.01, (), fitted.point)
+        return Fitted(coordinates(whole, FREE, (hypothesis,), 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+
+    def found(hypothesis, excess=1.0, **factors):
+        fitted = fit(hypothesis, **factors)
+        held_out = Judgement(1.0, np.zeros(1), excess, (), fitted.point)
         return objections(Candidate(SimpleNamespace(hypothesis=hypothesis), fitted, 1e3, held_out), before)
 
     assert found(many, mass=1.75, yaw_inertia=0.57) == []
-    assert found(many, mass=1.1, yaw_inertia=0.5, cog_to_front_axle=2.5) == [
+    wrong = {"mass": 1.1, "yaw_inertia": 0.5, "cog_to_front_axle": 2.5}
+    assert found(many, **wrong) == [
         "stated values would be wrong by factors that nobody believes: CoG to front axle 2.5, yaw inertia 0.5"
     ]
     mass = next(h for h in hypotheses(whole, FREE) if h.name == "mass")
     assert found(mass, mass=2.5) == []
+    assert found(many, excess=0.01, **wrong) == []
+
+    def verdict(**factors):
+        after, last = SimpleNamespace(excess=0.01), SimpleNamespace(added=None, candidates=())
+        trace = SimpleNamespace(effects=(), rounds=(last,), after=after, final=fit(many, **factors))
+        return verdict_of(trace, SimpleNamespace(unnamed=None, wandering=None), coloured=False)
+
+    assert [verdict(mass=1.1), verdict(**wrong)] == ["adequate", "unresolved"]
 
 
 def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
@@ -285,11 +301,14 @@ def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
 
 def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
     failed = SimpleNamespace(added=None, candidates=(SimpleNamespace(fitted=object(), bic=78.0),))
+    plain = SimpleNamespace(coordinates=())
     found = SimpleNamespace(unnamed=None, wandering=None)
 
     def named(before, after):
         judged = [SimpleNamespace(excess=excess) for excess in (before, after)]
-        return SimpleNamespace(effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1])
+        return SimpleNamespace(
+            effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1], final=plain
+        )
 
     assert verdict_of(named(177.0, 0.06), found, False) == "amended"
     assert verdict_of(named(4.0, 0.06), found, False) == "unresolved"
