@@ -23,6 +23,7 @@ class Whiteness:
 
     Attributes:
         variance: Mean square; 1 if the filter states its uncertainty rightly.
+        correlation: Sum of the squared correlations with the past, over the lags.
         ljung_box: p-value against correlation over time.
         periodogram: p-value of the cumulative periodogram against that of white noise.
         frequency: Share of the sampling frequency, 0 to 0.5.
@@ -31,6 +32,7 @@ class Whiteness:
     """
 
     variance: float
+    correlation: float
     ljung_box: float
     periodogram: float
     frequency: Floats
@@ -49,7 +51,8 @@ def whiteness(series: Floats) -> Whiteness:
     n = int(seen.sum())
     if n < FEWEST or not np.any(series[seen]):
         nothing = np.empty(0)
-        return Whiteness(float(np.mean(series[seen] ** 2)) if n else np.nan, np.nan, np.nan, nothing, nothing, np.nan)
+        mean = float(np.mean(series[seen] ** 2)) if n else np.nan
+        return Whiteness(mean, np.nan, np.nan, np.nan, nothing, nothing, np.nan)
     filled = np.where(seen, series - series[seen].mean(), 0.0)
     power = float(filled @ filled) / n
     total = 0.0
@@ -66,6 +69,7 @@ def whiteness(series: Floats) -> Whiteness:
     distance = float(np.abs(cumulative - line).max())
     return Whiteness(
         variance=float(np.mean(series[seen] ** 2)),
+        correlation=total / (n + 2),
         ljung_box=float(stats.chi2.sf(total, LAGS)),
         periodogram=float(stats.kstwobign.sf(distance * np.sqrt(count - 1))),
         frequency=np.arange(1, count + 1) / n,

@@ -95,7 +95,7 @@ def _certainty(outcome: Outcome) -> list[str]:
         found.append(
             f"{called(process.hypothesis.name)}: log-likelihood of a filter with it {style.number(process.gain)} "
             f"higher on the fitted drives, {style.number(process.held_out_gain)} on those kept aside, where it leaves "
-            "white noise"
+            f"{'white noise' if process.white else 'next to white noise'}"
         )
     return found
 

@@ -117,13 +117,13 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     Something is still missing if the final model's innovations on the held-out drives are anything but white, whatever
     was named: then a name may stand for something else. So it is if the model strays there further than the noise of
     the sensors, with the curves that have no name if there are any, and either there are some or the last round held a
-    hypothesis that gained enough but did not pass. A random process is added only where it leaves nothing. Many wrong
-    parameters explain nothing if one would be wrong beyond belief.
+    hypothesis that gained enough but did not pass. A random process is added where it leaves nothing, or next to it.
+    Many wrong parameters explain nothing if one would be wrong beyond belief.
     """
     if beyond_belief(trace.final):
         return "unresolved"
     if found.wandering is not None:
-        return "amended"
+        return "amended" if found.wandering.white else "unresolved"
     if coloured and (trace.effects or found.unnamed is None):
         return "unresolved"
     if found.unnamed is not None and final_judgement(trace, found).excess > EXCESS:

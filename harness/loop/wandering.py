@@ -3,8 +3,8 @@
 Such an effect has no response to test and no free-running error to lower, so it is no candidate of the forward
 selection. What points to it is the pinpointed entry: where an unknown disturbance at the ports that the effect changes
 explains as much as one anywhere else, its parameters are fitted by the likelihood of a filter that holds it as a state.
-It is added if the fitted drives and those kept aside become likelier and the innovations on the latter become white:
-almost anything that is missing looks a little like a disturbance, and would be left coloured.
+It is added if the fitted drives and those kept aside become likelier and the innovations on the latter become white,
+or next to it: almost anything that is missing looks a little like a disturbance, and would be left coloured.
 """
 
 from __future__ import annotations
@@ -43,6 +43,10 @@ FARTHER = 4.0
 """Times as far as a random process makes it stray the model alone may stray; beyond it something else is missing. A
 process that changes slowly may well do twice in a drive what it does on the average."""
 
+NEXT_TO_WHITE = 0.05
+"""Share of the squared correlations that may be left: a road is smoother than the process that stands for it, and the
+larger its bank the clearer that shows."""
+
 _SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
 """The model was fitted before; the filter with the process starts near."""
 
@@ -57,6 +61,7 @@ class Wandering:
         errors: Standard error of each of its parameters.
         gain: In log-likelihood of the fitted drives.
         held_out_gain: In that of the drives kept aside, of which nothing was fitted.
+        white: Whether it leaves white innovations there; otherwise a little of what they were.
     """
 
     hypothesis: Hypothesis
@@ -64,6 +69,7 @@ class Wandering:
     errors: dict[str, float]
     gain: float
     held_out_gain: float
+    white: bool = True
 
 
 def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wandering | None:
@@ -125,13 +131,23 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
     )
     if 2 * gain - len(names) * math.log(trace.fitting.samples) < BIC_NEEDED or held_out_gain <= 0:
         return None
-    tests = [whiteness(column) for d in there for column in filters.run(d, with_it).whitened[1:].T]
-    if min(min(t.ljung_box, t.periodogram) for t in tests) < EXPLAINED:
+    before, after = ([filters.run(d, held).whitened[1:] for d in there] for held in (hold(without), with_it))
+    left = [_left(b, a) for one, other in zip(before, after, strict=True) for b, a in zip(one.T, other.T, strict=True)]
+    if max(left) > NEXT_TO_WHITE:
         return None
     if trace.after.excess > max(EXCESS, FARTHER * expected_excess(filters, there, with_it, trace.held_out.variances)):
         return None
     hypothesis = Hypothesis(name, "effect", tuple(absent), tuple(n for n in names if n not in absent))
-    return Wandering(hypothesis, fit.spec, {n: fit.estimate(n).error for n in names}, gain, held_out_gain)
+    errors = {n: fit.estimate(n).error for n in names}
+    return Wandering(hypothesis, fit.spec, errors, gain, held_out_gain, white=max(left) == 0)
+
+
+def _left(before: Floats, after: Floats) -> float:
+    """Return how much of its squared correlations a series of innovations keeps; nothing if it is white."""
+    test = whiteness(after)
+    if min(test.ljung_box, test.periodogram) >= EXPLAINED:
+        return 0.0
+    return test.correlation / whiteness(before).correlation
 
 
 def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Held, variances: Floats) -> float:

@@ -9,13 +9,14 @@ from test_trace import CAR, FREE, SIGNALS, driven
 
 from harness.configure import resolve_single
 from harness.identify.innovations import Innovations, hold
+from harness.identify.residuals import whiteness
 from harness.loop.amend import fitted_model
 from harness.loop.fit import Fitting
 from harness.loop.held_out import HeldOut
 from harness.loop.hypotheses import coordinates
 from harness.loop.pinpoint import Pinpoint
 from harness.loop.trace import first_variances
-from harness.loop.wandering import expected_excess, find_wandering
+from harness.loop.wandering import EXPLAINED, NEXT_TO_WHITE, _left, expected_excess, find_wandering
 from harness.loop.whole import Whole
 
 WANDER, MEMORY = 0.02, 5.0
@@ -51,6 +52,23 @@ def test_a_bank_that_wanders_is_found_and_leaves_nothing(whole):
     assert abs(np.log(found.spec.values["bank_memory"] / MEMORY)) < 1.2
     assert found.spec.process_noise["bank_walk"] > 0
     assert found.spec.effects == ("road_bank_varying",)
+
+
+def test_next_to_white_is_a_twentieth_of_the_squared_correlations():
+    """What a filter leaves of a process that it takes for another is coloured by any test that is long enough."""
+    noise = np.random.default_rng(3).normal(size=12000)
+    before, little, half = (np.convolve(noise, [1.0, *[share] * 12])[: len(noise)] for share in (0.5, 0.025, 0.25))
+    assert min(whiteness(little).ljung_box, whiteness(little).periodogram) < EXPLAINED
+    assert 0 < _left(before, little) < NEXT_TO_WHITE
+    assert _left(before, half) > NEXT_TO_WHITE
+    assert _left(before, noise) == 0
+    assert whiteness(half).correlation == pytest.approx(_squares(0.25, 12), rel=0.1)
+
+
+def _squares(share, terms):
+    """Return the sum of the squared correlations of white noise with as many equal echoes of it."""
+    covariance = [share + (terms - k) * share**2 for k in range(1, terms + 1)]
+    return sum((c / (1 + terms * share**2)) ** 2 for c in covariance)
 
 
 def test_a_gust_is_no_bank(whole):
