@@ -2,7 +2,8 @@
 
 An axle with the share ``lambda`` of the whole force ``F_x`` keeps ``sqrt(1 - (lambda F_x / mu F_z)^2)`` of its
 lateral force. Here it keeps ``1 / sqrt(1 + q (F_x / F_z)^2)`` with ``q = (lambda / mu)^2``, the same for moderate
-use, but with a slope at ``q = 0`` and no end at full use. ``F_x`` is mass times the acceleration of the speed
+use, but with a slope at ``q = 0`` and no end at full use. Brakes act on all axles and the engine on some, so driving
+and braking each have a ``q``. ``F_x`` is mass times the acceleration of the speed
 behind ``SETTLING``, which keeps the noise of a measured speed out, less gravity on a grade; resistances are left
 out.
 """
@@ -25,7 +26,24 @@ READS: tuple[str, ...] = ("vertical_load_axle_{axle}", "longitudinal_gravity{lea
 STATES: tuple[str, ...] = ("drive_speed",)
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("combined_slip", "q_x", "dimensionless", 0.0, 10.0, "square of share of F_x over friction", neutral=0.0),
+    Parameter(
+        "combined_slip_driving",
+        "q_D",
+        "dimensionless",
+        0.0,
+        10.0,
+        "square of the share of a driving force over friction",
+        neutral=0.0,
+    ),
+    Parameter(
+        "combined_slip_braking",
+        "q_B",
+        "dimensionless",
+        0.0,
+        10.0,
+        "square of the share of a braking force over friction",
+        neutral=0.0,
+    ),
 )
 
 
@@ -38,4 +56,5 @@ def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     acceleration = (leader.speed - settled) / SETTLING
     e.derivative("drive_speed", acceleration, shared=True)
     force = e.total_mass * (acceleration - e.at_leader("longitudinal_gravity"))
-    return value / sp.sqrt(1 + e.p("combined_slip") * (force / e.at_axle("vertical_load")) ** 2)
+    q = sp.Piecewise((e.p("combined_slip_driving"), force > 0), (e.p("combined_slip_braking"), True))
+    return value / sp.sqrt(1 + q * (force / e.at_axle("vertical_load")) ** 2)
