@@ -8,9 +8,10 @@ import numpy as np
 
 from harness.loop import worth_report
 from harness.loop.figures import called
-from harness.loop.hypotheses import ALL_PARAMETERS
+from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import BIC_NEEDED
 from harness.loop.outcome import Outcome, Value
+from harness.loop.trace import Trace
 from harness.loop.worth import Worth
 from harness.report import style
 from harness.report.document import Block, Bullets, Heading, Prose, Sheet, plain, strong
@@ -91,6 +92,13 @@ def _certainty(outcome: Outcome) -> list[str]:
             text += ", both over the model with what earlier rounds had added"
         others = [called(n) for n in r.confusable[1:]]
         found.append(f"{text}; hardly told from {listed(others)}" if others else text)
+    if instead := _in_place(outcome.trace):
+        names = listed([called(h.name) for h in outcome.trace.dropped])
+        found += [
+            f"{called(h.name)}: explains as much as {names}, to {BIC_NEEDED:.0f} units of BIC on the fitted drives, "
+            "and takes its place; these drives hardly tell them apart"
+            for h in instead
+        ]
     if (process := outcome.where.wandering) is not None:
         found.append(
             f"{called(process.hypothesis.name)}: log-likelihood of a filter with it {style.number(process.gain)} "
@@ -133,8 +141,13 @@ def _rounds(outcome: Outcome) -> list[str]:
             sentences.append(f"Round {number} added nothing: {r.reason}.")
     if outcome.trace.dropped:
         names = listed([called(h.name) for h in outcome.trace.dropped])
-        rounds = {r.added.hypothesis for r in outcome.trace.rounds if r.added is not None}
-        instead = [called(h.name) for h in outcome.trace.added if h not in rounds]
+        instead = [called(h.name) for h in _in_place(outcome.trace)]
         stands = f"A wrong {listed(instead)} explains as much as {names}, and takes its place."
         sentences.append(stands if instead else f"Later additions made {names} superfluous.")
     return sentences
+
+
+def _in_place(trace: Trace) -> list[Hypothesis]:
+    """Return what no round added: parameters that took the place of an effect."""
+    rounds = {r.added.hypothesis for r in trace.rounds if r.added is not None}
+    return [h for h in trace.added if h not in rounds]

@@ -14,6 +14,7 @@ import sympy as sp
 
 from models.assemble import EffectContext
 from models.contracts import Parameter
+from models.expressions import larger
 
 SETTLING = 0.15
 """s; time constant of the acceleration."""
@@ -56,5 +57,6 @@ def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     acceleration = (leader.speed - settled) / SETTLING
     e.derivative("drive_speed", acceleration, shared=True)
     force = e.total_mass * (acceleration - e.at_leader("longitudinal_gravity"))
-    q = sp.Piecewise((e.p("combined_slip_driving"), force > 0), (e.p("combined_slip_braking"), True))
-    return value / sp.sqrt(1 + q * (force / e.at_axle("vertical_load")) ** 2)
+    driving = larger(force, sp.Integer(0))
+    used = e.p("combined_slip_driving") * driving**2 + e.p("combined_slip_braking") * (force - driving) ** 2
+    return value / sp.sqrt(1 + used / e.at_axle("vertical_load") ** 2)

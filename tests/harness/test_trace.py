@@ -18,6 +18,7 @@ from harness.identify.innovations import Innovations, hold
 from harness.identify.scoring import Objective
 from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.fitness import oddities
+from harness.loop.glance import _certainty
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.loop.judges import Candidate, Round, decide, is_hopeful, lookalikes, objections, preferred, with_further
@@ -297,6 +298,22 @@ def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
     lost[inertia] = 70.0
     assert instead((gain, mass), "best", rounds) == ((gain, mass), "best")
     assert instead((mass, gain), "best", rounds) == ((mass, gain), "best")  # it was not the first to be taken
+
+
+def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
+    gain, inertia = Hypothesis("sensor_gain", "effect", ("gain",)), Hypothesis("inertia", "parameter", ("inertia",))
+    held_out = SimpleNamespace(log_likelihood=30.0)
+    added = SimpleNamespace(hypothesis=gain, held_out=held_out, bic=900.0)
+    round_ = SimpleNamespace(added=added, before=SimpleNamespace(log_likelihood=10.0), confusable=("sensor_gain",))
+
+    def certainty(*kept):
+        dropped = tuple(h for h in (gain,) if h not in kept)
+        trace = SimpleNamespace(rounds=(round_,), added=kept, dropped=dropped)
+        return _certainty(SimpleNamespace(trace=trace, where=SimpleNamespace(wandering=None)))
+
+    assert [line.split(":")[0] for line in certainty(gain)] == ["sensor gain"]
+    (line,) = certainty(inertia)
+    assert line.startswith("inertia: explains as much as sensor gain, to 50 units of BIC")
 
 
 def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
