@@ -43,11 +43,12 @@ def median(values: Iterable[float], digits: int = 0) -> str:
 
 
 def tables(scored: Cases) -> str:
-    """Return all tables but the list of cases; each vehicle has its own."""
-    parts = ["## Against what is asked", f"{len(scored)} cases.", numbers(scored)]
+    """Return all tables but the list of cases, and but those of kinds that are not there; each vehicle has its own."""
+    parts = ["## Against what is asked", f"{len(scored)} cases.", numbers(scored)] if of(scored, *KINDS) else []
     for vehicle in vehicles(scored):
         own = [s for s in scored if s.vehicle == vehicle]
-        parts += [f"## {words(vehicle).capitalize()}", "### By kind", kinds(own), "### False alarms", alarms(own)]
+        parts += [f"## {words(vehicle).capitalize()}", "### By kind", kinds(own)]
+        parts += ["### False alarms", alarms(own)] if any(s.kind in SOUND for s in own) else []
         parts += ["### By effect", effects(own), "### Confusion", confusion(own)]
     return "\n\n".join(parts) + "\n"
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bench.attribution import renew
 from bench.attribution.__main__ import gathered, main, wanted
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
 from bench.attribution.renew import BEGIN, END, renewed
@@ -238,6 +239,24 @@ def test_the_page_keeps_what_is_around_the_marks():
     assert renewed(f"a\n{BEGIN}\nold\n{END}\nb\n", "new") == f"a\n{BEGIN}\n\nnew\n\n{END}\nb\n"
     with pytest.raises(UserError, match="lines of their own"):
         renewed("a\nb\n", "new")
+
+
+def test_a_page_may_show_some_magnitudes_only(several, tmp_path, monkeypatch, capsys):
+    (tmp_path / "attribution.json").write_text(text(several))
+    monkeypatch.setattr(renew, "DOCS", tmp_path)
+    page = tmp_path / "attribution-sizes.md"
+    page.write_text(f"Why.\n{BEGIN}\n{END}\n")
+    given = [str(tmp_path / "attribution.json"), "--page", page.name, "--magnitudes", "small", "large"]
+    assert not renew.main(given)
+    found = page.read_text()
+    assert "| effect small | 1 of 2, 50 %" in found
+    assert "medium" not in found.replace("| effect | small | medium | large |", "")
+    assert "Against what is asked" not in found
+    assert "False alarms" not in found
+    assert "(attribution-sizes/shares-semitrailer.svg)" in found
+    assert (tmp_path / "attribution-sizes" / "shares-semitrailer.svg").exists()
+    assert renew.main([given[0], "--page", "nowhere.md"]) == 2
+    assert "there is no such page" in capsys.readouterr().err
 
 
 def test_cases_are_chosen_by_vehicle_and_magnitude():
