@@ -178,7 +178,7 @@ def smallest(cases: Cases) -> list[Scored]:
 def ratio(values: Sequence[float]) -> str:
     """Write the median size over the predicted limit."""
     known = [v for v in values if math.isfinite(v)]
-    return f"{np.median(known):.2g} ×" if known else "–"
+    return f"{float(f'{np.median(known):.2g}'):g} ×" if known else "–"
 
 
 def confusion(scored: Cases) -> str:

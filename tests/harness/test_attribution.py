@@ -14,7 +14,7 @@ from bench.attribution.oracle import free_parameters, true_hypotheses, write_ora
 from bench.attribution.renew import BEGIN, END, renewed
 from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
 from bench.attribution.score import FAILED, load, score, text
-from bench.attribution.tables import alarms, confusion, effects, kinds, matrix, numbers, share, smallest, wilson
+from bench.attribution.tables import alarms, confusion, effects, kinds, matrix, numbers, ratio, share, smallest, wilson
 from harness.errors import UserError
 from harness.loop.held_out import EXCESS
 from harness.loop.run import whole_of
@@ -239,6 +239,11 @@ def test_the_page_keeps_what_is_around_the_marks():
     assert renewed(f"a\n{BEGIN}\nold\n{END}\nb\n", "new") == f"a\n{BEGIN}\n\nnew\n\n{END}\nb\n"
     with pytest.raises(UserError, match="lines of their own"):
         renewed("a\nb\n", "new")
+
+
+def test_a_ratio_is_written_with_two_digits_and_no_exponent():
+    assert [ratio([v]) for v in (0.714, 9.62, 113.0)] == ["0.71 ×", "9.6 ×", "110 ×"]
+    assert ratio([np.nan]) == "–"
 
 
 def test_a_page_may_show_some_magnitudes_only(several, tmp_path, monkeypatch, capsys):
