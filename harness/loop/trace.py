@@ -27,6 +27,7 @@ from harness.loop.judges import (
     decide,
     distinct,
     hardest,
+    is_hopeful,
     lookalikes,
     objections,
     with_further,
@@ -244,23 +245,21 @@ class _Search:
         fits: dict[Hypothesis, Fitted],
         number: int,
     ) -> dict[Hypothesis, Fitted]:
-        """Fit what was spared for promising too little, where nothing that was fitted passes, until something does.
+        """Fit what was spared for promising too little, where nothing passes or is hopeful, until something passes.
 
         Large effects bend, so that the right one may promise a part of what it reaches, and a wrong one that fits the
         fitted drives alone may reach more than that. Many parameters at once count for nothing here.
         """
         best, before = without[-1], hardest([self._judge(added, f.point) for f in without])
 
-        def passes(s: Score, fitted: Fitted) -> bool:
-            return not objections(self._judged(added, s, fitted, best), before)
-
         alone = [s for s in worth if s.hypothesis.name != ALL_PARAMETERS]
-        if any(passes(s, fits[s.hypothesis]) for s in alone if s.hypothesis in fits):
+        tried = [self._judged(added, s, fits[s.hypothesis], best) for s in alone if s.hypothesis in fits]
+        if any(not objections(c, before) or is_hopeful(c, before) for c in tried):
             return {}
         found: dict[Hypothesis, Fitted] = {}
         for s in [s for s in alone if s.hypothesis not in fits][:_REFITTED]:
             found[s.hypothesis] = fitted = self._tried(added, best, s, number)
-            if passes(s, fitted):
+            if not objections(self._judged(added, s, fitted, best), before):
                 break
         return found
 

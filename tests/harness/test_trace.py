@@ -251,7 +251,7 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole)
 
 
 def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
-    excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 230.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
+    excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 250.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
     worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
     many, steer, inertia, lag, delay = worth
 
@@ -273,6 +273,7 @@ def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
 
     assert spared(steer, many) == ["inertia", "steering_lag"]  # until one passes
     assert spared(steer, lag) == []  # one does
+    assert spared(steer, delay) == []  # one is hopeful
     assert spared(many, steer, inertia, lag, delay) == []
 
 
