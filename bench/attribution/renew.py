@@ -56,8 +56,8 @@ def main(arguments: Sequence[str]) -> None:
     drawn = figures(scored)
     shown = "\n".join(f"![{caption(name)}]({page.stem}/{name})\n" for name in drawn)
     content = f"{tables(scored)}\n## Figures\n\n{shown}"
-    write_files(DOCS, {page.name: renewed(page.read_text(encoding="utf-8"), content)})
-    write_files(DOCS / page.stem, drawn)
+    write_files(page.parent, {page.name: renewed(page.read_text(encoding="utf-8"), content)})
+    write_files(page.parent / page.stem, drawn)
     print(f"wrote {page} and {len(drawn)} figures")
 
 

@@ -69,7 +69,7 @@ class Wandering:
     errors: dict[str, float]
     gain: float
     held_out_gain: float
-    white: bool = True
+    white: bool
 
 
 def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wandering | None:
