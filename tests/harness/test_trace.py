@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,13 +17,12 @@ from harness.identify.innovations import Innovations, hold
 from harness.identify.scoring import Objective
 from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.fitness import oddities
-from harness.loop.glance import _certainty
 from harness.loop.held_out import Judgement
-from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
-from harness.loop.judges import Candidate, Round, decide, is_hopeful, lookalikes, objections, preferred, with_further
+from harness.loop.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
+from harness.loop.judges import Candidate, objections
 from harness.loop.outcome import verdict_of
 from harness.loop.score import SPACING, ScoreTest, best_amplitudes, cosine
-from harness.loop.trace import _Search, first_variances
+from harness.loop.trace import first_variances
 from harness.loop.variances import climb
 from harness.loop.whole import Noise, Whole
 from harness.measured import load_recording
@@ -147,73 +145,6 @@ def test_variances_climb_to_those_of_the_samples():
     assert np.exp(z[1:]) == pytest.approx(squares, rel=3e-3)  # differences over 0.1, with a curvature from nearby
 
 
-def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
-    def candidate(name, excess):
-        hypothesis = SimpleNamespace(name=name)
-        return SimpleNamespace(hypothesis=hypothesis, held_out=SimpleNamespace(excess=excess))
-
-    many, length, mass = candidate(ALL_PARAMETERS, 0.28), candidate("trailer_length", 0.14), candidate("mass", 0.5)
-    assert preferred([many, mass, length]) is length
-    assert preferred([many, mass]) is many
-    assert preferred([mass, many, length]) is mass
-    assert preferred([]) is None
-
-
-def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
-    def score(name, *response):
-        return SimpleNamespace(hypothesis=SimpleNamespace(name=name), response=(np.array(response),), excited=True)
-
-    def winner(excess):
-        held_out = SimpleNamespace(excess=excess, log_likelihood=10.0)
-        return SimpleNamespace(score=length, hypothesis=length.hypothesis, held_out=held_out, bic=2800.0)
-
-    length, inertia, mass = score("length", 1.0, 0.0), score("inertia", -1.0, 0.02), score("mass", 1.0, 1.0)
-    many, calm = score(ALL_PARAMETERS, 1.0, 0.0), score("calm", 1.0, 0.0)
-    calm.excited = False
-    promised = [length, mass, many, inertia, calm]
-    before = SimpleNamespace(excess=10.0, log_likelihood=0.0)
-    assert lookalikes(winner(0.14), before, promised, [length.hypothesis]) == [inertia]
-    assert lookalikes(winner(0.14), before, promised, [length.hypothesis, inertia.hypothesis]) == []
-    assert lookalikes(winner(0.01), before, promised, [length.hypothesis]) == []  # nothing is left
-    assert lookalikes(winner(9.0), before, promised, [length.hypothesis]) == [inertia]  # a further one may help
-    assert lookalikes(winner(11.0), before, promised, [length.hypothesis]) == []  # it would not be added
-
-
-def test_coloured_innovations_are_no_amendment_whatever_was_named():
-    plain = SimpleNamespace(coordinates=())
-    last = SimpleNamespace(added=None, candidates=())
-    named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
-    nothing = SimpleNamespace(unnamed=None, wandering=None)
-    assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
-    without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
-    assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
-
-
-def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
-    def candidate(name, bic, excess, likelihood=5000.0):
-        held_out = SimpleNamespace(excess=excess, log_likelihood=likelihood)
-        score = SimpleNamespace(response=(np.ones(1),), excited=True)
-        return SimpleNamespace(
-            hypothesis=SimpleNamespace(name=name),
-            fitted=SimpleNamespace(coordinates=()),
-            bic=bic,
-            held_out=held_out,
-            score=score,
-        )
-
-    before = SimpleNamespace(excess=27.6, log_likelihood=1000.0)
-    many, delay = candidate(ALL_PARAMETERS, 17800.0, 23.5), candidate("steering_delay", 15400.0, 25.6)
-    found = decide((many, delay), before, last=False)
-    assert (found.added, found.hopeful) == (None, delay)
-    passing = candidate("payload_shift", 9700.0, 0.06, 6000.0)
-    with_it = with_further(found, decide((passing,), delay.held_out, last=False))
-    assert with_it.added is delay
-    assert with_it.reason == "passes all three judges together with payload shift"
-    assert decide((many, delay), before, last=True).hopeful is None
-    for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
-        assert not is_hopeful(candidate(*other), before)
-
-
 def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole):
     """Each moves within three deviations of its prior, a factor of 1.8; one fitted alone is free of that.
 
@@ -248,89 +179,6 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole)
         return verdict_of(trace, SimpleNamespace(unnamed=None, wandering=None), coloured=False)
 
     assert [verdict(mass=1.1), verdict(**wrong)] == ["adequate", "unresolved"]
-
-
-def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
-    excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 250.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
-    worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
-    many, steer, inertia, lag, delay = worth
-
-    def judged(excess):
-        return Judgement(-excess, np.zeros(1), excess, (), None)
-
-    search = SimpleNamespace(
-        _judge=lambda added, point: judged(233.0),
-        _judged=lambda added, s, fitted, best: SimpleNamespace(
-            hypothesis=s.hypothesis, bic=1e4, held_out=judged(excesses[s.hypothesis.name])
-        ),
-        _tried=lambda added, best, s, number: f"fit of {s.hypothesis.name}",
-    )
-
-    def spared(*fitted):
-        without = [SimpleNamespace(point=None)]
-        found = _Search._spared(search, (), without, worth, {s.hypothesis: None for s in fitted}, 1)
-        return [h.name for h in found]
-
-    assert spared(steer, many) == ["inertia", "steering_lag"]  # until one passes
-    assert spared(steer, lag) == []  # one does
-    assert spared(steer, delay) == []  # one is hopeful
-    assert spared(many, steer, inertia, lag, delay) == []
-
-
-def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
-    gain, mass, inertia, cog, many = (
-        Hypothesis(n, k, (n,))
-        for n, k in (("gain", "effect"), *((p, "parameter") for p in ("mass", "inertia", "cog", ALL_PARAMETERS)))
-    )
-
-    def found(added, *others):
-        candidates = tuple(SimpleNamespace(hypothesis=h) for h in (added, *others))
-        return Round(candidates, None, candidates[0], "", tuple(h.name for h in (added, *others)))
-
-    rounds = [found(gain, mass, cog), found(mass, many, inertia), Round((), None, None, "", ())]
-    lost = {inertia: 30.0, cog: -10.0}
-
-    def without(added, rest, best):
-        return rest, lost[rest[-1]]
-
-    search = SimpleNamespace(say=lambda _: None, _without=without)
-    instead = partial(_Search._parameters_instead, search)
-    assert instead((gain, mass), "best", rounds) == ((mass, inertia), (mass, inertia))  # the drives tell cog from mass
-    lost[inertia] = 70.0
-    assert instead((gain, mass), "best", rounds) == ((gain, mass), "best")
-    assert instead((mass, gain), "best", rounds) == ((mass, gain), "best")  # it was not the first to be taken
-
-
-def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
-    gain, inertia = Hypothesis("sensor_gain", "effect", ("gain",)), Hypothesis("inertia", "parameter", ("inertia",))
-    held_out = SimpleNamespace(log_likelihood=30.0)
-    added = SimpleNamespace(hypothesis=gain, held_out=held_out, bic=900.0)
-    round_ = SimpleNamespace(added=added, before=SimpleNamespace(log_likelihood=10.0), confusable=("sensor_gain",))
-
-    def certainty(*kept):
-        dropped = tuple(h for h in (gain,) if h not in kept)
-        trace = SimpleNamespace(rounds=(round_,), added=kept, dropped=dropped)
-        return _certainty(SimpleNamespace(trace=trace, where=SimpleNamespace(wandering=None)))
-
-    assert [line.split(":")[0] for line in certainty(gain)] == ["sensor gain"]
-    (line,) = certainty(inertia)
-    assert line.startswith("inertia: explains as much as sensor gain, to 50 units of BIC")
-
-
-def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
-    failed = SimpleNamespace(added=None, candidates=(SimpleNamespace(fitted=object(), bic=78.0),))
-    plain = SimpleNamespace(coordinates=())
-    found = SimpleNamespace(unnamed=None, wandering=None)
-
-    def named(before, after):
-        judged = [SimpleNamespace(excess=excess) for excess in (before, after)]
-        return SimpleNamespace(
-            effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1], final=plain
-        )
-
-    assert verdict_of(named(177.0, 0.06), found, False) == "amended"
-    assert verdict_of(named(4.0, 0.06), found, False) == "unresolved"
-    assert verdict_of(named(4.0, 0.05), found, False) == "amended"  # within the noise of the sensors
 
 
 def test_a_change_is_found_at_its_own_time_in_every_drive(whole, gusty):
