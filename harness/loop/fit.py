@@ -123,10 +123,10 @@ class Fitting:
         z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH).z
         for together in (list(range(n, n + groups)), *([j] for j in range(n, n + groups))):
             z = along(objective, z, together, _COARSE)
-        found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH)
+        found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH), None
         for _ in range(turns):
             before = found.value
-            z = climb(objective, found.z, before, n, _ROUGH, 3 * ENOUGH)
+            z, curvature = climb(objective, found.z, before, n, _ROUGH, 3 * ENOUGH, curvature)
             found = maximise(objective, z, parameters, iterations, ENOUGH)
             if found.value - before < 10 * ENOUGH:
                 break

@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 EXCESS = 0.05
 """Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
 
+LITTLE = 0.01
+"""Share of the excess of the model without additions below which nothing is left to explain either."""
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -37,6 +40,11 @@ class Judgement:
     excess: float
     free: tuple[Floats, ...]
     point: Point
+
+
+def leaves_nothing(after: Judgement, before: Judgement) -> bool:
+    """Whether a model strays no further than the noise of the sensors, or just a little of what another one does."""
+    return after.excess <= max(EXCESS, LITTLE * before.excess)
 
 
 class HeldOut:

@@ -18,10 +18,11 @@ from harness.identify.outcome import Judged
 from harness.identify.residuals import whiteness
 from harness.loop.amend import Estimated, fitted_model
 from harness.loop.fit import Fitted
-from harness.loop.held_out import EXCESS, Judgement
+from harness.loop.held_out import EXCESS, Judgement, leaves_nothing
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import BIC_NEEDED, Candidate, beyond_belief
-from harness.loop.trace import Say, Trace
+from harness.loop.trace import Trace
+from harness.loop.trials import Say
 from harness.loop.wandering import EXPLAINED, Wandering
 from harness.loop.where import Where, pinpoint_record, unnamed_record, where
 from harness.loop.worth import Worth
@@ -31,9 +32,6 @@ from models.signals import SIGNALS
 
 Floats = NDArray[np.float64]
 Verdict = Literal["adequate", "amended", "unresolved"]
-
-LITTLE = 0.01
-"""Share of the nominal model's excess below which nothing is left to explain either."""
 
 COLOURED = 1e-4
 """p-value below which innovations count as coloured; each output of each drive is a test of its own."""
@@ -128,7 +126,7 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
         return "unresolved"
     if found.unnamed is not None and final_judgement(trace, found).excess > EXCESS:
         return "unresolved"
-    if found.unnamed is None and _failed(trace) and _left(trace):
+    if found.unnamed is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
         return "unresolved"
     return "amended" if trace.effects or found.unnamed is not None else "adequate"
 
@@ -142,12 +140,7 @@ def final_judgement(trace: Trace, found: Where) -> Judgement:
 
 def _strays(trace: Trace) -> bool:
     """Whether something is left that the named effects do not explain."""
-    return _left(trace) and (_failed(trace) or not trace.effects)
-
-
-def _left(trace: Trace) -> bool:
-    """Whether the final model strays further than the noise of the sensors, and not just a little of what it did."""
-    return trace.after.excess > max(EXCESS, LITTLE * trace.before.excess)
+    return not leaves_nothing(trace.after, trace.before) and (_failed(trace) or not trace.effects)
 
 
 def _failed(trace: Trace) -> bool:

@@ -1,6 +1,5 @@
 """What a round of a trace fits and adds, and what the verdict makes of it, on hypotheses that are laid down."""
 
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +9,7 @@ from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import Round, decide, is_hopeful, lookalikes, preferred, with_further
 from harness.loop.outcome import verdict_of
+from harness.loop.rounds import _Attempt
 from harness.loop.trace import _Search
 
 
@@ -80,26 +80,44 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
         assert not is_hopeful(candidate(*other), before)
 
 
+def round_of(excesses, worth, fitted, before):
+    """Return a round in which some hypotheses are worth a fit and some were fitted, with what they leave."""
+
+    def judged(excess):
+        return Judgement(-excess, np.zeros(1), excess, (), None)
+
+    trials = SimpleNamespace(judge=lambda added, point: judged(before))
+    attempt = _Attempt(trials, (), [SimpleNamespace(point=None)], 1)
+    attempt.promised = attempt.worth = list(worth)
+    attempt.fits = {s.hypothesis: f"fit of {s.hypothesis.name}" for s in fitted}
+    attempt.fit = lambda s: attempt.fits.update({s.hypothesis: f"fit of {s.hypothesis.name}"})
+    attempt.judged = lambda s: SimpleNamespace(
+        hypothesis=s.hypothesis, bic=1e4, held_out=judged(excesses[s.hypothesis.name])
+    )
+    return attempt
+
+
+def test_many_parameters_are_not_fitted_where_something_alone_leaves_nothing():
+    excesses = {"roll_steer": 30.0, "steering_lag": 1.9, "gain": 2.1}
+    steer, lag, gain = worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
+
+    def settled(*fitted):
+        return round_of(excesses, worth, fitted, before=200.0).settled()
+
+    assert settled(steer, lag)  # a hundredth of the error
+    assert not settled(steer, gain)  # a little more than that
+    assert not settled()
+
+
 def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
     excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 250.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
     worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
     many, steer, inertia, lag, delay = worth
 
-    def judged(excess):
-        return Judgement(-excess, np.zeros(1), excess, (), None)
-
-    search = SimpleNamespace(
-        _judge=lambda added, point: judged(233.0),
-        _judged=lambda added, s, fitted, best: SimpleNamespace(
-            hypothesis=s.hypothesis, bic=1e4, held_out=judged(excesses[s.hypothesis.name])
-        ),
-        _tried=lambda added, best, s, number: f"fit of {s.hypothesis.name}",
-    )
-
     def spared(*fitted):
-        without = [SimpleNamespace(point=None)]
-        found = _Search._spared(search, (), without, worth, {s.hypothesis: None for s in fitted}, 1)
-        return [h.name for h in found]
+        attempt = round_of(excesses, worth, fitted, before=233.0)
+        attempt.fit_spared()
+        return [h.name for h in attempt.fits][len(fitted) :]
 
     assert spared(steer, many) == ["inertia", "steering_lag"]  # until one passes
     assert spared(steer, lag) == []  # one does
@@ -123,8 +141,8 @@ def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
     def without(added, rest, best):
         return rest, lost[rest[-1]]
 
-    search = SimpleNamespace(say=lambda _: None, _without=without)
-    instead = partial(_Search._parameters_instead, search)
+    search = _Search(SimpleNamespace(say=lambda _: None, without=without), 5)
+    instead = search._parameters_instead
     assert instead((gain, mass), "best", rounds) == ((mass, inertia), (mass, inertia))  # the drives tell cog from mass
     lost[inertia] = 70.0
     assert instead((gain, mass), "best", rounds) == ((gain, mass), "best")

@@ -140,9 +140,10 @@ def test_variances_climb_to_those_of_the_samples():
 
     objective = Objective(values, None, np.full(4, -20.0), np.full(4, 20.0))
     start = np.array([1.0, 6.0, 6.0, -6.0])
-    z = climb(objective, start, float(values(start[:, None])[0]), 1, 20, 1e-6)
+    z, curvature = climb(objective, start, float(values(start[:, None])[0]), 1, 20, 1e-6)
     assert z[0] == 1.0
     assert np.exp(z[1:]) == pytest.approx(squares, rel=3e-3)  # differences over 0.1, with a curvature from nearby
+    assert curvature.values == pytest.approx(50.0, rel=0.1)
 
 
 def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole):
