@@ -76,24 +76,24 @@ class Round:
     hopeful: Candidate | None = None
 
 
-def decide(candidates: tuple[Candidate, ...], before: Judgement, last: bool) -> Round:
+def decide(candidates: tuple[Candidate, ...], before: Judgement, room: int) -> Round:
     """Return a round with what is added.
 
     Args:
         candidates: Everything tried, best first.
         before: The model without any of them, on the held-out drives.
-        last: Whether nothing may be added any more.
+        room: How much may be added yet.
     """
     tried = [c for c in candidates if c.fitted is not None]
     if not tried:
         return Round(candidates, before, None, "nothing promises enough to be fitted", ())
     best = preferred([c for c in tried if not objections(c, before)])
-    hopeful = None if best or last else next((c for c in tried if is_hopeful(c, before)), None)
+    hopeful = None if best or room < 2 else next((c for c in tried if is_hopeful(c, before)), None)
     best = best or hopeful or tried[0]
     alike = tuple(c.hypothesis.name for c in candidates if c is not best and _alike(best, c))
     against = objections(best, before)
     reason = "; ".join(against) or "passes all three judges"
-    added = None if against or last else best
+    added = None if against or room < 1 else best
     return Round(candidates, before, added, reason, (best.hypothesis.name, *alike), hopeful)
 
 

@@ -44,7 +44,7 @@ _NEAR = 0.5
 
 
 def run_round(
-    trials: Trials, added: Added, without: list[Fitted], number: int, last: bool
+    trials: Trials, added: Added, without: list[Fitted], number: int, room: int
 ) -> tuple[list[Fitted], Round]:
     """Try everything once; return fits of the model without addition, the likeliest last, and what was found.
 
@@ -53,13 +53,13 @@ def run_round(
         added: What the model has already.
         without: Fits of that model, the likeliest last.
         number: Of the round, to be told.
-        last: Whether nothing may be added any more.
+        room: How much may be added yet.
     """
     attempt = _Attempt(trials, added, without, number)
     again = attempt.run()
     if again is None:
-        return attempt.without, attempt.decided(last)
-    return run_round(trials, added, [*without, again], number, last)
+        return attempt.without, attempt.decided(room)
+    return run_round(trials, added, [*without, again], number, room)
 
 
 class _Attempt:
@@ -97,11 +97,11 @@ class _Attempt:
             self.without = [*self.without, again]
         return None
 
-    def decided(self, last: bool) -> Round:
+    def decided(self, room: int) -> Round:
         """Return the round with what is added."""
         candidates = [self.judged(s) if s.hypothesis in self.fits else self.unfitted(s) for s in self.promised]
         candidates.sort(key=lambda c: (c.fitted is not None, c.bic), reverse=True)
-        return decide(tuple(candidates), self.before, last)
+        return decide(tuple(candidates), self.before, room)
 
     def say(self, what: str) -> None:
         """Tell what is being done in this round."""

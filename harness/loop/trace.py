@@ -143,7 +143,7 @@ class _Search:
         )
 
     def _round(self, added: Added, without: list[Fitted], number: int) -> tuple[list[Fitted], Round]:
-        return run_round(self.trials, added, without, number, number > self.rounds)
+        return run_round(self.trials, added, without, number, self.rounds + 1 - number)
 
     def _further(self, added: Added, found: Round, number: int) -> list[Round]:
         """Return a round; if what it found is hopeful, with the next one if that adds something to it.

@@ -69,13 +69,14 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
 
     before = SimpleNamespace(excess=27.6, log_likelihood=1000.0)
     many, delay = candidate(ALL_PARAMETERS, 17800.0, 23.5), candidate("steering_delay", 15400.0, 25.6)
-    found = decide((many, delay), before, last=False)
+    found = decide((many, delay), before, room=2)
     assert (found.added, found.hopeful) == (None, delay)
     passing = candidate("payload_shift", 9700.0, 0.06, 6000.0)
-    with_it = with_further(found, decide((passing,), delay.held_out, last=False))
+    with_it = with_further(found, decide((passing,), delay.held_out, room=1))
     assert with_it.added is delay
     assert with_it.reason == "passes all three judges together with payload shift"
-    assert decide((many, delay), before, last=True).hopeful is None
+    assert decide((many, delay), before, room=1).hopeful is None  # no room for a further one
+    assert decide((passing,), delay.held_out, room=0).added is None
     for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
         assert not is_hopeful(candidate(*other), before)
 
