@@ -30,16 +30,21 @@ class Judgement:
     Attributes:
         log_likelihood: Of all of them; half the logarithm of the samples less for each moment looked for there.
         error: Root mean square of measurement less the model alone ``(ny,)``.
-        excess: Mean square of that over the variance of the sensors' noise, less one, summed over the outputs.
+        excesses: Mean square of that over the variance of the sensor's noise, less one, not negative ``(ny,)``.
         free: Outputs of the model alone, by drive ``(samples, ny)``.
         point: Values with which it was judged; moments are those of the held-out drives.
     """
 
     log_likelihood: float
     error: Floats
-    excess: float
+    excesses: Floats
     free: tuple[Floats, ...]
     point: Point
+
+    @property
+    def excess(self) -> float:
+        """Excess of all outputs together."""
+        return float(np.sum(self.excesses))
 
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
@@ -65,8 +70,8 @@ class HeldOut:
         here, moments = self._own_moments(added, moved_to(point, len(self.drives)))
         likelihood = self.fitting.log_likelihood(here) - 0.5 * moments * np.log(self.fitting.samples)
         free = tuple(self.whole.free_run(d, here.values[:, i]).outputs for i, d in enumerate(self.drives))
-        error, excess = strayed(self.drives, free, self.variances)
-        return Judgement(likelihood, error, excess, free, here)
+        error, excesses = strayed(self.drives, free, self.variances)
+        return Judgement(likelihood, error, excesses, free, here)
 
     def _own_moments(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
         """Return the point with the moments of these drives: the best of a grid, then of their neighbourhood."""
@@ -87,8 +92,8 @@ class HeldOut:
         return self.fitting.only(moved, point, 10).point, len(moved)
 
 
-def strayed(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, float]:
-    """Return error and excess of a model alone, as ``Judgement`` has them.
+def strayed(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, Floats]:
+    """Return error and excesses of a model alone, as ``Judgement`` has them.
 
     Args:
         drives: The recordings.
@@ -99,4 +104,4 @@ def strayed(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) 
     with np.errstate(invalid="ignore"):
         square = np.nanmean(errors**2, axis=0)
     strays = any(np.isnan(f).any() for f in free)
-    return np.sqrt(square), np.inf if strays else float(np.sum(np.maximum(square / variances - 1.0, 0.0)))
+    return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(square / variances - 1.0, 0.0)

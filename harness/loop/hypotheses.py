@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness.loop.whole import Whole
 from models.contracts import Parameter
-from models.placement import load_effect, parameter_at, place_of, split
+from models.placement import load_effect, parameter_at, place_of, ports_of, split, suffix
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +35,7 @@ class Hypothesis:
         amplitudes: Parameters that say how much of it there is; at their neutral value it is absent.
         shapes: Parameters that mean nothing while it is absent.
         moments: Parameters of which every drive has its own.
+        output: Column of the only output that it acts on, if it is a fault of one sensor.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Hypothesis:
     amplitudes: tuple[str, ...]
     shapes: tuple[str, ...] = ()
     moments: tuple[str, ...] = ()
+    output: int | None = None
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -82,7 +84,19 @@ def _effect(whole: Whole, name: str) -> Hypothesis:
         tuple(p.name for p in known if p.neutral is not None),
         tuple(p.name for p in known if p.neutral is None and not p.per_drive),
         tuple(p.name for p in known if p.per_drive),
+        _only_output(whole, name),
     )
+
+
+def _only_output(whole: Whole, name: str) -> int | None:
+    """Return the column of the only output that an effect acts on, if it changes what one sensor reads."""
+    effect, place = load_effect(name), split(name)[1] or ""
+    if not all(port.startswith("sensor_") for port in ports_of(effect)):
+        return None
+    read = {port.removeprefix("sensor_").replace("{body}", suffix(place)) for port in ports_of(effect)}
+    read = {place} if place_of(effect) == "output" else read
+    columns = [i for i, output in enumerate(whole.model.outputs) if output in read]
+    return columns[0] if len(columns) == 1 else None
 
 
 def _together(file: str, parts: Sequence[Hypothesis]) -> Hypothesis:

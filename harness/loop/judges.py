@@ -25,6 +25,10 @@ HOPEFUL = 500.0
 """Gain in BIC from which an addition that leaves the free-running error is tried with a further one: the error may be
 that of another effect."""
 
+SENSOR_NEEDED = 0.5
+"""Share of its own signal's held-out error, beyond the noise, that a fault of one sensor must take away where the error
+of other signals, on which it does not act, hides what it does to that of all."""
+
 IMPLAUSIBLE = 3.0
 """Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which no parameter of many is believed
 to be wrong: large enough, anything that is missing has them fit it somehow."""
@@ -90,11 +94,31 @@ def decide(candidates: tuple[Candidate, ...], before: Judgement, room: int) -> R
     best = preferred([c for c in tried if not objections(c, before)])
     hopeful = None if best or room < 2 else next((c for c in tried if is_hopeful(c, before)), None)
     best = best or hopeful or tried[0]
-    alike = tuple(c.hypothesis.name for c in candidates if c is not best and _alike(best, c))
     against = objections(best, before)
     reason = "; ".join(against) or "passes all three judges"
+    alike = [c.hypothesis.name for c in candidates if c is not best and _alike(best, c)]
     added = None if against or room < 1 else best
     return Round(candidates, before, added, reason, (best.hypothesis.name, *alike), hopeful)
+
+
+def with_sensor(found: Round) -> Round:
+    """Return a round in which nothing passed with the likeliest fault of a sensor added that clears its own signal."""
+    best = next((c for c in found.candidates if clears_its_sensor(c, found.before)), None)
+    if best is None:
+        return found
+    reason = "takes away half of the error, or more, of the one signal on which it acts"
+    alike = [c.hypothesis.name for c in found.candidates if c is not best and acts_alike(c.score, best.score)]
+    return Round(found.candidates, found.before, best, reason, (best.hypothesis.name, *alike))
+
+
+def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
+    """Whether a fault of one sensor takes away half of the error of its signal, and no other signal's grows for it."""
+    own = c.hypothesis.output
+    if own is None or c.held_out is None or before.excesses[own] <= EXCESS:
+        return False
+    likelier = c.bic >= BIC_NEEDED and c.held_out.log_likelihood > before.log_likelihood
+    less = c.held_out.excesses[own] <= (1 - SENSOR_NEEDED) * before.excesses[own]
+    return likelier and less and c.held_out.excess < before.excess
 
 
 def is_hopeful(c: Candidate, before: Judgement) -> bool:

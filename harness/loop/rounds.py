@@ -6,11 +6,10 @@ before that one is judged.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.loop.fit import Fitted, Point
-from harness.loop.held_out import Judgement, leaves_nothing
+from harness.loop.held_out import EXCESS, Judgement, leaves_nothing
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.loop.judges import (
     BIC_NEEDED,
@@ -22,6 +21,7 @@ from harness.loop.judges import (
     is_hopeful,
     lookalikes,
     objections,
+    with_sensor,
 )
 from harness.loop.score import Score, ScoreTest
 from harness.loop.trials import Added, Trials
@@ -43,27 +43,29 @@ _NEAR = 0.5
 """Hypotheses are fitted that promise at least this share of what the best one does."""
 
 
-def run_round(
-    trials: Trials, added: Added, without: list[Fitted], number: int, room: int
-) -> tuple[list[Fitted], Round]:
-    """Try everything once; return fits of the model without addition, the likeliest last, and what was found.
+def attempt(trials: Trials, added: Added, without: list[Fitted], number: int) -> Attempt:
+    """Try everything once.
 
     Args:
         trials: Fits and judges.
         added: What the model has already.
         without: Fits of that model, the likeliest last.
         number: Of the round, to be told.
-        room: How much may be added yet.
     """
-    attempt = _Attempt(trials, added, without, number)
-    again = attempt.run()
-    if again is None:
-        return attempt.without, attempt.decided(room)
-    return run_round(trials, added, [*without, again], number, room)
+    tried = Attempt(trials, added, without, number)
+    again = tried.run()
+    return tried if again is None else attempt(trials, added, [*without, again], number)
 
 
-class _Attempt:
-    """A round from one fit of the model without addition."""
+class Attempt:
+    """A round from one fit of the model without addition.
+
+    Args:
+        trials: Fits and judges.
+        added: What the model has already.
+        without: Fits of that model, the likeliest last.
+        number: Of the round, to be told.
+    """
 
     def __init__(self, trials: Trials, added: Added, without: list[Fitted], number: int) -> None:
         self.trials, self.added, self.without, self.number = trials, added, without, number
@@ -98,7 +100,7 @@ class _Attempt:
         return None
 
     def decided(self, room: int) -> Round:
-        """Return the round with what is added."""
+        """Return the round with what is added, if so much may be added yet."""
         candidates = [self.judged(s) if s.hypothesis in self.fits else self.unfitted(s) for s in self.promised]
         candidates.sort(key=lambda c: (c.fitted is not None, c.bic), reverse=True)
         return decide(tuple(candidates), self.before, room)
@@ -166,7 +168,7 @@ class _Attempt:
         fitted drives alone may reach more than that. Many parameters at once count for nothing here.
         """
         before = self.before
-        if any(not objections(c, before) or is_hopeful(c, before) for c in map(self.judged, self.tried(self.worth))):
+        if any(not objections(c, before) or is_hopeful(c, before) for c in map(self.judged, self.tried())):
             return
         alone = [s for s in self.worth if s.hypothesis.name != ALL_PARAMETERS]
         for s in [s for s in alone if s.hypothesis not in self.fits][:_REFITTED]:
@@ -174,10 +176,21 @@ class _Attempt:
             if not objections(self.judged(s), before):
                 break
 
-    def tried(self, among: Sequence[Score] | None = None) -> list[Score]:
-        """Return what was fitted and is not many parameters at once."""
-        scores = self.promised if among is None else among
-        return [s for s in scores if s.hypothesis in self.fits and s.hypothesis.name != ALL_PARAMETERS]
+    def decided_by_sensor(self, room: int) -> Round:
+        """Return a round in which nothing passed with the best fault of a sensor added, if it clears its own signal.
+
+        Where other signals stray for a reason that has no name, they hide from the judges what acts on one alone.
+        """
+        for column, excess in enumerate(self.before.excesses if room > 0 else ()):
+            own = [s for s in self.promised if s.hypothesis.output == column and self.promise(s) > BIC_NEEDED]
+            if excess > EXCESS and own and own[0].hypothesis not in self.fits:
+                self.fit(own[0])
+        found = self.decided(room)
+        return with_sensor(found) if room > 0 and found.added is None else found
+
+    def tried(self) -> list[Score]:
+        """Return what was fitted and is not many parameters at once, the most promising first."""
+        return [s for s in self.promised if s.hypothesis in self.fits and s.hypothesis.name != ALL_PARAMETERS]
 
     def fit(self, s: Score) -> None:
         """Fit a hypothesis from what its score promises."""

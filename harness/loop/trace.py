@@ -19,7 +19,7 @@ from harness.loop.fit import Fitted, Fitting
 from harness.loop.held_out import HeldOut, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import BIC_NEEDED, Round, with_further
-from harness.loop.rounds import run_round
+from harness.loop.rounds import Attempt, attempt
 from harness.loop.trials import Added, Say, Trials
 from harness.loop.whole import Whole
 
@@ -115,11 +115,11 @@ class _Search:
         added: Added = ()
         rounds: list[Round] = []
         while len(rounds) <= self.rounds:
-            without, found = self._round(added, [best], len(rounds) + 1)
-            best = without[-1]
+            tried = attempt(trials, added, [best], len(rounds) + 1)
+            best = tried.best
             if not added:
-                nominal = min(without, key=lambda f: trials.judge((), f.point).excess)
-            passed = self._further(added, found, len(rounds) + 1)
+                nominal = min(tried.without, key=lambda f: trials.judge((), f.point).excess)
+            passed = self._passed(tried)
             rounds += passed
             if passed[-1].added is None:
                 break
@@ -142,19 +142,20 @@ class _Search:
             trials.judge(kept, best.point),
         )
 
-    def _round(self, added: Added, without: list[Fitted], number: int) -> tuple[list[Fitted], Round]:
-        return run_round(self.trials, added, without, number, self.rounds + 1 - number)
-
-    def _further(self, added: Added, found: Round, number: int) -> list[Round]:
+    def _passed(self, tried: Attempt) -> list[Round]:
         """Return a round; if what it found is hopeful, with the next one if that adds something to it.
 
         Of two effects one may make the error and the other most of the innovations: then neither passes alone.
         """
-        if found.hopeful is None:
-            return [found]
-        assert found.hopeful.fitted is not None
-        _, further = self._round((*added, found.hopeful.hypothesis), [found.hopeful.fitted], number + 1)
-        return [found] if further.added is None else [with_further(found, further), further]
+        room = self.rounds + 1 - tried.number
+        found = tried.decided(room)
+        if found.hopeful is not None:
+            assert found.hopeful.fitted is not None
+            with_it = (*tried.added, found.hopeful.hypothesis)
+            further = attempt(self.trials, with_it, [found.hopeful.fitted], tried.number + 1).decided(room - 1)
+            if further.added is not None:
+                return [with_further(found, further), further]
+        return [found if found.added is not None else tried.decided_by_sensor(room)]
 
     def _backward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
         """Take away what the later additions made superfluous: all but one of them, or one after the other.

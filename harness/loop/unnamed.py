@@ -208,8 +208,8 @@ def find_unnamed(
             return _run(whole, held_out.drives[i], point.values[:, i], there, i, curves, turned)
 
         free = tuple(whole.share(run, range(len(held_out.drives))))
-        error, excess = strayed(held_out.drives, free, held_out.variances)
-        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excess, free, point)
+        error, excesses = strayed(held_out.drives, free, held_out.variances)
+        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excesses, free, point)
         shift = {c.parameter.name: float(point.values[c.row, 0]) for c in moved}
         return Unnamed(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
 

@@ -7,9 +7,9 @@ import numpy as np
 from harness.loop.glance import _certainty
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.loop.judges import Round, decide, is_hopeful, lookalikes, preferred, with_further
+from harness.loop.judges import Candidate, Round, decide, is_hopeful, lookalikes, preferred, with_further, with_sensor
 from harness.loop.outcome import verdict_of
-from harness.loop.rounds import _Attempt
+from harness.loop.rounds import Attempt
 from harness.loop.trace import _Search
 
 
@@ -81,14 +81,48 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
         assert not is_hopeful(candidate(*other), before)
 
 
+def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_passes():
+    """Here 0.2 of the error of all is that of the second signal, and the rest has no name."""
+    before = Judgement(1000.0, np.zeros(2), np.array([17.0, 0.2]), (), None)
+
+    def candidate(name, output, bic, *excesses, likelihood=2000.0, response=(0.0, 1.0)):
+        score = SimpleNamespace(
+            hypothesis=Hypothesis(name, "effect", (name,), output=output), response=(np.array(response),), excited=True
+        )
+        return Candidate(score, SimpleNamespace(coordinates=()), bic, judged(likelihood, *excesses))
+
+    def judged(likelihood, *excesses):
+        return Judgement(likelihood, np.zeros(2), np.array(excesses), (), None)
+
+    def added(*candidates):
+        found = decide(candidates, before, room=1)
+        assert found.added is None
+        return with_sensor(found)
+
+    other = candidate("yaw_moment_control", None, 7000.0, 14.0, 0.2, response=(1.0, 0.0))
+    roll, gain = candidate("accelerometer_roll", 1, 2900.0, 16.9, 0.09), candidate("gain", 1, 2400.0, 17.0, 0.1)
+    found = added(other, roll, gain)
+    assert found.added is roll
+    assert found.confusable == ("accelerometer_roll", "gain")
+    assert added(other).added is None
+    for nothing in (
+        candidate("roll", 1, 2900.0, 16.9, 0.11),  # less than half of it
+        candidate("roll", 1, 40.0, 16.9, 0.09),
+        candidate("roll", 1, 2900.0, 16.9, 0.09, likelihood=900.0),
+        candidate("roll", 1, 2900.0, 17.2, 0.0),  # at the cost of the other signal
+        candidate("offset", None, 2900.0, 16.9, 0.09),  # acts on more than one
+    ):
+        assert added(other, nothing).added is None
+
+
 def round_of(excesses, worth, fitted, before):
     """Return a round in which some hypotheses are worth a fit and some were fitted, with what they leave."""
 
     def judged(excess):
-        return Judgement(-excess, np.zeros(1), excess, (), None)
+        return Judgement(-excess, np.zeros(1), np.array([excess]), (), None)
 
     trials = SimpleNamespace(judge=lambda added, point: judged(before))
-    attempt = _Attempt(trials, (), [SimpleNamespace(point=None)], 1)
+    attempt = Attempt(trials, (), [SimpleNamespace(point=None)], 1)
     attempt.promised = attempt.worth = list(worth)
     attempt.fits = {s.hypothesis: f"fit of {s.hypothesis.name}" for s in fitted}
     attempt.fit = lambda s: attempt.fits.update({s.hypothesis: f"fit of {s.hypothesis.name}"})

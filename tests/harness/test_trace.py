@@ -146,13 +146,23 @@ def test_variances_climb_to_those_of_the_samples():
     assert curvature.values == pytest.approx(50.0, rel=0.1)
 
 
+def test_a_fault_of_one_sensor_knows_its_signal(whole):
+    columns = {h.name: h.output for h in hypotheses(whole, FREE)}
+    outputs = list(whole.model.outputs)
+    for fault, signal in (("sensor_gain@yaw_rate", "yaw_rate"), ("accelerometer_roll", "lateral_acceleration")):
+        assert outputs[columns[fault]] == signal
+    lever_arms = [outputs[c] for name, c in columns.items() if name.startswith("sensor_lever_arm")]
+    assert set(lever_arms) <= {"lateral_acceleration", "lateral_velocity"}
+    assert columns["steering_lag"] is columns["mass"] is None
+
+
 def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole):
     """Each moves within three deviations of its prior, a factor of 1.8; one fitted alone is free of that.
 
     Where they leave nothing they stay, for nothing else explains as much, but the verdict does not believe them.
     """
     many = next(h for h in hypotheses(whole, FREE) if h.name == ALL_PARAMETERS)
-    before = Judgement(0.0, np.zeros(1), 10.0, (), None)
+    before = Judgement(0.0, np.zeros(1), np.array([10.0]), (), None)
 
     def fit(hypothesis, **factors):
         values = whole.neutral()[:, None]
@@ -162,7 +172,7 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole)
 
     def found(hypothesis, excess=1.0, **factors):
         fitted = fit(hypothesis, **factors)
-        held_out = Judgement(1.0, np.zeros(1), excess, (), fitted.point)
+        held_out = Judgement(1.0, np.zeros(1), np.array([excess]), (), fitted.point)
         return objections(Candidate(SimpleNamespace(hypothesis=hypothesis), fitted, 1e3, held_out), before)
 
     assert found(many, mass=1.75, yaw_inertia=0.57) == []
