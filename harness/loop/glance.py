@@ -57,22 +57,24 @@ def _sizes(outcome: Outcome) -> list[str]:
         values = outcome.values[h.name]
         if h.name == ALL_PARAMETERS:
             moved = sorted(values, key=lambda v: -abs(v.value - stated[v.name]) / v.std if v.std else 0.0)[:3]
-            found += [f"{_size(v)}, stated {style.number(scaled(stated[v.name], v.unit)[0])}" for v in moved]
+            found += [f"{_size(v)}, stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" for v in moved]
             continue
         for v in values:
-            was = f", stated {style.number(scaled(stated[v.name], v.unit)[0])}" if v.name in stated else ""
+            was = f", stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" if v.name in stated else ""
             found.append(f"{_size(v)}{was}")
     return found
 
 
 def _size(v: Value) -> str:
-    value, unit = scaled(v.value, v.unit)
-    spread = f" ± {style.number(scaled(v.std, v.unit)[0], 2)}" if math.isfinite(v.std) else ""
+    value, unit = scaled(v.name, v.value, v.unit)
+    spread = f" ± {style.number(scaled(v.name, v.std, v.unit)[0], 2)}" if math.isfinite(v.std) else ""
     return f"{words(v.name.replace('@', ' in '))} {style.number(value)}{spread} {unit}".rstrip()
 
 
-def scaled(value: float, unit: str) -> tuple[float, str]:
-    """Return a parameter in SI units as reports show it, with its unit: angles in degrees."""
+def scaled(name: str, value: float, unit: str) -> tuple[float, str]:
+    """Return a parameter in SI units as reports show it, with its unit: angles in degrees, frequencies in Hz."""
+    if "frequency" in name and unit == "rad/s":
+        return value / (2 * math.pi), "Hz"
     angle = unit == "rad" or unit.startswith("rad/")
     return (math.degrees(value) if angle else value), print_unit(unit.replace("rad", "deg", 1) if angle else unit)
 

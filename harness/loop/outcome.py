@@ -26,6 +26,7 @@ from harness.loop.trials import Say
 from harness.loop.wandering import EXPLAINED, Wandering
 from harness.loop.where import Where, pinpoint_record, unnamed_record, where
 from harness.loop.worth import Worth
+from harness.report.opening import listed
 from harness.report.store import words
 from models.placement import load_effect, ports_of, split
 from models.signals import SIGNALS
@@ -191,14 +192,15 @@ def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     parameters = [h for h in trace.added if h.kind == "parameter"]
     process = found.wandering
     effects = trace.effects if process is None else (*trace.effects, process.hypothesis)
-    named = ", ".join(words(h.name.replace("@", " of ")) for h in effects)
+    names = [words(h.name.replace("@", " of ")) for h in effects]
+    named = listed(names) if names else ""
     wrong = ", ".join(words(h.name) for h in parameters)
     also = f" The stated values of {wrong} were wrong." if parameters else ""
     if far := beyond_belief(trace.final):
         rest = "the rest" if effects else "it"
         also = f" Many stated values would explain {rest}, but wrong by factors that nobody believes: {far}."
     after = final_judgement(trace, found)
-    gap = f" The held-out error beyond the noise of the sensors falls {_fall(trace.before, after)}."
+    gap = _gap(trace.before, after)
     if process is not None:
         gap = (gap if trace.added else "") + _of_a_process(process)
     curves = [] if found.unnamed is None else found.unnamed.words
@@ -208,7 +210,7 @@ def _answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     if verdict == "amended":
         lacking = f"The model lacks {named}." if named else "The model lacks something outside the library."
         return f"{lacking}{unnamed}{also}{gap}"
-    part = f" {named[:1].upper()}{named[1:]} explains part of it." if named else ""
+    part = f" {named[:1].upper()}{named[1:]} explain{'' if len(names) > 1 else 's'} part of it." if named else ""
     closed = gap if named or curves else ""
     return f"Something is missing that no effect of the library explains.{part}{unnamed}{closed}{also}"
 
@@ -220,10 +222,15 @@ def _of_a_process(process: Wandering) -> str:
     )
 
 
-def _fall(before: Judgement, after: Judgement) -> str:
-    if not math.isfinite(before.excess) or before.excess <= 0:
-        return "to where the model stays in its range"
-    return f"by {100 * max(0.0, 1 - math.sqrt(after.excess / before.excess)):.0f} %"
+def _gap(before: Judgement, after: Judgement) -> str:
+    """Say what becomes of the error of the model alone."""
+    if math.isinf(before.excess):
+        now = "still does" if math.isinf(after.excess) else "no longer does"
+        return f" Refitted alone, the model left the range in which it holds on the held-out drives; it {now}."
+    if before.excess <= 0 or after.excess >= before.excess:
+        return " The held-out error does not fall."
+    fall = 100 * (1 - math.sqrt(after.excess / before.excess))
+    return f" The held-out error beyond the noise of the sensors falls by {fall:.0f} %."
 
 
 def _judged(trace: Trace) -> tuple[Judged, ...]:

@@ -91,7 +91,7 @@ def _found(outcome: Outcome) -> list[Block]:
             moved = abs(v.value - stated) > 3 * v.std if math.isfinite(stated) else True
             if h.name == ALL_PARAMETERS and not moved:
                 continue
-            (was, unit), (now, _), (spread, _) = (scaled(x, v.unit) for x in (stated, v.value, v.std))
+            (was, unit), (now, _), (spread, _) = (scaled(v.name, x, v.unit) for x in (stated, v.value, v.std))
             row = [called(h.name), words(v.name.replace("@", " in ")), unit]
             rows.append([*row, style.number(was), style.number(now, 4), style.number(spread)])
     header = ["addition", "parameter", "unit", "stated", "found", "std. error"]
@@ -164,7 +164,7 @@ def _excitation(outcome: Outcome) -> list[Block]:
             hidden.append(called(c.hypothesis.name))
             continue
         for name, error in zip(c.hypothesis.amplitudes, c.score.error, strict=True):
-            least, unit = scaled(3 * error, parameters[name].unit)
+            least, unit = scaled(name, 3 * error, parameters[name].unit)
             rows.append([called(c.hypothesis.name), words(name), unit, style.number(least)])
     said = f"These drives cannot show at all: {', '.join(hidden)}." if hidden else "These drives show every effect."
     caption = "Smallest size that these drives would show with three standard errors, everything fitted adjusting."

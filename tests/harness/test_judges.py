@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from harness.loop.glance import _certainty
+from harness.loop.glance import _certainty, scaled
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import Candidate, Round, decide, is_hopeful, lookalikes, preferred, with_further, with_sensor
-from harness.loop.outcome import verdict_of
+from harness.loop.outcome import _gap, verdict_of
 from harness.loop.rounds import Attempt
 from harness.loop.trace import _Search
 
@@ -214,3 +214,19 @@ def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
     assert verdict_of(named(177.0, 0.06), found, False) == "amended"
     assert verdict_of(named(4.0, 0.06), found, False) == "unresolved"
     assert verdict_of(named(4.0, 0.05), found, False) == "amended"  # within the noise of the sensors
+
+
+def test_the_answer_tells_what_becomes_of_the_error():
+    def gap(before, after):
+        excesses = (np.array([before]), np.array([after]))
+        return _gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in excesses))
+
+    assert gap(4.0, 1.0) == " The held-out error beyond the noise of the sensors falls by 50 %."
+    assert gap(4.0, 4.0) == gap(0.0, 0.0) == " The held-out error does not fall."
+    assert gap(np.inf, 4.0).endswith("left the range in which it holds on the held-out drives; it no longer does.")
+    assert gap(np.inf, np.inf).endswith("; it still does.")
+
+
+def test_frequencies_are_shown_in_hertz_and_rates_in_degrees():
+    assert scaled("roll_frequency", 2 * np.pi, "rad/s") == (1.0, "Hz")
+    assert scaled("sensor_bias_yaw_rate", np.pi, "rad/s") == (180.0, "°/s")
