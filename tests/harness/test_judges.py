@@ -144,6 +144,27 @@ def test_many_parameters_are_not_fitted_where_something_alone_leaves_nothing():
     assert not settled()
 
 
+def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
+    """Of three signals the last one is as it should be; promises are in units of BIC, 50 of which are needed."""
+    gains = {"roll": (1, 900.0), "gain": (1, 800.0), "bias": (2, 700.0), "lag": (None, 600.0), "delay": (0, 40.0)}
+    scores = [
+        SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,), output=output), gain=gain, freedom=1.0)
+        for n, (output, gain) in gains.items()
+    ]
+    before = Judgement(0.0, np.zeros(3), np.array([17.0, 0.2, 0.01]), (), None)
+    trials = SimpleNamespace(judge=lambda added, point: before, bic=lambda gain, freedom: gain)
+
+    def fitted(room):
+        attempt = Attempt(trials, (), [SimpleNamespace(point=None)], 1)
+        attempt.promised, tried = scores, []
+        attempt.fit = lambda s: tried.append(s.hypothesis.name)
+        assert attempt.decided_by_sensor(room).added is None  # nothing was fitted indeed
+        return tried
+
+    assert fitted(room=1) == ["roll"]
+    assert fitted(room=0) == []
+
+
 def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
     excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 250.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
     worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
