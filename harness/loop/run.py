@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import xarray as xr
 from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
@@ -80,18 +82,27 @@ def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = 
     for note in notes:
         console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
-    with threadpool_limits(1), console.status("compiling the library of effects") as status:
+    with threadpool_limits(1), _progress(console) as say:
         whole = whole or whole_of(task)
         fitted, held_out = drives_of(task, whole)
-        found = trace(whole, fitted, held_out, task.free, status.update, task.rounds, task.stated_noise)
-        outcome = replace(outcome_of(found, status.update), notes=notes)
-        tried = estimators_on(found, outcome.amended, task.test, task.estimators, status.update)
+        found = trace(whole, fitted, held_out, task.free, say, task.rounds, task.stated_noise)
+        outcome = replace(outcome_of(found, say), notes=notes)
+        tried = estimators_on(found, outcome.amended, task.test, task.estimators, say)
         outcome = replace(outcome, estimators=tried)
         write_outcome(outcome, folder)
         if task.study is not None:
-            outcome = _with_worth(task, outcome, folder, status.update)
+            outcome = _with_worth(task, outcome, folder, say)
             write_outcome(outcome, folder)
     return outcome
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[Callable[[str], None]]:
+    """Show what is being tried and for how long; how many rounds there will be nobody knows, so the bar has no end."""
+    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("compiling the library of effects", total=None)
+        yield lambda what: progress.update(task, description=what)
 
 
 def whole_of(task: Task) -> Whole:
@@ -107,10 +118,10 @@ def run_changes(task: Task, console: Console) -> Changes:
         UserError, ModelError: If recordings and model do not fit each other.
     """
     refuse_recordings(task.train + task.test, task.spec.model())
-    with threadpool_limits(1), console.status("compiling the library of effects") as status:
+    with threadpool_limits(1), _progress(console) as say:
         whole = whole_of(task)
         fitted, held_out = drives_of(task, whole)
-        return single_changes(whole, fitted, held_out, task.stated_noise, status.update)
+        return single_changes(whole, fitted, held_out, task.stated_noise, say)
 
 
 def drives_of(task: Task, whole: Whole) -> tuple[list[Drive], list[Drive]]:
