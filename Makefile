@@ -77,8 +77,8 @@ lint: $(VENV)/dev.stamp ## ruff and mypy
 attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, REPEATS, JOBS)
 	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/attribution
 
-attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution (PAGE and MAGNITUDES: of another page)
-	$(BIN)/python -m bench.attribution.renew results/attribution/attribution.json $(if $(PAGE),--page $(PAGE)) $(if $(MAGNITUDES),--magnitudes $(MAGNITUDES))
+attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
+	$(BIN)/python -m bench.attribution.renew results/attribution/attribution.json
 
 bench: $(VENV)/dev.stamp ## print the speed table
 	$(BIN)/python -m bench

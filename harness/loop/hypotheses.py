@@ -95,7 +95,7 @@ def _only_output(whole: Whole, name: str) -> int | None:
         return None
     read = {port.removeprefix("sensor_").replace("{body}", suffix(place)) for port in ports_of(effect)}
     read = {place} if place_of(effect) == "output" else read
-    columns = [i for i, output in enumerate(whole.model.outputs) if output in read]
+    columns = [i for i, output in enumerate(whole.nominal.outputs) if output in read]
     return columns[0] if len(columns) == 1 else None
 
 

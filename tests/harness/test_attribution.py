@@ -14,7 +14,19 @@ from bench.attribution.oracle import free_parameters, true_hypotheses, write_ora
 from bench.attribution.renew import BEGIN, END, renewed
 from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
 from bench.attribution.score import FAILED, load, score, text
-from bench.attribution.tables import alarms, confusion, effects, kinds, matrix, numbers, ratio, share, smallest, wilson
+from bench.attribution.tables import (
+    alarms,
+    confusion,
+    effects,
+    kinds,
+    matrix,
+    numbers,
+    ratio,
+    share,
+    smallest,
+    tables,
+    wilson,
+)
 from harness.errors import UserError
 from harness.loop.held_out import EXCESS
 from harness.loop.run import whole_of
@@ -246,22 +258,25 @@ def test_a_ratio_is_written_with_two_digits_and_no_exponent():
     assert ratio([np.nan]) == "–"
 
 
-def test_a_page_may_show_some_magnitudes_only(several, tmp_path, monkeypatch, capsys):
-    (tmp_path / "attribution.json").write_text(text(several))
-    monkeypatch.setattr(renew, "DOCS", tmp_path)
-    page = tmp_path / "attribution-sizes.md"
+def test_the_page_of_the_proof_is_renewed_with_its_figures(several, tmp_path, monkeypatch, capsys):
+    results, page = tmp_path / "attribution.json", tmp_path / "attribution.md"
+    results.write_text(text(several))
     page.write_text(f"Why.\n{BEGIN}\n{END}\n")
-    given = [str(tmp_path / "attribution.json"), "--page", page.name, "--magnitudes", "small", "large"]
-    assert not renew.main(given)
+    monkeypatch.setattr(renew, "PAGE", page)
+    assert not renew.main([str(results)])
     found = page.read_text()
+    assert found.startswith("Why.")
     assert "| effect small | 1 of 2, 50 %" in found
-    assert "medium" not in found.replace("| effect | small | medium | large |", "")
+    assert "(attribution/shares-semitrailer.svg)" in found
+    assert (tmp_path / "attribution" / "shares-semitrailer.svg").exists()
+    assert renew.main([str(tmp_path / "nowhere.json")]) == 2
+    assert "there is no such file" in capsys.readouterr().err
+
+
+def test_tables_without_cases_are_left_out(several):
+    found = tables([s for s in several if s.magnitude in ("small", "large")])
     assert "Against what is asked" not in found
     assert "False alarms" not in found
-    assert "(attribution-sizes/shares-semitrailer.svg)" in found
-    assert (tmp_path / "attribution-sizes" / "shares-semitrailer.svg").exists()
-    assert renew.main([given[0], "--page", "nowhere.md"]) == 2
-    assert "there is no such page" in capsys.readouterr().err
 
 
 def test_cases_are_chosen_by_vehicle_and_magnitude():
