@@ -44,7 +44,7 @@ def test_where_nothing_changed_nothing_is_found(whole):
 
 
 def test_a_change_that_does_not_carry_over_is_none(geared):
-    worse = dataclasses.replace(geared.tried[0].held_out, excess=0.9 * geared.before.excess)
+    worse = dataclasses.replace(geared.tried[0].held_out, excesses=0.9 * geared.before.excesses)
     first = dataclasses.replace(geared.tried[0], held_out=worse)
     assert dataclasses.replace(geared, tried=(first, *geared.tried[1:])).found is None
 
