@@ -48,8 +48,12 @@ class Judgement:
 
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
-    """Whether a model strays no further than the noise of the sensors, or just a little of what another one does."""
-    return after.excess <= max(EXCESS, LITTLE * before.excess)
+    """Whether a model strays no further than the noise of the sensors, or just a little of what another one does.
+
+    Of one that leaves its range there is no little.
+    """
+    little = LITTLE * before.excess if np.isfinite(before.excess) else 0.0
+    return after.excess <= max(EXCESS, little)
 
 
 class HeldOut:

@@ -112,7 +112,7 @@ def with_sensor(found: Round) -> Round:
 
 
 def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
-    """Whether a fault of one sensor takes away half of the error of its signal, and no other signal's grows for it."""
+    """Whether a fault of one sensor takes away half of the error of its signal, while that of all does not grow."""
     own = c.hypothesis.output
     if own is None or c.held_out is None or before.excesses[own] <= EXCESS:
         return False

@@ -276,12 +276,13 @@ def record(outcome: Outcome) -> dict[str, Any]:
         "notes": list(outcome.notes),
         "residual": _residual(outcome, outputs),
         "pinpoint": pinpoint_record(outcome.where),
-        "candidates": [_candidate(c, n) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
+        "candidates": [_candidate(c, n, outputs) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
         "added": [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
         "parameters": [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
         "unnamed": unnamed_record(outcome.where.unnamed),
         "rounds": [
             {
+                "held_out_excess_by_output": _by_output(r.before, outputs),
                 "added": r.added.hypothesis.name if r.added else None,
                 "reason": r.reason,
                 "confusable": list(r.confusable),
@@ -348,7 +349,7 @@ def _residual(outcome: Outcome, outputs: list[str]) -> dict[str, Any]:
     }
 
 
-def _candidate(c: Candidate, number: int) -> dict[str, Any]:
+def _candidate(c: Candidate, number: int, outputs: list[str]) -> dict[str, Any]:
     h = c.hypothesis
     return {
         "round": number,
@@ -359,8 +360,13 @@ def _candidate(c: Candidate, number: int) -> dict[str, Any]:
         "fitted": c.fitted is not None,
         "held_out_log_likelihood": _number(c.held_out.log_likelihood) if c.held_out else None,
         "held_out_excess": _number(c.held_out.excess) if c.held_out else None,
+        "held_out_excess_by_output": _by_output(c.held_out, outputs) if c.held_out else None,
         "detectable": {a: _number(3.0 * e) for a, e in zip(h.amplitudes, c.score.error, strict=True)},
     }
+
+
+def _by_output(judged: Judgement, outputs: list[str]) -> dict[str, float | None]:
+    return dict(zip(outputs, map(_number, judged.excesses), strict=True))
 
 
 def _added(h: Hypothesis, outcome: Outcome) -> dict[str, Any]:

@@ -14,6 +14,7 @@ Say = Callable[[str], None]
 Added = tuple[Hypothesis, ...]
 
 ITERATIONS = 8
+"""Most steps of the parameters in a turn of a fit."""
 
 _CLOSE = 500.0
 """Lead in log-likelihood from which on a model without something need not be fitted to the end."""

@@ -1,7 +1,7 @@
 """Climb the likelihood along logarithms of variances, of which no derivatives are at hand.
 
 Eight candidates cost one run of the filter, so differences are cheap: each step is Newton's with the diagonal of the
-Hessian, from central differences along every logarithm, and the best of several lengths of it.
+Hessian, from differences along every logarithm, and the best of several lengths of it.
 """
 
 from __future__ import annotations

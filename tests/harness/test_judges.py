@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from harness.loop.glance import _certainty, scaled
-from harness.loop.held_out import Judgement
+from harness.loop.held_out import Judgement, leaves_nothing
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import Candidate, Round, decide, is_hopeful, lookalikes, preferred, with_further, with_sensor
 from harness.loop.outcome import _gap, verdict_of
@@ -246,6 +246,15 @@ def test_the_answer_tells_what_becomes_of_the_error():
     assert gap(4.0, 4.0) == gap(0.0, 0.0) == " The held-out error does not fall."
     assert gap(np.inf, 4.0).endswith("left the range in which it holds on the held-out drives; it no longer does.")
     assert gap(np.inf, np.inf).endswith("; it still does.")
+
+
+def test_a_model_that_left_its_range_makes_nothing_little():
+    def judged(excess):
+        return Judgement(0.0, np.zeros(1), np.array([excess]), (), None)
+
+    assert leaves_nothing(judged(0.9), judged(100.0))
+    assert not leaves_nothing(judged(0.9), judged(np.inf))
+    assert leaves_nothing(judged(0.04), judged(np.inf))
 
 
 def test_frequencies_are_shown_in_hertz_and_rates_in_degrees():
