@@ -29,35 +29,65 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib
 import importlib.util
 import inspect
 import os
+import re
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numba
 import numpy as np
+from numba.core.dispatcher import Dispatcher
+from numba.extending import _Intrinsic
 
-from harness import dual_lanes, dual_math, lane_algebra, lane_gather, lane_math, lane_random, lanes
+from harness import dual_lanes, dual_math, lane_math, lanes
+from harness import kernel as kernel_names
 from harness.emit import constants_kernel, kernel, matrix, vector
 from harness.equations import Equations, derive
 from harness.errors import UserError
 from harness.integrate import step_source, work_size
+from harness.kernel_source import JIT, Kernel, kernel_source
+from harness.sources import digest, is_own
 from models.assemble import Model
+from models.contracts import ModelError
 
 INTEGRATORS = ("euler", "heun", "rk4")
 
-HEADER = """\
+HEADER = f"""\
 import numpy as np
 from numba import njit
-from harness.lanes import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
-from harness.lane_math import atan, cos, exp, log, maximum, minimum, sign, sin, tan, tanh
+from {lanes.__name__} import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
+from {lane_math.__name__} import atan, cos, exp, log, maximum, minimum, sign, sin, tan, tanh
 
-jit = njit(cache=True, nogil=True, error_model="numpy")
+{JIT}
 """
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Other numbers for the same kernels.
+
+    Attributes:
+        modules: Which module the numbers come from in place of another.
+        any_code: Whether machine code written for the first numbers (intrinsics) holds for these as well.
+    """
+
+    modules: Mapping[ModuleType, ModuleType]
+    any_code: bool
+
+
+DUALS = Exchange({lanes: dual_lanes, lane_math: dual_math, kernel_names: kernel_names}, any_code=False)
+
+_FROM = re.compile(r"^from[ \t]+(\.*[\w.]*)[ \t]+import\b", re.MULTILINE)
+_WHOLE = re.compile(r"^import[ \t]+([\w.]+)", re.MULTILINE)
+_generated: set[str] = set()
 
 
 def cache_folder() -> Path:
@@ -69,11 +99,14 @@ def cache_folder() -> Path:
 def load_source(stem: str, source: str) -> ModuleType:
     """Write generated source to the cache under ``<stem>_<hash>.py`` and import it.
 
-    The hash covers the source, the modules it calls and the compiler's version, because numba's own cache
+    The hash covers the source, the modules it imports and the compiler's version, because numba's own cache
     looks at the time stamp of the calling file only.
     """
-    digest = hashlib.sha256((_toolchain() + source).encode()).hexdigest()[:16]
-    name = f"{stem}_{digest}"
+    homes = {_module(name) for pattern in (_FROM, _WHOLE) for name in pattern.findall(source)}
+    own = sorted((h for h in homes if h and is_own(h) and h.__name__ not in _generated), key=lambda h: h.__name__)
+    covered = "\n".join([numba.__version__, np.__version__, digest(own), source])
+    name = f"{stem}_{hashlib.sha256(covered.encode()).hexdigest()[:16]}"
+    _generated.add(name)
     if name in sys.modules:
         return sys.modules[name]
     folder = cache_folder()
@@ -97,21 +130,74 @@ def load_source(stem: str, source: str) -> ModuleType:
     return module
 
 
+def _module(name: str, package: str = "") -> ModuleType | None:
+    """Return a module by the name that a statement imports it by; ``None`` if it is none."""
+    try:
+        return importlib.import_module(importlib.util.resolve_name(name, package))
+    except ImportError:
+        return None
+
+
+def written_over(source: str, exchange: Exchange, package: str = "") -> str:
+    """Return the source of a module of kernels that takes its numbers from other modules.
+
+    What is written over the exchanged modules, such as linear algebra, is itself generated anew, whatever its name.
+
+    Args:
+        source: Statements ``from module import names`` at the margin are looked at.
+        exchange: What is taken in place of what.
+        package: Against which relative imports are resolved.
+
+    Raises:
+        ModelError: If it imports machine code that does not hold for the other numbers.
+    """
+    homes = {name: home for name in set(_FROM.findall(source)) if (home := _module(name, package)) and is_own(home)}
+    others = {name: _counterpart(home, exchange) for name, home in homes.items()}
+    if others == homes:
+        return source
+    return _FROM.sub(
+        lambda found: f"from {others[found[1]].__name__} import" if found[1] in others else found[0], source
+    )
+
+
+def _counterpart(home: ModuleType, exchange: Exchange) -> ModuleType:
+    """Return what stands for a module once others are exchanged; itself, if it is not written over them."""
+    if home in exchange.modules:
+        return exchange.modules[home]
+    written_here = [v for v in vars(home).values() if getattr(v, "__module__", None) == home.__name__]
+    has_code = any(isinstance(v, _Intrinsic) for v in written_here)
+    if home in exchange.modules.values() or not (has_code or any(isinstance(v, Dispatcher) for v in written_here)):
+        return home
+    source, spec = inspect.getsource(home), home.__spec__
+    written = written_over(source, exchange, spec.parent or "" if spec else "")
+    if written == source:
+        return home
+    if has_code and not exchange.any_code:
+        raise ModelError(f"{home.__file__}: it writes machine code for plain lanes; no kernel can use it over duals")
+    return load_source(home.__name__.rpartition(".")[2], written)
+
+
 def over_duals(source: str) -> str:
     """Return the same module over dual numbers, whose kernels carry derivatives (``harness.dual_lanes``)."""
-    texts = "".join(inspect.getsource(m) for m in (dual_lanes, dual_math))
-    exchanged = {"harness.lanes": "harness.dual_lanes", "harness.lane_math": "harness.dual_math"}
-    if "from harness.lane_algebra" in source:
-        exchanged["harness.lane_algebra"] = load_source("algebra", over_duals(inspect.getsource(lane_algebra))).__name__
-    for plain, dual in exchanged.items():
-        source = source.replace(f"from {plain} import", f"from {dual} import")
-    return f"{source}\n# over dual numbers {hashlib.sha256(texts.encode()).hexdigest()[:16]}\n"
+    return written_over(source, DUALS)
 
 
-@functools.cache
-def _toolchain() -> str:
-    texts = [inspect.getsource(m) for m in (lanes, lane_math, lane_algebra, lane_gather, lane_random)]
-    return "\n".join([numba.__version__, np.__version__, *texts])
+def paste(
+    compiled: CompiledModel, stem: str, functions: Sequence[Kernel], given: Mapping[Any, Any] | None = None
+) -> str:
+    """Return the source of a module that runs functions on a compiled model's kernels, over the same numbers.
+
+    Args:
+        compiled: The model.
+        stem: What the module does.
+        functions: Ordinary functions; those they call come with them.
+        given: What their stand-ins stand for, beside the names of the model.
+
+    Raises:
+        ModelError: If a function uses a name that is nowhere found.
+    """
+    source = kernel_source(f"{stem} on {compiled.kernels.__name__}", functions, compiled.kernels, given)
+    return over_duals(source) if compiled.duals else source
 
 
 class CompiledModel:

@@ -33,16 +33,13 @@ Three flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the 
 ``LINEAR`` (holds the model for linear, so it need not follow any other) and ``MONTE_CARLO`` (results scatter with the
 seed).
 
-Every other function of the file is a kernel the two may call, and so is every function of a file it imports one
-from, if that file's name begins with an underscore (what several estimators share). Kernels are compiled from
-their source behind the kernels of the model the estimator believes in (``harness.kernel`` lists the names they may
-use).
+A kernel may call any function that its file defines or imports by name, such as those that several estimators share;
+they are compiled with it from their source, behind the kernels of the model the estimator believes in
+(``harness.kernel`` lists the names that these offer, ``harness.kernel_source`` says what else may be used).
 """
 
 from __future__ import annotations
 
-import inspect
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -56,17 +53,16 @@ from pydantic import BaseModel, ConfigDict
 from scipy import stats
 
 from harness import loops
-from harness.compile import CompiledModel, load_source
+from harness.compile import CompiledModel, load_source, paste
 from harness.errors import UserError
 from harness.kernel import Belief, Info, State
+from harness.kernel_source import Kernel
 from harness.lanes import LANES
-from harness.simulate import paste
 from models import registry
 
 Floats = NDArray[np.float64]
 
 EXPORTS = ("workspace", "step")
-_NOT_KERNELS = {"tuning", "memory_size", "fit", "estimates", "first_memory"}
 
 NEES_EVERY = 10
 """Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
@@ -167,7 +163,7 @@ class Estimator:
         else:
             size = int(file.memory_size(compiled.nx, compiled.ny))
             self._first_memory = lambda seeds: np.zeros((size, LANES))
-        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [*kernels_of(file), *loops.ESTIMATION]))
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [loops.estimate], kernels_of(file)))
         valid = compiled.model.valid
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
@@ -265,13 +261,13 @@ class Estimator:
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 
 
-def kernels_of(file: SimpleNamespace) -> list[Any]:
-    """Return the functions of an estimator's file that are compiled, after those of the files it shares."""
-    functions = [f for name, f in vars(file).items() if inspect.isfunction(f) and name not in _NOT_KERNELS]
-    shared = dict.fromkeys(f.__module__ for f in functions if f.__module__.startswith("harness.estimators._"))
-    owned = [f for name in shared for f in vars(sys.modules[name]).values() if inspect.isfunction(f)]
-    homes = (loops.__name__, *shared, file.__name__)
-    return list(dict.fromkeys(f for f in (*owned, *functions) if f.__module__ in homes))
+def kernels_of(file: SimpleNamespace) -> dict[Any, Kernel]:
+    """Return the kernels of an estimator's file by what stands for them in the loops over time."""
+    return {
+        loops.workspace: file.workspace,
+        loops.step: file.step,
+        loops.write_covariance: file.write_covariance,
+    }
 
 
 def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) -> Scores:

@@ -1,12 +1,13 @@
 """The names an estimator's kernels may use.
 
-An estimator file writes its kernels as ordinary functions that import from here. ``harness.estimate`` pastes
+An estimator file writes its kernels as ordinary functions that import from here. ``harness.kernel_source`` puts
 their source behind the compiled kernels of a model, which defines these names for that model. Here they only
 make the file importable, so that editors, linters and readers know what they are.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from harness.lane_algebra import (
@@ -26,13 +27,30 @@ from harness.lane_random import next_words, normal_pair, uniform
 from harness.lanes import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
 
 __all__ = [
-    "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "SEEN_STATES", "Belief", "Info", "State", "absolute",
+    "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "SEEN_STATES", "Belief", "Info", "StandIn", "State",
+    "absolute",
     "any_of", "atan", "central_differences", "cholesky", "cos", "cross_covariance", "deviations", "exp", "floor",
     "gather", "get", "is_nan", "log", "mahalanobis", "maximum", "minimum", "next_covariance", "next_jacobian",
     "next_state", "next_words", "normal_pair", "outer_sum", "output", "output_jacobian", "put", "scalar_updates",
     "select", "sigma_mean", "sigma_update", "sign", "signals", "signals_jacobian", "sin", "splat", "sqrt", "tan",
     "tanh", "uniform",
 ]  # fmt: skip
+
+
+class StandIn:
+    """What a compiled module defines; outside it, it only makes a file importable.
+
+    Args:
+        what: Its name in the compiled module, or a function of that name whose docstring says what it does.
+    """
+
+    def __init__(self, what: str | Callable[..., Any]) -> None:
+        self.name = what if isinstance(what, str) else what.__name__
+        self.__doc__ = f"``{self.name}`` of the compiled module." if isinstance(what, str) else what.__doc__
+
+    def __call__(self, *_: Any) -> Any:
+        """Refuse: outside compiled modules there is nothing to call."""
+        raise RuntimeError(f"'{self.name}' exists in compiled modules only; see harness.kernel_source")
 
 
 class State(NamedTuple):
@@ -85,12 +103,8 @@ class Info(NamedTuple):
     repairs: Any
 
 
-def _compiled_only(*_: Any) -> Any:
-    raise RuntimeError("this name exists in compiled estimators only; see harness.estimate.compile_estimator")
-
-
-NX = NU = NY = NS = NW = 0
-OUTPUTS_ARE_LINEAR = False
-SEEN_STATES = None
-next_state = next_jacobian = next_covariance = _compiled_only
-output = output_jacobian = signals = signals_jacobian = _compiled_only
+NX, NU, NY, NS, NW = (StandIn(n) for n in ("NX", "NU", "NY", "NS", "NW"))
+OUTPUTS_ARE_LINEAR, SEEN_STATES = StandIn("OUTPUTS_ARE_LINEAR"), StandIn("SEEN_STATES")
+next_state, next_jacobian, next_covariance = StandIn("next_state"), StandIn("next_jacobian"), StandIn("next_covariance")
+output, output_jacobian = StandIn("output"), StandIn("output_jacobian")
+signals, signals_jacobian = StandIn("signals"), StandIn("signals_jacobian")

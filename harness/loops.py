@@ -14,8 +14,8 @@ from harness.kernel import (
     NW,
     NX,
     NY,
-    Belief,
     Info,
+    StandIn,
     State,
     cholesky,
     get,
@@ -188,20 +188,15 @@ def keep(state, u, belief, s, slopes, kept):
         put(sqrt(select(variance < 0.0, 0.0, variance)), kept, 1, a)
 
 
+@StandIn
 def workspace():
     """Stand in for the estimator's own function of this name."""
-    raise RuntimeError("defined by the estimator")
 
 
+@StandIn
 def step(before, u_before, u, y, belief, work, after, info):
     """Stand in for the estimator's own function of this name."""
-    raise RuntimeError("defined by the estimator")
 
 
 def write_covariance(state, work):
     """Stand for the function of an estimator whose ``step`` does not write the covariance: there is nothing to do."""
-
-
-SIMULATION = (outside, simulate)
-ESTIMATION = (outside, score_targets, score_information, score_covariance, keep, estimate)
-TYPES = (State, Belief, Info)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from harness import loops
-from harness.compile import CompiledModel, compile_model, load_source, over_duals
+from harness.compile import CompiledModel, compile_model, load_source, paste
 from harness.errors import UserError
 from harness.lanes import LANES
 from models.assemble import Model
@@ -41,22 +40,6 @@ class Batch:
     left_at: Floats
 
 
-def paste(compiled: CompiledModel, stem: str, functions: Sequence[object], constants: str = "") -> str:
-    """Return the source of a module that runs ``functions`` on a compiled model's kernels, over the same numbers."""
-    bodies = "\n\n\n".join("@jit\n" + inspect.getsource(f) for f in functions)  # type: ignore[arg-type]
-    source = (
-        f'"""{stem} on {compiled.kernels.__name__}; generated."""\n'
-        f"from {compiled.kernels.__name__} import *\n"
-        "from harness.kernel import Belief, Info, State\n"
-        "from harness.lane_algebra import central_differences, cholesky, cross_covariance, deviations, mahalanobis\n"
-        "from harness.lane_algebra import outer_sum, scalar_updates, sigma_mean, sigma_update\n"
-        "from harness.lane_gather import gather\n"
-        "from harness.lane_random import next_words, normal_pair, uniform\n"
-        f"{constants}\n\n\n{bodies}\n"
-    )
-    return over_duals(source) if compiled.duals else source
-
-
 class Simulator:
     """A compiled plant and the loop over time around it.
 
@@ -66,7 +49,7 @@ class Simulator:
 
     def __init__(self, compiled: CompiledModel) -> None:
         self.compiled = compiled
-        source = paste(compiled, "simulate", loops.SIMULATION)
+        source = paste(compiled, "simulate", [loops.simulate])
         self._run = load_source("simulate", source).simulate
         valid = compiled.model.valid
         self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.compile import compile_model, load_source
+from harness.compile import compile_model, load_source, paste
 from harness.configure import ModelSpec
 from harness.estimate import Estimator
 from harness.identify.recordings import Drive
 from harness.kernel import LANES, NW, NX, NY, get, next_state, output, put, splat
 from harness.lanes import LANES as WIDTH
-from harness.simulate import in_lanes, paste
+from harness.simulate import in_lanes
 from harness.smooth import Transitions, run_filter, transitions
 
 Floats = NDArray[np.float64]
@@ -114,7 +114,7 @@ class Expecter:
         self.compiled, self._duals = compile_model(*shape), compile_model(*shape, duals=True)
         settings = {"particles": particles, "resampling": "stratified", "threshold": 1.0}
         self._filter = Estimator("particle", self.compiled, settings)
-        source = paste(self._duals, "expectation", (squared_residuals,))
+        source = paste(self._duals, "expectation", [squared_residuals])
         self._kernel = load_source("expectation", source).squared_residuals
         self._values = self.compiled.parameter_vector(spec.values)
         names, states = spec.model().parameter_names, spec.model().states

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from harness.compile import CompiledModel, compile_model, load_source
+from harness.compile import CompiledModel, compile_model, load_source, paste
 from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.estimate import kernels_of, load_estimator
@@ -26,7 +26,6 @@ from harness.identify import kernels
 from harness.identify.recordings import Drive, drive_from, step_of
 from harness.kernel import Belief
 from harness.lanes import LANES
-from harness.simulate import paste
 from models.registry import closest
 
 Floats = NDArray[np.float64]
@@ -134,17 +133,15 @@ class Innovations:
         self.spec, self.model = spec, spec.model()
         self.jobs = jobs or os.cpu_count() or 1
         file = load_estimator(kind)
-        functions = kernels_of(file)
         self.compiled, self.duals = (
             compile_model(self.model, spec.step, spec.integrator, spec.substeps, duals=duals) for duals in (False, True)
         )
         self.tuning = np.array(file.tuning(file.Settings(), self.compiled.nx, self.compiled.ny), dtype=float)
 
         def loop(compiled: CompiledModel, note: Callable[..., None], *more: Callable[..., None]) -> ModuleType:
-            extra = "from harness import lanes as plain\nfrom harness.dual_lanes import tangent_of, value_of\n"
-            pasted = [*functions, note, *more, *kernels.LOOP]
-            source = paste(compiled, f"innovations_{kind}", pasted, extra)
-            return load_source(f"innovations_{kind}", f"{source}\nnote = {note.__name__}\n")
+            given = {**kernels_of(file), kernels.note: note}
+            source = paste(compiled, f"innovations_{kind}", [kernels.innovate, *more], given)
+            return load_source(f"innovations_{kind}", source)
 
         self._plain = loop(self.compiled, kernels.note_gain, kernels.run_free)
         self._slopes = loop(self.duals, kernels.note_slopes, kernels.follow)

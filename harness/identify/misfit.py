@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.compile import CompiledModel, load_source
+from harness.compile import CompiledModel, load_source, paste
 from harness.errors import UserError
 from harness.identify.recordings import Drive
 from harness.kernel import LANES, NW, NX, NY, any_of, get, next_state, output, put, select, splat
 from harness.loops import outside
-from harness.simulate import paste
 from models.registry import closest
 
 Floats = NDArray[np.float64]
@@ -117,7 +116,7 @@ class Misfit:
     ) -> None:
         self.compiled, self.free, self.drives, self.jobs = compiled, tuple(free), tuple(drives), jobs
         _check(compiled, self.free, self.drives)
-        self._kernel = load_source("misfit", paste(compiled, "misfit", (outside, squared_errors))).squared_errors
+        self._kernel = load_source("misfit", paste(compiled, "misfit", [squared_errors])).squared_errors
         valid = compiled.model.valid
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         names = compiled.model.parameter_names

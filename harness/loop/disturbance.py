@@ -8,7 +8,6 @@ model the answers are those of a Kalman filter and smoother whose state holds th
 from __future__ import annotations
 
 import functools
-import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -16,18 +15,16 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.compile import HEADER, load_source
-from harness.identify.kernels import fill
+from harness.compile import load_source, paste
 from harness.identify.recordings import Drive
+from harness.kernel_source import kernel_source
 from harness.lanes import LANES
 from harness.loop import disturbance_kernels as kernels
 from harness.loop.channels import Channel
 from harness.loop.whole import Pass, Whole
-from harness.simulate import paste
 
 Floats = NDArray[np.float64]
 
-_NAMES = "from harness import lanes as plain\nfrom harness.dual_lanes import tangent_of, value_of, with_tangent\n"
 _PROBED = 200
 """Samples at which it is looked which states of effects matter."""
 
@@ -125,8 +122,7 @@ def _notes(samples: int, ny: int, n: int) -> tuple[Floats, ...]:
 
 @functools.cache
 def _loops() -> ModuleType:
-    bodies = "\n\n\n".join("@jit\n" + inspect.getsource(f) for f in kernels.PLAIN)
-    return load_source("disturbance", f"{HEADER}\n\n{bodies}\n")
+    return load_source("disturbance", kernel_source("disturbance", kernels.PLAIN))
 
 
 def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
@@ -141,7 +137,7 @@ class Linearisation:
 
     def __init__(self, whole: Whole) -> None:
         self.whole, self._compiled = whole, whole.duals
-        source = paste(self._compiled, "tangents", [fill, kernels.tangents], _NAMES)
+        source = paste(self._compiled, "tangents", [kernels.tangents])
         self._tangents = load_source("tangents", source).tangents
         _loops()
 

@@ -17,6 +17,7 @@ from harness.kernel import (
     NY,
     SEEN_STATES,
     Info,
+    StandIn,
     get,
     next_covariance,
     output_jacobian,
@@ -26,7 +27,7 @@ from harness.kernel import (
     splat,
 )
 
-NX_WHOLE = NW_WHOLE = 0
+NX_WHOLE, NW_WHOLE = StandIn("NX_WHOLE"), StandIn("NW_WHOLE")
 
 
 def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0, P0, limited, limits, total, notes):
@@ -128,14 +129,11 @@ def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
         state[k, i] = x[i, 0]
 
 
+@StandIn
 def next_state_whole(x, u, c, xn, w):
     """Stand in for the whole model's ``next_state``."""
-    raise RuntimeError("imported by the generated module")
 
 
+@StandIn
 def output_whole(x, u, c, y):
     """Stand in for the whole model's ``output``."""
-    raise RuntimeError("imported by the generated module")
-
-
-FILTER = (fill, factorise, choose, beyond, keep_first_lane, filter_whole)

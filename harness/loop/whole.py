@@ -17,14 +17,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from harness.compile import compile_model, load_source
+from harness.compile import compile_model, load_source, paste
 from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.identify import kernels as identify_kernels
 from harness.identify.recordings import Drive, drive_from, joined, step_of
 from harness.lanes import LANES
 from harness.loop import kernels
-from harness.simulate import paste
 from models import registry
 from models.assemble import Model, assemble
 from models.contracts import ModelError
@@ -109,20 +108,21 @@ class Whole:
         self._filter = compile_model(self.nominal, spec.step)
         self._plain, self.duals = (compile_model(self.model, *options, duals=d, jacobians=False) for d in (False, True))
         self._loop = load_source("filter_whole", self._loop_source())
-        free = [identify_kernels.outside, identify_kernels.fill, identify_kernels.run_free]
-        self._free = load_source("run_whole", paste(self._plain, "run_whole", free))
-        follow = paste(self.duals, "follow_whole", [identify_kernels.fill, identify_kernels.follow], _DUAL_NAMES)
-        self._follow = load_source("follow_whole", follow)
+        self._free = load_source("run_whole", paste(self._plain, "run_whole", [identify_kernels.run_free]))
+        self._follow = load_source("follow_whole", paste(self.duals, "follow_whole", [identify_kernels.follow]))
         self._limits = np.array([self.model.valid.get(name, np.inf) for name in self.model.states])
         self._limited = np.flatnonzero(np.isfinite(self._limits))
         self._inputs = np.array([self.model.inputs.index(name) for name in self.nominal.inputs])
         self._started = [(i, self.model.start[s]) for i, s in enumerate(self.model.states) if s in self.model.start]
 
     def _loop_source(self) -> str:
-        whole = self._plain.kernels.__name__
-        names = f"from {whole} import next_state as next_state_whole, output as output_whole\n"
-        sizes = f"NX_WHOLE, NW_WHOLE = {self._plain.nx}, {self._plain.nw}\n"
-        return paste(self._filter, "filter_whole", kernels.FILTER, names + sizes)
+        given = {
+            kernels.next_state_whole: self._plain.kernels.next_state,
+            kernels.output_whole: self._plain.kernels.output,
+            kernels.NX_WHOLE: self._plain.nx,
+            kernels.NW_WHOLE: self._plain.nw,
+        }
+        return paste(self._filter, "filter_whole", [kernels.filter_whole], given)
 
     @property
     def nx(self) -> int:
@@ -259,9 +259,6 @@ class Whole:
             if source in self._rows:
                 first[i] = held[self._rows[str(source)]]
         return first
-
-
-_DUAL_NAMES = "from harness import lanes as plain\nfrom harness.dual_lanes import tangent_of, value_of\n"
 
 
 def candidates_of(spec: ModelSpec, available: set[str], excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What is pasted behind an estimator's kernels to time it (``harness.simulate.paste``)."""
+"""What is pasted behind an estimator's kernels to time it (``harness.compile.paste``)."""
 
 from __future__ import annotations
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import hashlib
-import inspect
 import os
 import resource
 import time
@@ -16,16 +14,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from harness.compile import CompiledModel, load_source
+from harness.compile import CompiledModel, load_source, paste
 from harness.configure import DesignSpec, Study
 from harness.design import Unit
 from harness.errors import UserError
 from harness.estimate import kernels_of, load_estimator
 from harness.evaluate import Bench, Case
 from harness.kernel import Belief, Info, State
-from harness.realtime import clock, loop
-from harness.realtime.one_lane import in_one_lane, narrow_model
-from harness.simulate import paste
+from harness.realtime import loop
+from harness.realtime.one_lane import in_one_lane
 from models.registry import closest
 
 Floats = NDArray[np.float64]
@@ -91,11 +88,8 @@ class Contestant:
 
 
 def _kernels(kind: str, compiled: CompiledModel) -> Any:
-    digest = hashlib.sha256(inspect.getsource(clock).encode()).hexdigest()[:16]
-    constants = f"from {clock.__name__} import nanoseconds  # {digest}"
-    functions = [*kernels_of(load_estimator(kind)), loop.timed_steps, loop.timed_nothing]
-    wide, narrow = compiled.kernels.__name__, narrow_model(compiled.kernels).__name__
-    source = paste(compiled, kind, functions, constants).replace(f"from {wide} import", f"from {narrow} import")
+    file = load_estimator(kind)
+    source = paste(compiled, kind, [file.workspace, loop.timed_steps, loop.timed_nothing], kernels_of(file))
     return load_source(f"time_{kind}", in_one_lane(source))
 
 
