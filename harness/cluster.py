@@ -94,20 +94,21 @@ def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Cli
         yield client
 
 
-def check_workers(client: Client, folder: Path, console: Console) -> None:
+def check_workers(client: Client, study: Study, folder: Path, console: Console) -> None:
     """Refuse workers that could not write the same bits into the same store; point out other processors.
 
     Args:
         client: Of the cluster.
+        study: The study.
         folder: Result folder with the store.
         console: Where a warning is shown.
 
     Raises:
         UserError: If a worker does not see the store, lacks the harness, or runs other code or packages.
     """
-    expected = code_state()
+    expected = code_state(study)
     try:
-        answers = client.run(_about, folder.resolve())
+        answers = client.run(_about, study, folder.resolve())
     except ImportError as error:
         raise UserError(f"a worker cannot import the harness ({error}); install it there as here") from None
     others = set()
@@ -127,10 +128,10 @@ def check_workers(client: Client, folder: Path, console: Console) -> None:
         )
 
 
-def _about(folder: Path) -> dict[str, Any]:
+def _about(study: Study, folder: Path) -> dict[str, Any]:
     """Return what a worker is; runs there."""
     sees = (folder / STORE).exists()
-    return {**code_state(), "sees_store": sees, "host": platform.node(), "processor": processor()}
+    return {**code_state(study), "sees_store": sees, "host": platform.node(), "processor": processor()}
 
 
 def _refuse_other_code(who: str, expected: dict[str, str], found: dict[str, str]) -> None:
@@ -162,7 +163,7 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
     from distributed import CancelledError, KilledWorker, wait
     from distributed.comm import CommClosedError
 
-    expected, place = code_state(), folder.resolve()
+    expected, place = code_state(study), folder.resolve()
     pending = {client.submit(_evaluate_there, study, place, unit, expected, pure=False) for unit in todo}
     workers = set(client.ncores())
     try:
@@ -206,7 +207,7 @@ def _open(study: Study, folder: Path, expected: dict[str, str]) -> tuple[Bench, 
     key = study.hash, folder
     with _opening:
         if key not in _opened:
-            _refuse_other_code(f"worker on {platform.node()}", expected, code_state())
+            _refuse_other_code(f"worker on {platform.node()}", expected, code_state(study))
             if not (folder / STORE).exists():
                 raise UserError(f"the worker on {platform.node()} does not see {folder}")
             while len(_opened) >= _OPENED_AT_ONCE:

@@ -22,6 +22,7 @@ and of an estimator that is made for particular signals, such as a trained netwo
                                 in place of ``tuning``: the numbers its kernel reads, for this compiled model; files
                                 its settings name are relative to the folder. ``UserError`` if the model does not fit
 ``estimates(settings, folder)`` the signals it estimates; it has no score for any other target
+``files(settings, folder)``     the files it reads: a store is not resumed with others
 
 and of one whose memory depends on its settings, or begins with other than zeros, such as random numbers,
 
@@ -114,6 +115,7 @@ DEFAULTS: dict[str, Any] = {
     "MONTE_CARLO": False,
     "tuning": lambda settings, nx, ny: [0.0],
     "memory_size": lambda nx, ny: 0,
+    "files": lambda settings, folder: (),
     "write_covariance": loops.write_covariance,
 }
 """What a file need not export."""

@@ -136,7 +136,7 @@ def _evaluate(
     else:
         from harness import cluster
 
-        cluster.check_workers(client, store.folder, console)
+        cluster.check_workers(client, study, store.folder, console)
         jobs = sum(client.ncores().values())
         finished = cluster.evaluate(client, study, store.folder, todo, console)
     columns = (

@@ -23,10 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-import harness
-import models
+from models import registry
 
-_PROJECT = frozenset(_package.__name__.partition(".")[0] for _package in (harness, models))
+_PROJECT = frozenset(name.partition(".")[0] for name in (__name__, registry.__name__))
 _STANDARD = tuple(Path(sysconfig.get_path(key)).resolve() for key in ("stdlib", "platstdlib"))
 _INSTALLED = {"site-packages", "dist-packages"}
 

@@ -8,7 +8,6 @@ of workers or on the clock is in the store; ``run.json`` beside it tells that.
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import importlib.metadata
 import json
@@ -17,6 +16,7 @@ import shutil
 import subprocess
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,15 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
+from harness import evaluate, readers, sources
 from harness.configure import DesignSpec, Study
 from harness.design import Unit, points, samples_per_unit
+from harness.drives import options_of
 from harness.errors import UserError
+from harness.estimate import load_estimator
 from harness.evaluate import OVER_TIME, PENDING, PER_RUN, PER_TARGET, Bench
+from models import registry
+from models.placement import load_effect
 from models.signals import SIGNALS
 
 STORE = "scores.zarr"
@@ -260,7 +265,7 @@ def _root_attributes(study: Study) -> dict[str, Any]:
         "step": study.plant.step,
         "designs": json.dumps([d.name for d in study.designs]),
         "description": json.dumps(description, sort_keys=True),
-        **code_state(),
+        **code_state(study),
         "commit": commit(),
         "machine": f"{platform.system()} {platform.machine()}, {processor()}",
     }
@@ -271,28 +276,39 @@ def _words(study: Study) -> dict[str, Any]:
     return {"study": study.text, "title": study.title, "limits": json.dumps(study.limits)}
 
 
-def code_state() -> dict[str, str]:
+def code_state(study: Study) -> dict[str, str]:
     """Return what the bits of a score depend on beside the study: ``engine`` and ``versions`` of the packages."""
     versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
-    return {"versions": json.dumps(versions), "engine": engine_hash()}
+    return {"versions": json.dumps(versions), "engine": engine_hash(study)}
 
 
-@functools.cache  # of the code that this process runs, whatever becomes of the files
-def engine_hash() -> str:
-    """Return a hash of what numbers depend on: models, committed networks, the harness but for report and CLI."""
-    root = Path(__file__).resolve().parents[1]
-    skipped = (
-        *("harness/report", "harness/realtime", "harness/cli.py", "harness/cluster.py"),
-        *("harness/run.py", "harness/statistics.py"),
-    )
-    digest = hashlib.sha256()
-    for path in sorted(
-        p for pattern in ("models/**/*.py", "harness/**/*.py", "harness/networks/*.npz") for p in root.glob(pattern)
-    ):
-        name = path.relative_to(root).as_posix()
-        if not name.startswith(skipped):
-            digest.update(name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
+def engine_hash(study: Study) -> str:
+    """Return a hash of the code and the networks that decide a study's scores, whatever their files are called.
+
+    Raises:
+        UserError: If an estimator's file is not there.
+    """
+    total = hashlib.sha256(sources.digest([evaluate, *parts(study)]).encode())
+    for spec in study.estimators:
+        file = load_estimator(spec.kind)
+        for path in file.files(file.Settings(**spec.settings), spec.base):
+            total.update(path.read_bytes())
+    return total.hexdigest()
+
+
+def parts(study: Study) -> list[ModuleType]:
+    """Return the files of the registries that a study uses: what ``evaluate`` finds by name and does not import."""
+    found = [registry.load("harness.estimators", e.kind) for e in study.estimators]
+    for spec in (study.plant, study.belief):
+        found.append(registry.load("models.vehicles", spec.vehicle))
+        found += [registry.load("models.tyres", spec.tyre)] if spec.tyre else []
+        found += [load_effect(name) for name in spec.effects]
+        found.append(registry.load("models.sensors", spec.sensors))
+    for drive in study.drives:
+        found.append(registry.load("models.drives", drive.kind))
+        if any(option.unit == "text" for option in options_of(drive.kind)):  # it may read a recording
+            found += readers.modules()
+    return list(dict.fromkeys(found))
 
 
 def commit() -> str:

@@ -43,6 +43,11 @@ def estimates(settings: Settings, folder: Path) -> tuple[str, ...]:
     return load(find(settings.network, folder)).outputs
 
 
+def files(settings: Settings, folder: Path) -> tuple[Path, ...]:
+    """Return the network's file."""
+    return (find(settings.network, folder),)
+
+
 def memory_size(nx: int, ny: int) -> int:
     """Return the rows of memory: how many samples the delays hold, then the regressor."""
     return 1 + MEMORY

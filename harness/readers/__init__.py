@@ -7,6 +7,7 @@ numeric columns as a list of ``Table``, one per clock, the one with most columns
 from __future__ import annotations
 
 import os
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +16,21 @@ from harness.errors import UserError
 from harness.readers._table import Table, by_length
 from models import registry
 
-__all__ = ["Table", "by_length", "read", "read_tables", "suffixes"]
+__all__ = ["Table", "by_length", "modules", "read", "read_tables", "suffixes"]
+
+
+def modules() -> list[ModuleType]:
+    """Return every reader."""
+    return [_load(name) for name in registry.names(__name__)]
+
+
+def _load(name: str) -> ModuleType:
+    return registry.load(__name__, name, ("SUFFIXES", "read"))
 
 
 def suffixes() -> dict[str, str]:
     """Return every known suffix and the reader's name, the longest suffix first."""
-    package = "harness.readers"
-    known = {
-        suffix: name
-        for name in registry.names(package)
-        for suffix in registry.load(package, name, ("SUFFIXES", "read")).SUFFIXES
-    }
+    known = {suffix: module.__name__.rpartition(".")[2] for module in modules() for suffix in module.SUFFIXES}
     return dict(sorted(known.items(), key=lambda item: (-len(item[0]), item[0])))
 
 
@@ -65,7 +70,7 @@ def read_tables(path: str | os.PathLike[str]) -> list[Table]:
         raise UserError(f"{path}: no reader for this suffix; known are {files}")
     if not os.path.exists(path):
         raise UserError(f"{path}: the recording does not exist; give the path of a file or folder")
-    module = registry.load("harness.readers", reader, ("SUFFIXES", "read"))
+    module = _load(reader)
     try:
         tables: list[Table] = module.read(path)
     except OSError as error:

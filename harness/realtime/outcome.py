@@ -66,7 +66,7 @@ def judge(times: xr.Dataset, study: Study, drive: str) -> xr.Dataset:
         cores=os.cpu_count() or 1,
         machine=processor(),
         commit=commit(),
-        **code_state(),
+        **code_state(study),
     )
 
 

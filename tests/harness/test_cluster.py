@@ -35,7 +35,7 @@ def same_checkout():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.report.write_report", lambda out: [])
         patch.setattr("harness.store.commit", lambda: "this one")
-        patch.setattr("harness.store.engine_hash", lambda: "this one")
+        patch.setattr("harness.store.engine_hash", lambda study: "this one")
         yield
 
 
@@ -49,7 +49,7 @@ def alone(study, tmp_path_factory, same_checkout):
 def two_workers(tmp_path_factory, same_checkout):
     """Start clusters of two processes."""
     still = tmp_path_factory.mktemp("preload") / "still.py"
-    still.write_text("from harness import store\n\nstore.engine_hash = lambda: 'this one'\n")
+    still.write_text("from harness import store\n\nstore.engine_hash = lambda study: 'this one'\n")
 
     @contextmanager
     def start():
@@ -143,24 +143,24 @@ def test_an_interrupted_run_goes_on_with_other_workers(study, alone, client, con
     assert bits(out) == bits(alone)
 
 
-def test_workers_that_would_not_write_the_same_are_refused(alone, client, console, tmp_path, monkeypatch):
-    cluster.check_workers(client, alone, console)
+def test_workers_that_would_not_write_the_same_are_refused(study, alone, client, console, tmp_path, monkeypatch):
+    cluster.check_workers(client, study, alone, console)
     with pytest.raises(UserError, match=r"worker tcp://.* does not see .*nowhere; choose a folder that all machines"):
-        cluster.check_workers(client, tmp_path / "nowhere", console)
-    mine = code_state()
+        cluster.check_workers(client, study, tmp_path / "nowhere", console)
+    mine = code_state(study)
     versions = json.loads(mine["versions"]) | {"numba": "0.1"}
     for here, message in (
         (mine | {"engine": "other"}, "other code of this project"),
         (mine | {"versions": json.dumps(versions)}, r"has numba .* instead of 0\.1; install the same lock file"),
     ):
-        monkeypatch.setattr(cluster, "code_state", lambda here=here: here)
+        monkeypatch.setattr(cluster, "code_state", lambda study, here=here: here)
         with pytest.raises(UserError, match=message):
-            cluster.check_workers(client, alone, console)
+            cluster.check_workers(client, study, alone, console)
 
 
-def test_other_processors_are_pointed_out(alone, client, console, monkeypatch):
+def test_other_processors_are_pointed_out(study, alone, client, console, monkeypatch):
     monkeypatch.setattr(cluster, "processor", lambda: "abacus")
-    cluster.check_workers(client, alone, console)
+    cluster.check_workers(client, study, alone, console)
     assert "last bits may differ" in console.file.getvalue()
 
 
@@ -168,9 +168,9 @@ def test_a_worker_that_comes_late_is_checked_as_well(study, alone, monkeypatch):
     unit = Unit(0, 0, 0, 0, 1)
     monkeypatch.setattr(cluster, "_opened", {})
     with pytest.raises(UserError, match="runs other code"):
-        cluster._evaluate_there(study, alone, unit, code_state() | {"engine": "other"})
+        cluster._evaluate_there(study, alone, unit, code_state(study) | {"engine": "other"})
     with pytest.raises(UserError, match="does not see"):
-        cluster._evaluate_there(study, alone / "nowhere", unit, code_state())
+        cluster._evaluate_there(study, alone / "nowhere", unit, code_state(study))
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://here"])

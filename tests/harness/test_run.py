@@ -39,7 +39,7 @@ def same_checkout():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.report.write_report", lambda out: [])
         patch.setattr("harness.store.commit", lambda: "this one")
-        patch.setattr("harness.store.engine_hash", lambda: "this one")
+        patch.setattr("harness.store.engine_hash", lambda study: "this one")
         yield
 
 
@@ -121,7 +121,7 @@ def test_another_study_in_the_folder_is_left_alone(study_file, finished, tmp_pat
 
 
 def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
-    monkeypatch.setattr("harness.store.engine_hash", lambda: "other")
+    monkeypatch.setattr("harness.store.engine_hash", lambda study: "other")
     with pytest.raises(UserError, match="other code"):
         run_study(study, finished, jobs=1)
 
