@@ -103,8 +103,13 @@ class Info(NamedTuple):
     repairs: Any
 
 
-NX, NU, NY, NS, NW = (StandIn(n) for n in ("NX", "NU", "NY", "NS", "NW"))
-OUTPUTS_ARE_LINEAR, SEEN_STATES = StandIn("OUTPUTS_ARE_LINEAR"), StandIn("SEEN_STATES")
-next_state, next_jacobian, next_covariance = StandIn("next_state"), StandIn("next_jacobian"), StandIn("next_covariance")
-output, output_jacobian = StandIn("output"), StandIn("output_jacobian")
-signals, signals_jacobian = StandIn("signals"), StandIn("signals_jacobian")
+def _of_model(name: str) -> Any:
+    return StandIn(name)
+
+
+NX, NU, NY, NS, NW = (_of_model(n) for n in ("NX", "NU", "NY", "NS", "NW"))
+OUTPUTS_ARE_LINEAR, SEEN_STATES = _of_model("OUTPUTS_ARE_LINEAR"), _of_model("SEEN_STATES")
+next_state, next_jacobian = _of_model("next_state"), _of_model("next_jacobian")
+next_covariance = _of_model("next_covariance")
+output, output_jacobian = _of_model("output"), _of_model("output_jacobian")
+signals, signals_jacobian = _of_model("signals"), _of_model("signals_jacobian")

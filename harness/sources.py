@@ -7,7 +7,7 @@ defines it.
 
 The digest is of what the files say. Modules count by the place that they have among those imported, not by their
 names, and the order of import statements does not matter, so that it stays the same where a file is only renamed or
-moved. Comments, layout and docstrings do not count either.
+moved. Docstrings do not count either; comments and layout do.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import hashlib
 import importlib.util
 import sys
 import sysconfig
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -47,7 +47,7 @@ class _Import:
 
 @dataclass(frozen=True)
 class _File:
-    """A module as read: its imports at whatever depth, and all else it says, as ``ast.dump`` writes it."""
+    """A module as read: its imports at whatever depth, and the lines of all else but docstrings."""
 
     imports: tuple[_Import, ...]
     text: str
@@ -112,12 +112,13 @@ def _definition(home: str, attribute: str, inside: frozenset[str]) -> tuple[str,
 
 
 def _is_own(name: str, inside: frozenset[str]) -> bool:
+    top = name.partition(".")[0]
+    if top not in inside:
+        path = _path(top)  # looked at first, because looking for a module imports the packages that it lies in
+        if path is None or _INSTALLED & set(path.parts) or any(path.is_relative_to(s) for s in _STANDARD):
+            return False
     path = _path(name)
-    if path is None or path.suffix != ".py":
-        return False
-    if name.partition(".")[0] in inside:
-        return True
-    return not _INSTALLED & set(path.parts) and not any(path.is_relative_to(s) for s in _STANDARD)
+    return path is not None and path.suffix == ".py"
 
 
 @functools.cache
@@ -139,36 +140,33 @@ def _path(name: str) -> Path | None:
 def _read(name: str) -> _File:
     path = _path(name)
     assert path is not None
-    tree = ast.parse(path.read_bytes())
+    source = path.read_text()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    stripped = _Stripped(package)
-    text = ast.dump(stripped.visit(tree))
-    return _File(tuple(stripped.imports), text)
+    imports: list[_Import] = []
+    lines = source.splitlines()
+    for statement in _set_aside(ast.parse(source)):
+        imports += _imported(statement, package)
+        for line in range(statement.lineno - 1, statement.end_lineno or statement.lineno):
+            lines[line] = ""
+    return _File(tuple(imports), "\n".join(filter(None, lines)))
 
 
-class _Stripped(ast.NodeTransformer):
-    """Takes imports, docstrings and what only type checkers read out of a module.
+def _set_aside(block: ast.AST) -> Iterator[ast.stmt]:
+    """Give the imports and docstrings of a block and those inside it, and what only type checkers read."""
+    for statement in ast.iter_child_nodes(block):
+        is_text = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+        if is_text or isinstance(statement, (ast.Import, ast.ImportFrom)):
+            yield statement
+        elif isinstance(statement, ast.If) and isinstance(statement.test, ast.Name):
+            yield from [statement] if statement.test.id == "TYPE_CHECKING" else _set_aside(statement)
+        elif isinstance(statement, (ast.stmt, ast.excepthandler, ast.match_case)):
+            yield from _set_aside(statement)
 
-    Args:
-        package: Against which relative imports are resolved.
-    """
 
-    def __init__(self, package: str) -> None:
-        self.package = package
-        self.imports: list[_Import] = []
-
-    def visit_Import(self, node: ast.Import) -> None:
-        self.imports += [_Import(a.asname or a.name, a.name, "") for a in node.names]
-
-    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
-        home = importlib.util.resolve_name("." * node.level + (node.module or ""), self.package)
-        self.imports += [_Import(a.asname or a.name, home, a.name) for a in node.names]
-
-    def visit_If(self, node: ast.If) -> ast.AST | None:
-        if isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            return None
-        return self.generic_visit(node)
-
-    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
-        is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        return None if is_text else self.generic_visit(node)
+def _imported(statement: ast.stmt, package: str) -> list[_Import]:
+    if isinstance(statement, ast.Import):
+        return [_Import(a.asname or a.name, a.name, "") for a in statement.names]
+    if isinstance(statement, ast.ImportFrom):
+        home = importlib.util.resolve_name("." * statement.level + (statement.module or ""), package)
+        return [_Import(a.asname or a.name, home, a.name) for a in statement.names]
+    return []

@@ -7,6 +7,8 @@ the neutral value of all effects they are those of its extended Kalman filter, a
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from harness.identify.kernels import factorise, fill
@@ -27,7 +29,8 @@ from harness.kernel import (
     splat,
 )
 
-NX_WHOLE, NW_WHOLE = StandIn("NX_WHOLE"), StandIn("NW_WHOLE")
+NX_WHOLE: Any = StandIn("NX_WHOLE")
+NW_WHOLE: Any = StandIn("NW_WHOLE")
 
 
 def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0, P0, limited, limits, total, notes):
