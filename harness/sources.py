@@ -154,9 +154,10 @@ def _read(name: str) -> _File:
 def _set_aside(block: ast.AST) -> Iterator[ast.stmt]:
     """Give the imports and docstrings of a block and those inside it, and what only type checkers read."""
     for statement in ast.iter_child_nodes(block):
-        is_text = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
-        if is_text or isinstance(statement, (ast.Import, ast.ImportFrom)):
+        if isinstance(statement, (ast.Import, ast.ImportFrom)):
             yield statement
+        elif isinstance(statement, ast.Expr):
+            yield from [statement] if isinstance(statement.value, ast.Constant) else []
         elif isinstance(statement, ast.If) and isinstance(statement.test, ast.Name):
             yield from [statement] if statement.test.id == "TYPE_CHECKING" else _set_aside(statement)
         elif isinstance(statement, (ast.stmt, ast.excepthandler, ast.match_case)):
