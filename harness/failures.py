@@ -19,6 +19,7 @@ from harness.errors import UserError
 from models.contracts import ModelError
 
 T = TypeVar("T")
+U = TypeVar("U")
 
 FILE = "errors.txt"
 """Takes the tracebacks, in the folder of the results."""
@@ -53,7 +54,7 @@ class Failures:
             except OSError as error:
                 raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
-    def attempt(self, part: str, make: Callable[[], T], instead: Callable[[str], T]) -> T:
+    def attempt(self, part: str, make: Callable[[], T], instead: Callable[[str], U]) -> T | U:
         """Return a part of a result, or what stands for it if it cannot be made.
 
         Args:
@@ -73,15 +74,17 @@ class Failures:
             raise
         except Exception as error:  # whatever it is, the other parts stand
             why = f"{reason(error)}; the traceback is in {self._file}"
-        self._note(f"{part} could not be made: {why}.")
+            self._note(f"{part} could not be made: {why}.", traceback.format_exc())
         return instead(why)
 
-    def _note(self, sentence: str) -> None:
+    def _note(self, sentence: str, trail: str) -> None:
         assert self._file is not None
+        if sentence in self.sentences:  # the record is written more than once
+            return
         self.sentences.append(sentence)
         try:
             with self._file.open("a", encoding="utf-8", errors="backslashreplace") as file:
-                file.write(f"{sentence}\n\n{traceback.format_exc()}\n")
+                file.write(f"{sentence}\n\n{trail}\n")
         except OSError as problem:
             raise UserError(f"{self._file}: cannot be written: {problem.strerror or problem}") from None
         console = self._console or Console(stderr=True)

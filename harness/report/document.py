@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
@@ -101,12 +101,12 @@ class Drawing:
 Block = Heading | Prose | Bullets | Picture | Sheet | Listing | Section | Drawing
 
 
-@dataclass
+@dataclass(frozen=True)
 class Document:
     """A report: its title and its blocks."""
 
     title: str
-    blocks: list[Block] = field(default_factory=list)
+    blocks: Sequence[Block] = ()
 
 
 def made(blocks: Iterable[Block], failures: Failures = RAISED) -> list[Block]:

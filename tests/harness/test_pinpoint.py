@@ -9,7 +9,7 @@ from test_trace import CAR, FREE, SIGNALS, driven
 from harness.configure import resolve_single
 from harness.loop.channels import channels_of
 from harness.loop.correlation import consistency, cross_correlation
-from harness.loop.curves import described
+from harness.loop.wording import described
 from harness.loop.drivers import WITHIN, drivers_of, with_quick
 from harness.loop.fit import Fitting
 from harness.loop.held_out import HeldOut

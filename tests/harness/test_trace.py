@@ -20,7 +20,7 @@ from harness.loop.fitness import oddities
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.loop.judges import Candidate, objections
-from harness.loop.outcome import verdict_of
+from harness.loop.verdict import verdict_of
 from harness.loop.score import SPACING, ScoreTest, best_amplitudes, cosine
 from harness.loop.trace import first_variances
 from harness.loop.variances import climb

@@ -6,7 +6,7 @@ from test_pinpoint import fitted
 from test_trace import CAR, SIGNALS, driven
 
 from harness.configure import resolve_single
-from harness.loop.curves import described
+from harness.loop.wording import described
 from harness.loop.disturbance import Inlet, InnovationModel
 from harness.loop.held_out import HeldOut
 from harness.loop.pinpoint import Pinpoint
