@@ -14,7 +14,7 @@ from report_parts import ANGLE, Page, everything, everything_at_8_t, pages
 
 from harness.errors import UserError
 from harness.report import document, headline, write_report
-from harness.report.document import Document, render, source
+from harness.report.document import render, source
 
 
 @pytest.fixture(scope="module")
