@@ -1,11 +1,15 @@
-"""Files: results written into a folder, TOML read."""
+"""Files: results written into a folder, JSON written, TOML read."""
 
 from __future__ import annotations
 
+import json
+import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from harness.errors import UserError
 
@@ -30,6 +34,21 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return written
+
+
+def json_text(content: Any) -> str:
+    """Return JSON text of dictionaries, sequences and plain or NumPy scalars; what is not finite becomes ``null``."""
+    return json.dumps(_plain(content), indent=2) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -114,6 +114,7 @@ def limits(vehicle: str, scored: Cases) -> bytes | None:
         axes.plot([s.reach for s in some], at, look.marker, color=look.line, mfc=face, ms=5, ls="none")
     axes.axvline(1.0, color=style.TRUTH, ls=":", lw=0.9)
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.set_yticks(range(len(names)), [words(n) for n in names])
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_xlabel("true size over the limit that the score test predicts (dotted: the limit)")

@@ -13,7 +13,7 @@ from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
 from harness.realtime import report as realtime
 from harness.report.analysis import Analysis
-from harness.report.document import Block, Document, Heading, Prose, Sheet, plain, write
+from harness.report.document import Block, Document, Heading, Prose, Section, Sheet, plain, write
 from harness.report.sections import boxes, drives
 from harness.report.store import words
 from harness.report.style import number
@@ -44,12 +44,15 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
     """
     campaign = Results(Path(results))
     found = findings(campaign)
-    blocks: list[Block] = [*answer(campaign, found), *_findings(campaign, found)]
-    blocks += _figures(campaign)
-    blocks += drives.blocks(Analysis(campaign.stores["ideal"]))
-    blocks += _made(campaign)
+    sections = [
+        Section(lambda: answer(campaign, found), "Answer"),
+        Section(lambda: _findings(campaign, found), "What the dissertation found, tested on our data"),
+        Section(lambda: _figures(campaign), "The dissertation's figures from our data"),
+        Section(lambda: drives.blocks(Analysis(campaign.stores["ideal"])), "On which drives are the estimators wrong?"),
+        Section(lambda: _made(campaign), "How it was made"),
+    ]
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
-    return write(Document(title, blocks), Path(out))
+    return write(Document(title, sections), Path(out))
 
 
 def _figures(campaign: Results) -> list[Block]:

@@ -33,9 +33,10 @@ def over_time(judged: Judged, outputs: list[str]) -> bytes:
             axes.plot(time, q.scale * judged.free[0, some, a], color=_BEFORE.line, ls=_BEFORE.dashes, lw=1.0)
             axes.plot(time, q.scale * judged.free[1, some, a], color=_AFTER.line, ls=_AFTER.dashes, lw=1.0)
             seen = judged.drive.measurements[:, a][np.isfinite(judged.drive.measurements[:, a])]
-            reach = 1.5 * q.scale * max(float(np.abs(seen).max()), 1e-12)
-            low, high = axes.get_ylim()
-            axes.set_ylim(max(low, -reach), min(high, reach))  # a model that runs away must not hide the rest
+            if seen.size:
+                reach = 1.5 * q.scale * max(float(np.abs(seen).max()), 1e-12)
+                low, high = axes.get_ylim()
+                axes.set_ylim(max(low, -reach), min(high, reach))  # a model that runs away must not hide the rest
             axes.set_ylabel(f"{q.words.replace(' ', chr(10), 1)}\n{style.in_unit(q.unit).strip()}")
             axes.grid(True)
         panels[-1].set_xlabel("time in s")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,19 @@ from harness.identify import figures
 from harness.identify.contract import Estimate, Fit
 from harness.identify.outcome import Judged
 from harness.report import style
-from harness.report.document import Block, Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
+from harness.report.document import (
+    Block,
+    Bullets,
+    Document,
+    Drawing,
+    Heading,
+    Listing,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
 from harness.report.store import print_unit, quantity, words
 
 Floats = NDArray[np.float64]
@@ -20,24 +34,29 @@ _WHITE = 0.01
 """p-value below which innovations count as correlated."""
 
 
-def document(fit: Fit, judged: list[Judged], command: str) -> Document:
+def document(
+    fit: Fit, judged: list[Judged], command: str, title: str = "", evidence: Iterable[Block] | None = None
+) -> Document:
     """Return the report.
 
     Args:
         fit: What was found.
         judged: The recordings, fitted ones first.
         command: How it was made, for the last section.
+        title: The question; what the recordings say about the vehicle by default.
+        evidence: What stands below the answer; the error in each recording by default.
     """
-    blocks = [
-        *_answer(fit, judged),
-        *_parameters(fit),
-        *_over_time(fit, judged),
-        *_errors(fit, judged),
-        *_residuals(fit, judged),
-        *_certainty(fit),
-        *_made(fit, command),
+    sections = [
+        Section(lambda: _answer(fit), "What was found?"),
+        *(_gains(fit, judged) if evidence is None else evidence),
+        Section(lambda: _parameters(fit), "Which values?"),
+        Section(lambda: _over_time(fit, judged), "Does the model alone follow the drives?"),
+        Section(lambda: _errors(fit, judged), "How large are the errors?"),
+        Section(lambda: _residuals(fit, judged), "Is anything left that could be predicted?"),
+        Section(lambda: _certainty(fit), "Which estimates hang together?"),
+        Section(lambda: _made(fit, command), "How was it made?"),
     ]
-    return Document(f"What do the recordings say about {words(fit.spec.vehicle)}?", blocks)
+    return Document(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
 
 
 def answer(fit: Fit) -> str:
@@ -59,11 +78,15 @@ def answer(fit: Fit) -> str:
     return f"Of {len(judged)} parameters the recordings leave {said}."
 
 
-def _answer(fit: Fit, judged: list[Judged]) -> list[Block]:
-    sentences = [answer(fit), *(_gain(j, fit) for j in judged)]
+def _answer(fit: Fit) -> list[Block]:
+    found: list[Block] = [Heading("What was found?"), Prose(strong(answer(fit)))]
     if not fit.converged:
-        sentences.append("The search did not converge; take the values with care.")
-    return [Heading("What was found?"), Prose(strong(sentences[0])), Bullets([plain(s) for s in sentences[1:]])]
+        found.append(Prose(plain("The search did not converge; take the values with care.")))
+    return found
+
+
+def _gains(fit: Fit, judged: list[Judged]) -> list[Block]:
+    return [Section(lambda: [Bullets([plain(_gain(j, fit)) for j in judged])], "How near does the model come?")]
 
 
 def _gain(judged: Judged, fit: Fit) -> str:
@@ -90,8 +113,8 @@ def _parameters(fit: Fit) -> list[Block]:
     blocks: list[Block] = [Heading("Which values?"), _sheet(parameters, "Parameters before and after the fit")]
     if any(e.profile is not None for e in parameters):
         blocks.append(
-            Picture(
-                figures.profiles(fit),
+            Drawing(
+                lambda: figures.profiles(fit),
                 "How far the log-likelihood falls along each parameter, everything else refitted; what lies below the "
                 "dotted line is outside the 95 % interval, dashed is the parabola of the standard error.",
                 "Profile likelihood of each parameter in standard errors from its estimate.",
@@ -132,8 +155,8 @@ def _over_time(fit: Fit, judged: list[Judged]) -> list[Block]:
     for j in judged:
         role = "kept from the fit" if j.held_out else "fitted"
         blocks.append(
-            Picture(
-                figures.over_time(j, outputs),
+            Drawing(
+                partial(figures.over_time, j, outputs),
                 f"{j.drive.name} ({role}): measured, and the model alone before and after the fit.",
                 f"Outputs over time of {j.drive.name}: measured and simulated before and after the fit.",
             )
@@ -183,8 +206,8 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
     return [
         Heading("Is anything left that could be predicted?"),
         Prose(strong(said)),
-        Picture(
-            figures.periodograms(judged, outputs),
+        Drawing(
+            lambda: figures.periodograms(judged, outputs),
             "Cumulative periodogram of the whitened innovations less that of white noise, which stays between the "
             "dotted lines 95 times of 100.",
             "Share of power below each frequency less that of white noise, for each output, with the 95 % band.",
@@ -200,8 +223,8 @@ def _certainty(fit: Fit) -> list[Block]:
         "Correlation of the estimates. A pair near 1 or -1 is confounded: the recordings tell one combination of the "
         "two and not each."
     )
-    picture = Picture(figures.correlation(fit), caption, "Matrix of correlations between the estimates.")
-    return [Heading("Which estimates hang together?"), picture]
+    matrix = Drawing(lambda: figures.correlation(fit), caption, "Matrix of correlations between the estimates.")
+    return [Heading("Which estimates hang together?"), matrix]
 
 
 def _made(fit: Fit, command: str) -> list[Block]:

@@ -49,7 +49,7 @@ def whiteness(series: Floats) -> Whiteness:
     """
     seen = np.isfinite(series)
     n = int(seen.sum())
-    if n < FEWEST or not np.any(series[seen]):
+    if n < FEWEST or np.ptp(series[seen]) == 0:
         nothing = np.empty(0)
         mean = float(np.mean(series[seen] ** 2)) if n else np.nan
         return Whiteness(mean, np.nan, np.nan, np.nan, nothing, nothing, np.nan)

@@ -18,6 +18,7 @@ from harness.configure import ModelSpec
 from harness.identify.innovations import Held, Innovations, hold
 from harness.identify.recordings import Drive, joined
 from harness.loop.fit import Point
+from harness.loop.fitted_model import fitted_model
 from harness.loop.trace import Trace
 
 Floats = NDArray[np.float64]
@@ -95,21 +96,3 @@ def _unseen(filters: Innovations, drive: Drive, held: Held, output: int) -> Floa
     variance[output] *= _UNSEEN
     run = filters.run(drive, replace(held, measurement=variance))
     return run.innovation[:, output] ** 2 if np.isfinite(run.log_likelihood) else np.array([np.inf])
-
-
-def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
-    """Return a model with values and variances of a point.
-
-    An effect's own states have no noise unless it is a random process, and a change begins when it does in the first
-    drive.
-    """
-    whole, noise = trace.fitting.whole, trace.fitting.noise_at(point)
-    process = dict(zip(whole.nominal.states, map(float, noise.process[:, 0]), strict=True))
-    model = spec.model()
-    known = dict(zip(whole.names, map(float, point.values[:, 0]), strict=True))
-    return replace(
-        spec,
-        values={n: known[n] if n in known else spec.values[n] for n in model.parameter_names},
-        process_noise={s: process.get(s, spec.process_noise.get(s, 0.0)) for s in model.states},
-        measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
-    )

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from harness.configure import ModelSpec
+from harness.loop.answer import gap
 from harness.loop.changed import Change, Changes
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import Outcome
@@ -30,11 +31,9 @@ def answer(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
         return outcome.answer
     sentences = []
     if found is not None:
-        fall = 1 - math.sqrt(found.held_out.excess / changes.before.excess)
         sentences = [
             _sentence(found.parameter.name, found.stated, found.value, found.std, found.parameter.unit),
-            "Of all parameters alone it explains these drives best: the held-out error beyond the noise falls by "
-            f"{100 * fall:.0f} %.",
+            f"Of all parameters alone it explains these drives best.{gap(changes.before, found.held_out)}",
         ]
     for h in added:
         if h.name == ALL_PARAMETERS:
@@ -77,24 +76,20 @@ def _row(c: Change) -> list[str]:
 
 
 def record(changes: Changes) -> dict[str, Any]:
-    """Return ``changed.json``: SI units, what is not finite as ``null``."""
-
-    def number(value: float) -> float | None:
-        return value if math.isfinite(value) else None
-
+    """Return the content of ``changed.json`` in SI units."""
     return {
         "found": changes.found.parameter.name if changes.found else None,
-        "held_out_excess_before": number(changes.before.excess),
+        "held_out_excess_before": changes.before.excess,
         "tried": [
             {
                 "name": c.parameter.name,
                 "unit": c.parameter.unit,
                 "stated": c.stated,
                 "value": c.value,
-                "std": number(c.std),
-                "bic_gain": number(c.bic),
-                "held_out_log_likelihood": number(c.held_out.log_likelihood),
-                "held_out_excess": number(c.held_out.excess),
+                "std": c.std,
+                "bic_gain": c.bic,
+                "held_out_log_likelihood": c.held_out.log_likelihood,
+                "held_out_excess": c.held_out.excess,
             }
             for c in changes.tried
         ],

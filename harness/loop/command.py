@@ -70,7 +70,7 @@ def trace(
     outcome = run_trace(task, out, console)
     with console.status("writing the report"):
         command = " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
-        write(document(outcome, command), out)
+        write(document(outcome, command), out, failures=outcome.failures)
     Console().print(Text(outcome.answer, style="bold"), soft_wrap=True)
     for name in ("report.html", "report.pdf", "trace.json", "nominal.toml", "amended.toml"):
         Console().print(Text(str(out / name)), soft_wrap=True)

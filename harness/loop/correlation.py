@@ -43,7 +43,8 @@ def consistency(time: Floats, whitened: Floats, window: float = 1.0) -> Consiste
     total = np.bincount(which, square, minlength=len(edges))
     kept = count > 0
     band = stats.chi2.ppf([[0.025], [0.975]], count[kept]) / count[kept]
-    return Consistency(edges[kept] + 0.5 * window, total[kept] / count[kept], band, float(inside[seen > 0].mean()))
+    share = float(inside[seen > 0].mean()) if kept.any() else np.nan
+    return Consistency(edges[kept] + 0.5 * window, total[kept] / count[kept], band, share)
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def cross_correlation(whitened: Sequence[Floats], signals: Sequence[Floats], ste
     products = np.zeros((len(lags), whitened[0].shape[1], signals[0].shape[1]))
     for innovation, signal in zip(whitened, signals, strict=True):
         r, s = np.nan_to_num(innovation), signal - mean
-        for j, lag in enumerate(lags):
+        for j, lag in enumerate(lags[lags < len(s)]):
             products[j] += r[lag:].T @ s[: len(s) - lag]
     together = np.concatenate(whitened)
     pairs = np.isfinite(together).sum(axis=0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from harness.loop.hypotheses import ALL_PARAMETERS
@@ -24,6 +26,8 @@ def called(name: str) -> str:
 def ranking(found: Round, number: int) -> bytes:
     """Return what each of the best hypotheses of a round gains: promised by the score test, or fitted."""
     shown = sorted(found.candidates, key=lambda c: c.bic, reverse=True)[:SHOWN]
+    # Over a model that leaves its range every gain is infinite: drawn to the edge.
+    end = 2.0 * max([BIC_NEEDED, *(c.bic for c in shown if math.isfinite(c.bic))])
     promised, fitted = style.looks(["promised", "fitted"]).values()
     with style.drawing():
         fig = style.figure(1.2 + 0.24 * len(shown))
@@ -31,10 +35,12 @@ def ranking(found: Round, number: int) -> bytes:
         at = np.arange(len(shown))[::-1]
         for y, c in zip(at, shown, strict=True):
             look = promised if c.fitted is None else fitted
-            axes.barh(y, max(c.bic, 1.0), height=0.7, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
+            width = min(max(c.bic, 1.0), end)
+            axes.barh(y, width, height=0.7, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
         axes.axvline(BIC_NEEDED, color=style.TRUTH, ls=":", lw=0.9)
         axes.set_xscale("log")
-        axes.set_xlim(1.0, max(2 * BIC_NEEDED, 2.0 * max(c.bic for c in shown)))
+        axes.set_xlim(1.0, end)
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.set_yticks(at, [called(c.hypothesis.name) for c in shown])
         axes.set_xlabel("gain in BIC (dotted: what an addition needs)")
         axes.grid(True, axis="x")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.loop import worth_report
 from harness.loop.figures import called
@@ -12,11 +13,14 @@ from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import BIC_NEEDED
 from harness.loop.outcome import Outcome, Value
 from harness.loop.trace import Trace
+from harness.loop.wording import unnamed_words
 from harness.loop.worth import Worth
 from harness.report import style
-from harness.report.document import Block, Bullets, Heading, Prose, Sheet, plain, strong
+from harness.report.document import Block, Bullets, Heading, Prose, Section, Sheet, plain, strong
 from harness.report.opening import listed
 from harness.report.store import print_unit, quantity, words
+
+Floats = NDArray[np.float64]
 
 _MEANING = {
     "adequate": "adequate: nothing is missing that these drives can show",
@@ -27,27 +31,47 @@ _MEANING = {
 _NAMELESS = "amended: what is missing has no name, but what it does is known and holds on the drives kept aside"
 
 
-def blocks(outcome: Outcome) -> list[Block]:
-    """Return the answer, the table, what was odd about the recordings, and how each round of the search ended."""
-    found: list[Block] = [Heading("What was found?"), Prose(strong(outcome.answer))]
+def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
+    """Return the answer, the table, what was odd about the recordings, and how each round of the search ended.
+
+    Args:
+        outcome: The trace, judged.
+        answer: What stands before that of the trace.
+    """
+    found: list[Block] = [Heading("What was found?")]
+    if answer:
+        found += [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))]
+    found += [Prose(strong(outcome.answer)), Section(lambda: [_table(outcome)], "The answer at a glance")]
+    if outcome.failures.sentences:
+        found += [
+            Prose(plain("These parts of the result could not be made:")),
+            Bullets([plain(sentence) for sentence in outcome.failures.sentences]),
+        ]
+    if outcome.notes:
+        found += [
+            Prose(plain("These are odd about the recordings, and may look like a missing effect:")),
+            Bullets([plain(note) for note in outcome.notes]),
+        ]
+    return [*found, Section(lambda: _search(outcome), "How did the search go?")]
+
+
+def _search(outcome: Outcome) -> list[Block]:
+    return [Prose(plain("How the search went:")), Bullets([plain(s) for s in _rounds(outcome)])]
+
+
+def _table(outcome: Outcome) -> Sheet:
     nameless = outcome.verdict == "amended" and not outcome.added
     rows = [["verdict", _NAMELESS if nameless else _MEANING[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.added]
     if outcome.where.unnamed is not None:
-        rows += [["what", f"without a name: {text}"] for text in outcome.where.unnamed.words]
+        rows += [["what", f"without a name: {text}"] for text in unnamed_words(outcome.where.unnamed)]
     rows += [["how large", line] for line in _sizes(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]
     if isinstance(outcome.worth, Worth):
         rows.append(["in a study", worth_report.answer(outcome.worth)])
     shown = [[label if i == 0 or rows[i - 1][0] != label else "", text] for i, (label, text) in enumerate(rows)]
-    found.append(Sheet(["", ""], shown, "The answer at a glance; the sections below give the evidence.", left=2))
-    if outcome.notes:
-        found += [
-            Prose(plain("These are odd about the recordings, and may look like a missing effect:")),
-            Bullets([plain(note) for note in outcome.notes]),
-        ]
-    return [*found, Prose(plain("How the search went:")), Bullets([plain(s) for s in _rounds(outcome)])]
+    return Sheet(["", ""], shown, "The answer at a glance; the sections below give the evidence.", left=2)
 
 
 def _sizes(outcome: Outcome) -> list[str]:
@@ -116,19 +140,25 @@ def _improvements(outcome: Outcome) -> list[str]:
     if not outcome.added and outcome.where.unnamed is None:
         return []
     outputs, after_all = list(trace.fitting.whole.model.outputs), outcome.after.error
-    fall = trace.before.error / after_all
+    fall = _fall(trace.before.error, after_all)
     foretold = trace.added or outcome.where.unnamed is not None  # what a random process does, nothing foretells
     for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2] if foretold else ():
         q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
         before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], after_all[a], noise))
         found.append(f"model alone, {q.words}: RMSE {before} to {after} {q.unit} (noise of the sensor {floor})")
     for e in outcome.estimators:
-        with np.errstate(invalid="ignore"):
-            a = int(np.nanargmax(np.where(np.isfinite(e.after), e.before / e.after, -np.inf)))
+        gained = _fall(e.before, e.after)
+        a = int(np.argmax(np.where(np.isfinite(e.after) & ~np.isnan(gained), gained, -np.inf)))
         q = quantity(outputs[a])
         before, after = (style.number(q.scale * v) for v in (e.before[a], e.after[a]))
         found.append(f"{e.kind.upper()}, {q.words} without its sensor: RMSE {before} to {after} {q.unit}")
     return found
+
+
+def _fall(before: Floats, after: Floats) -> Floats:
+    """Return the factor by which each error falls, NaN where neither says it."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return before / after
 
 
 def _rounds(outcome: Outcome) -> list[str]:
@@ -143,9 +173,10 @@ def _rounds(outcome: Outcome) -> list[str]:
             sentences.append(f"Round {number} added nothing: {r.reason}.")
     if outcome.trace.dropped:
         names = listed([called(h.name) for h in outcome.trace.dropped])
-        instead = [called(h.name) for h in _in_place(outcome.trace)]
-        stands = f"A wrong {listed(instead)} explains as much as {names}, and takes its place."
-        sentences.append(stands if instead else f"Later additions made {names} superfluous.")
+        if instead := [called(h.name) for h in _in_place(outcome.trace)]:
+            sentences.append(f"A wrong {listed(instead)} explains as much as {names}, and takes its place.")
+        else:
+            sentences.append(f"Later additions made {names} superfluous.")
     return sentences
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
+from functools import partial
 
 from harness.identify import figures as fit_figures
 from harness.loop import figures, glance, where_report, worth_report
@@ -11,41 +13,60 @@ from harness.loop.figures import called
 from harness.loop.glance import scaled
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.judges import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
-from harness.loop.outcome import COLOURED, Outcome, equation
+from harness.loop.outcome import Outcome
+from harness.loop.record import equation
+from harness.loop.verdict import COLOURED
 from harness.report import style
-from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
+from harness.report.document import (
+    Block,
+    Document,
+    Drawing,
+    Heading,
+    Listing,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
 from harness.report.store import quantity, words
 
 _SETTLED = Prose("#settle()")  # the figures of a section stand before the next one
 
 
-def document(outcome: Outcome, command: str) -> Document:
+def document(
+    outcome: Outcome, command: str, title: str = "", answer: str = "", evidence: Iterable[Block] = ()
+) -> Document:
     """Return the report.
 
     Args:
         outcome: The trace, judged.
         command: How it was made, for the last section.
+        title: The question; what the model of the vehicle lacks by default.
+        answer: What stands before that of the trace.
+        evidence: What stands behind the errors of model and estimators.
     """
-    blocks = [
-        *glance.blocks(outcome),
-        *_errors(outcome),
-        *_estimators(outcome),
-        *_found(outcome),
-        *where_report.unnamed(outcome),
-        *worth_report.blocks(outcome.worth),
-        *where_report.where(outcome),
-        *_rounds(outcome),
+    blocks: list[Block] = [
+        *glance.blocks(outcome, answer),
+        Section(lambda: _errors(outcome), "How large is the error of the model alone?"),
+        Section(lambda: _estimators(outcome), "How large are the errors of the estimators?"),
+        *evidence,
+        Section(lambda: _found(outcome), "How large is it?"),
+        Section(lambda: where_report.unnamed(outcome), "What is missing without a name?"),
+        Section(lambda: worth_report.blocks(outcome.worth), "What is the amendment worth?"),
+        Section(lambda: where_report.where(outcome), "Where is something missing?"),
+        Section(lambda: _rounds(outcome), "What else was tried?"),
         _SETTLED,
-        *_residual(outcome),
-        *where_report.innovations(outcome),
+        Section(lambda: _residual(outcome), "Is anything left that could be predicted?"),
+        Section(lambda: where_report.innovations(outcome), "What do the innovations depend on?"),
         _SETTLED,
-        *_over_time(outcome),
+        Section(lambda: _over_time(outcome), "Does the model alone follow the drives?"),
         _SETTLED,
-        *_excitation(outcome),
-        *_made(outcome, command),
+        Section(lambda: _excitation(outcome), "What could these drives have shown?"),
+        Section(lambda: _made(outcome, command), "How was it made?"),
     ]
     vehicle = words(outcome.trace.fitting.whole.spec.vehicle)
-    return Document(f"What does the model of the {vehicle} lack?", blocks)
+    return Document(title or f"What does the model of the {vehicle} lack?", blocks)
 
 
 def _errors(outcome: Outcome) -> list[Block]:
@@ -126,7 +147,7 @@ def _rounds(outcome: Outcome) -> list[Block]:
     for number, r in enumerate(outcome.trace.rounds, 1):
         if r.candidates and max(c.bic for c in r.candidates) > 1.0:
             title = f"Gain in BIC of the best hypotheses of round {number}, over the model as it was then."
-            blocks.append(Picture(figures.ranking(r, number), title, title))
+            blocks.append(Drawing(partial(figures.ranking, r, number), title, title))
         fitted = [c for c in r.candidates if c.fitted is not None]
         if fitted:
             blocks.append(_fitted(fitted, r.before.log_likelihood, r.before.excess, number))
@@ -178,6 +199,8 @@ def _excitation(outcome: Outcome) -> list[Block]:
 def _residual(outcome: Outcome) -> list[Block]:
     outputs = list(outcome.trace.fitting.whole.model.outputs)
     rows, coloured = [], []
+    if not outcome.judged:
+        return [Heading("Is anything left that could be predicted?"), Prose(plain("It could not be tested."))]
     for j in outcome.judged:
         for name, w in zip(outputs, j.whiteness, strict=True):
             tests = [style.probability(w.ljung_box), style.probability(w.periodogram)]
@@ -188,8 +211,8 @@ def _residual(outcome: Outcome) -> list[Block]:
     return [
         Heading("Is anything left that could be predicted?"),
         Prose(strong(said)),
-        Picture(
-            fit_figures.periodograms(list(outcome.judged), outputs),
+        Drawing(
+            lambda: fit_figures.periodograms(list(outcome.judged), outputs),
             "Cumulative periodogram of the whitened innovations of the final model, less that of white noise, with the "
             "band in which white noise stays 95 times of 100.",
             "Cumulative share of power over frequency for each output, less that of white noise.",
@@ -208,8 +231,8 @@ def _over_time(outcome: Outcome) -> list[Block]:
     return [
         Heading("Does the model alone follow the drives?"),
         *(
-            Picture(
-                fit_figures.over_time(j, outputs),
+            Drawing(
+                partial(fit_figures.over_time, j, outputs),
                 f"{j.drive.name}, never fitted: measured, and the model alone before and after.",
                 f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
             )

@@ -14,17 +14,17 @@ from rich.text import Text
 from threadpoolctl import threadpool_limits
 
 from harness.configure import ModelSpec
-from harness.errors import UserError
+from harness.failures import Failures
 from harness.identify.recordings import Drive
-from harness.loop.amend import estimators_on
+from harness.loop.amend import Estimated, estimators_on
 from harness.loop.changed import Changes, single_changes
 from harness.loop.fitness import oddities, refuse_recordings
-from harness.loop.outcome import Outcome, outcome_of, write_outcome
+from harness.loop.outcome import Outcome, outcome_of
+from harness.loop.record import write_outcome
 from harness.loop.trace import ROUNDS, trace
 from harness.loop.whole import Whole
-from harness.loop.worth import REPEATS, refuse_study, worth
+from harness.loop.worth import REPEATS, Worth, refuse_study, worth
 from harness.measured.study import names_of
-from models.contracts import ModelError
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,9 @@ class Task:
 def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = None) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
 
-    What is odd about the recordings is printed before anything is computed, and stands in the outcome.
+    What is odd about the recordings is printed before anything is computed, and stands in the outcome. The verdict is
+    written as soon as there is one; what fails thereafter is told by the outcome, and its traceback stands in
+    ``errors.txt``.
 
     Args:
         task: What is to be traced.
@@ -72,13 +74,14 @@ def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = 
         whole: The model of the task, compiled, from an earlier one that differs in its recordings only.
 
     Raises:
-        UserError, ModelError: If recordings, model or study do not fit each other.
+        UserError, ModelError: If recordings, model or study do not fit each other, or the folder cannot be written to.
     """
     recordings = task.train + task.test
     refuse_recordings(recordings, task.spec.model())
     if task.study is not None:
         refuse_study(task.study, task.spec)
     notes = (*task.notes, *oddities(recordings))
+    failures = Failures(folder, console)
     for note in notes:
         console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
@@ -86,13 +89,13 @@ def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = 
         whole = whole or whole_of(task)
         fitted, held_out = drives_of(task, whole)
         found = trace(whole, fitted, held_out, task.free, say, task.rounds, task.stated_noise)
-        outcome = replace(outcome_of(found, say), notes=notes)
-        tried = estimators_on(found, outcome.amended, task.test, task.estimators, say)
-        outcome = replace(outcome, estimators=tried)
+        outcome = replace(outcome_of(found, say, failures), notes=notes)
         write_outcome(outcome, folder)
+        for kind in task.estimators:
+            outcome = replace(outcome, estimators=(*outcome.estimators, *_estimated(task, outcome, kind, say)))
         if task.study is not None:
-            outcome = _with_worth(task, outcome, folder, say)
-            write_outcome(outcome, folder)
+            outcome = replace(outcome, worth=_worth(task, outcome, folder, say))
+        write_outcome(outcome, folder)
     return outcome
 
 
@@ -131,14 +134,24 @@ def drives_of(task: Task, whole: Whole) -> tuple[list[Drive], list[Drive]]:
     return drives[: len(task.train)], drives[len(task.train) :]
 
 
-def _with_worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Outcome:
+def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], None]) -> tuple[Estimated, ...]:
+    """Return one estimator on the held-out drives; none if it cannot be run."""
+    return outcome.failures.attempt(
+        f"the estimates of {kind}",
+        lambda: estimators_on(outcome.trace, outcome.amended, task.test, (kind,), say),
+        lambda _: (),
+    )
+
+
+def _worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Worth | str:
     """Run the study; a trace is not lost because a study cannot be run with what it found."""
     assert task.study is not None
+    study = task.study
     if not outcome.added:
-        return replace(outcome, worth=f"Nothing was added to the model, so {task.study} was not run.")
+        return f"Nothing was added to the model, so {study} was not run."
     models = {"nominal": outcome.nominal, "amended": outcome.amended}
-    try:
-        found = worth(task.study, folder, models, task.estimators, task.repeats, task.jobs, say)
-    except (UserError, ModelError) as error:
-        return replace(outcome, worth=f"{task.study} cannot be run with the amended model: {error}")
-    return replace(outcome, worth=found)
+    return outcome.failures.attempt(
+        f"the study {study}",
+        lambda: worth(study, folder, models, task.estimators, task.repeats, task.jobs, say),
+        lambda why: f"{study} cannot be run with the amended model: {why}.",
+    )

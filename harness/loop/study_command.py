@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.folder import write_files
+from harness.folder import json_text, write_files
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from harness.loop.outcome import Outcome
     from harness.loop.run import Task
     from harness.loop.study import LoopStudy
-    from harness.report.document import Block
+    from harness.report.document import Block, Section
 
 Errors = dict[str, dict[str, dict[str, dict[str, float]]]]
 
@@ -70,6 +69,7 @@ def _trace(
     """Trace what the nominal model lacks and write the results."""
     from harness.loop.run import run_trace
     from harness.loop.worth import REPEATS
+    from harness.report.document import Section
 
     raw, worth = study.raw, study.raw.worth
     task = replace(
@@ -79,7 +79,8 @@ def _trace(
         repeats=worth.repeats if worth else REPEATS,
     )
     outcome = run_trace(task, folder, console)
-    _write(study, outcome, raw.title, _about(study, ""), held_out(outcome, spec), folder, console)
+    about = Section(lambda: _about(study, ""), "Which drives?")
+    _write(study, outcome, spec, raw.title, [about], folder, console)
     return outcome
 
 
@@ -94,6 +95,7 @@ def _changed(
     """Say what is another one in the changed drives, and trace what else is missing there; write the results."""
     from harness.loop import changed_report
     from harness.loop.run import run_changes, run_trace
+    from harness.report.document import Section
 
     assert study.raw.changed is not None
     task = _task(study, spec, drives, "changed.", jobs)
@@ -102,10 +104,15 @@ def _changed(
         values = {**spec.values, one.parameter.name: one.value}
         task = replace(task, spec=replace(spec, values=values), free=(one.parameter.name,))
     outcome = run_trace(task, folder, console)
-    errors, answer = held_out(outcome, spec), changed_report.answer(changes, outcome, spec)
-    tried = [changed_report.table(changes), *_about(study, "changed.")]
-    _write(study, outcome, study.raw.changed.question, tried, errors, folder, console, answer)
-    write_files(folder, {"changed.json": json.dumps(changed_report.record(changes), indent=2) + "\n"})
+    write_files(folder, {"changed.json": json_text(changed_report.record(changes))})
+    answer = outcome.failures.attempt(
+        "the answer to what changed", lambda: changed_report.answer(changes, outcome, spec), lambda _: outcome.answer
+    )
+    evidence = [
+        Section(lambda: [changed_report.table(changes)], "Which parameter changed?"),
+        Section(lambda: _about(study, "changed."), "Which drives?"),
+    ]
+    _write(study, outcome, spec, study.raw.changed.question, evidence, folder, console, answer)
     return answer
 
 
@@ -130,24 +137,25 @@ def _task(study: LoopStudy, spec: ModelSpec, drives: dict[str, list[xr.Dataset]]
 def _write(
     study: LoopStudy,
     outcome: Outcome,
+    stated: ModelSpec,
     title: str,
-    further: list[Block],
-    errors: Errors,
+    evidence: list[Section],
     folder: Path,
     console: Console,
     answer: str = "",
 ) -> None:
-    """Write ``loop.json`` and the report, with an answer before that of the trace and what is ``further`` behind it."""
+    """Write ``loop.json`` and the report, with an answer before that of the trace and further evidence behind it."""
     from harness.loop.report import document
-    from harness.report.document import Document, Heading, Prose, plain, strong, write
+    from harness.report.document import Section, write
 
     with console.status("writing the report"):
-        blocks = document(outcome, f"harness loop {study.path}").blocks
-        _, first, *_ = (i for i, b in enumerate(blocks) if isinstance(b, Heading))  # the end of what was found
-        write_files(folder, {"loop.json": json.dumps(errors, indent=2) + "\n"})
-        beyond = [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))] if answer else []
-        found = [blocks[0], *beyond, *blocks[1:first]]
-        write(Document(title, [*found, _errors(errors), *further, *blocks[first:]]), folder)
+        errors = outcome.failures.attempt(
+            "loop.json, the error of each model on the held-out drives", lambda: held_out(outcome, stated), lambda _: {}
+        )
+        write_files(folder, {"loop.json": json_text(errors)})
+        table = Section(lambda: [_errors(errors)] if errors else [], "How large is the error on each held-out drive?")
+        report = document(outcome, f"harness loop {study.path}", title, answer, [table, *evidence])
+        write(report, folder, failures=outcome.failures)
 
 
 def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:

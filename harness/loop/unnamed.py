@@ -24,7 +24,7 @@ from harness.compile import compile_model
 from harness.identify.recordings import Drive
 from harness.lanes import LANES
 from harness.loop.channels import Channel
-from harness.loop.curves import FUNCTIONS, Basis, Curve, described
+from harness.loop.curves import FUNCTIONS, Basis, Curve
 from harness.loop.dictionary import Proposal, proposals
 from harness.loop.drivers import Driver, drivers_of, rates, with_quick
 from harness.loop.fit import Fitted, Fitting, Point
@@ -79,11 +79,6 @@ class Unnamed:
     judgement: Judgement
     turning: tuple[Turning, ...] = ()
 
-    @property
-    def words(self) -> list[str]:
-        """What each looks like."""
-        return [*map(described, self.turning), *map(described, self.curves)]
-
 
 @dataclass(frozen=True)
 class _Term:
@@ -117,6 +112,11 @@ class _Drives:
             for x, drive in zip(states, self.drives, strict=True)
         ]
         self.rides = ridden(pinpoint, self._speeds())
+
+    @property
+    def followed(self) -> bool:
+        """Whether the filter followed every drive to its end; its states are NaN from where it did not."""
+        return all(np.isfinite(s).all() for s in self.signals)
 
     def _speeds(self) -> list[Floats]:
         """Return the speed by drive; zero if the model has none, so that no distance is driven."""
@@ -174,6 +174,8 @@ def find_unnamed(
 ) -> Unnamed | None:
     """Return what a model lacks without a name; ``None`` if nothing predicts drives that it was not fitted to.
 
+    Where the filter itself leaves the range of the model there are no innovations to explain, and nothing is sought.
+
     Args:
         fitting: The fitted drives.
         held_out: The drives kept aside.
@@ -187,6 +189,8 @@ def find_unnamed(
     suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
     there = Pinpoint(held_out.fitting, before.point, pinpoint.channels, ranked=False)
     kept_aside = _Drives(there, held_out.fitting, before.point, moved)
+    if not (here.followed and kept_aside.followed):
+        return None
     turnings, disturbances, gain = _turning(here, kept_aside, held_out.fitting.samples)
     pairs: list[Proposal] = []
     if suspects:

@@ -143,9 +143,12 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
 
 
 def _left(before: Floats, after: Floats) -> float:
-    """Return how much of its squared correlations a series of innovations keeps; nothing if it is white."""
+    """Return how much of its squared correlations a series of innovations keeps; nothing if it is not coloured.
+
+    A series that is too short, or missing, is not tested (NaN) and tells nothing against a process.
+    """
     test = whiteness(after)
-    if min(test.ljung_box, test.periodogram) >= EXPLAINED:
+    if not min(test.ljung_box, test.periodogram) < EXPLAINED:
         return 0.0
     return test.correlation / whiteness(before).correlation
 

@@ -10,10 +10,11 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from harness.identify.recordings import Drive
 from harness.loop.correlation import Consistency, CrossCorrelation
-from harness.loop.curves import Curve, entry, shown
+from harness.loop.curves import Curve
 from harness.loop.drivers import Driver
 from harness.loop.pinpoint import History, Pinpoint, Suspect
 from harness.loop.turning import WAVELENGTHS, Turning
+from harness.loop.wording import entry, shown
 from harness.report import style
 from harness.report.store import print_unit, quantity, words
 
@@ -81,7 +82,8 @@ def nis(names: Sequence[str], found: Sequence[Consistency]) -> bytes:
             axes.plot(c.time, c.nis, color=_AFTER.line)
             axes.set_title(f"{name}: {style.percent(c.inside)} of the samples inside their own band", loc="left")
             axes.set_ylabel("NIS per value")
-            axes.set_ylim(0.0, max(1.6, 1.05 * float(np.quantile(c.nis, 0.99))))
+            most = float(np.quantile(c.nis, 0.99)) if len(c.nis) else 0.0
+            axes.set_ylim(0.0, max(1.6, 1.05 * most))
             axes.grid(True)
         panels[-1].set_xlabel("time in s")
         style.head(fig, "Are the innovations as large as the filter says?")

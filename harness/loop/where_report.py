@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from harness.loop import vehicle_picture, where_figures
 from harness.loop.correlation import LARGEST_LAG, consistency, cross_correlation
-from harness.loop.curves import amount, entry
 from harness.loop.drivers import drivers_of
 from harness.loop.outcome import Outcome
 from harness.loop.unnamed import Unnamed
+from harness.loop.where import Where
+from harness.loop.whole import Whole
+from harness.loop.wording import amount, entry, unnamed_words
 from harness.report import style
-from harness.report.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
+from harness.report.document import Block, Bullets, Drawing, Heading, Prose, Section, Sheet, plain, strong
 from harness.report.store import words
 
 
@@ -19,6 +23,8 @@ def where(outcome: Outcome) -> list[Block]:
     """Return where an unknown disturbance would explain most, and how it would look."""
     found, whole = outcome.where, outcome.trace.fitting.whole
     blocks: list[Block] = [Heading("Where is something missing?")]
+    if found.nominal is None or found.final is None:
+        return [*blocks, Prose(plain("It could not be looked for."))]
     if not found.shown:
         said = "Nowhere: no slowly varying disturbance makes the drives likelier."
         return [*blocks, Prose(strong(said))]
@@ -36,24 +42,37 @@ def where(outcome: Outcome) -> list[Block]:
     blocks += [
         Prose(strong(said)),
         Prose(plain(caveat)),
-        Picture(where_figures.ranking(found.nominal.suspects, found.final.suspects), title, title),
+        Drawing(partial(where_figures.ranking, found.nominal.suspects, found.final.suspects), title, title),
+        Section(lambda: _from_above(whole, found), "Where on the vehicle?"),
+        Section(lambda: _histories(found), "How would the disturbance look?"),
     ]
+    return blocks
+
+
+def _from_above(whole: Whole, found: Where) -> list[Block]:
+    """Return the vehicle from above; nothing if its equations do not say where its axles stand."""
+    assert found.nominal is not None
     plan = vehicle_picture.plan_of(whole)
-    if plan is not None:
-        caption = (
-            "The vehicle from above, not to scale across. The area of a mark is the gain in log-likelihood of the "
-            "nominal model; numbers are ranks. Entries at the same place stand beside each other."
-        )
-        picture = vehicle_picture.picture(plan, found.nominal.suspects)
-        blocks.append(Picture(picture, caption, "Top view of the vehicle with marks where a disturbance may act."))
-    # The drive in which the disturbances stand out most from their errors.
+    if plan is None:
+        return []
+    caption = (
+        "The vehicle from above, not to scale across. The area of a mark is the gain in log-likelihood of the "
+        "nominal model; numbers are ranks. Entries at the same place stand beside each other."
+    )
+    draw = partial(vehicle_picture.picture, plan, found.nominal.suspects)
+    return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
+
+
+def _histories(found: Where) -> list[Block]:
+    """Return the disturbances over the drive in which they stand out most from their errors."""
+    assert found.nominal is not None
     clarity = [np.mean([np.mean((h[i].mean / h[i].error.mean()) ** 2) for h in found.histories])
                for i in range(len(found.nominal.drives))]  # fmt: skip
     i = int(np.argmax(clarity))
     drive = found.nominal.drives[i]
     caption = f"Smoothed disturbance of the nominal model over {drive.name}, with its 95 % band, one entry at a time."
-    figure = where_figures.histories(drive, found.shown, [h[i] for h in found.histories])
-    return [*blocks, Picture(figure, caption, f"Disturbances over time in {drive.name} with bands.")]
+    draw = partial(where_figures.histories, drive, found.shown, [h[i] for h in found.histories])
+    return [Drawing(draw, caption, f"Disturbances over time in {drive.name} with bands.")]
 
 
 def unnamed(outcome: Outcome) -> list[Block]:
@@ -63,7 +82,7 @@ def unnamed(outcome: Outcome) -> list[Block]:
         return []
     blocks: list[Block] = [
         Heading("What is missing without a name?"),
-        Bullets([strong(_sentence(text)) for text in found.words]),
+        Bullets([strong(_sentence(text)) for text in unnamed_words(found)]),
         Prose(plain(_worth(outcome, found))),
     ]
     return [*blocks, *_turning(found), *_curves(outcome, found)]
@@ -77,15 +96,16 @@ def _turning(found: Unnamed) -> list[Block]:
         "entry where it gains most; each drive has its own phase. Mark: what was taken. A wheel turns once per "
         "circumference; a half or a third of that is an order of it."
     )
-    return [Picture(where_figures.spectra(found.turning), caption, "Gain over the distance after which it comes back.")]
+    draw = partial(where_figures.spectra, found.turning)
+    return [Drawing(draw, caption, "Gain over the distance after which it comes back.")]
 
 
 def _curves(outcome: Outcome, found: Unnamed) -> list[Block]:
-    if not found.curves:
+    if not found.curves or outcome.where.final is None:
         return []
     return [
-        Picture(
-            where_figures.curves(outcome.where.final, found.curves),
+        Drawing(
+            partial(where_figures.curves, outcome.where.final, found.curves),
             "Curves fitted to the innovations of the fitted drives. Points: mean of the disturbance that the smoother "
             "finds without knowing the signal; it is drawn towards zero where the drives say little.",
             "Disturbance over the signal that drives it, with a band.",
@@ -124,8 +144,9 @@ def _worth(outcome: Outcome, found: Unnamed) -> str:
 
 def innovations(outcome: Outcome) -> list[Block]:
     """Return whether the innovations are as large as the filter says, and what they hang on."""
-    trace = outcome.trace
-    whole, linear = trace.fitting.whole, outcome.where.final.linear
+    if outcome.where.final is None:
+        return []
+    whole, linear = outcome.trace.fitting.whole, outcome.where.final.linear
     drivers = drivers_of(whole)
     whitened = [p.whitened for p in linear]
     checks = [consistency(p.drive.time[1:], w[1:]) for p, w in zip(linear, whitened, strict=True)]
@@ -142,14 +163,14 @@ def innovations(outcome: Outcome) -> list[Block]:
     )
     return [
         Prose(plain(said)),
-        Picture(
-            where_figures.nis([p.drive.name for p in linear], checks),
+        Drawing(
+            partial(where_figures.nis, [p.drive.name for p in linear], checks),
             "Normalised innovation squared of the final model over the number of measured values, mean of a second, "
             "with the band in which it stays 95 times of 100 if the filter states its uncertainty rightly.",
             "Normalised innovation squared over time with its band.",
         ),
-        Picture(
-            where_figures.correlations(found, outputs, drivers),
+        Drawing(
+            partial(where_figures.correlations, found, outputs, drivers),
             f"Correlation of the whitened innovations of the final model with signals up to {LARGEST_LAG:g} s before, "
             "all fitted drives; grey: where that of white innovations stays 95 times of 100. Drawn are the signals on "
             "which any innovation hangs most.",

@@ -16,7 +16,7 @@ from harness.measured import check_figures
 from harness.measured.axles import Axle, axles_of, signals_of
 from harness.measured.consistency import Fit, check, in_report_unit
 from harness.measured.load import load_recording
-from harness.report.document import Block, Bullets, Document, Heading, Prose, Sheet, plain, write
+from harness.report.document import Block, Bullets, Document, Heading, Prose, Section, Sheet, plain, write
 from harness.report.store import print_unit, quantity, words
 from harness.report.style import number
 from models import registry
@@ -173,29 +173,41 @@ def write_check(findings: Findings, out: Path) -> list[Path]:
         UserError: If the folder cannot be written.
     """
     attrs = findings.recording.attrs
-    blocks: list[Block] = [
-        Prose(plain(f"{attrs['file']}: {_overview(findings.recording)}.") + (plain(f" {attrs['source']}")))
+    sections = [
+        Section(lambda: _found(findings), "What was found?"),
+        Section(lambda: _agreement(findings), "Do the signals agree?"),
+        Section(lambda: _axles(findings), "What do the axles do?"),
+        Section(lambda: _content(findings), "What the file holds"),
     ]
-    warnings = findings.warnings
+    return write(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", sections), out, "check")
+
+
+def _found(findings: Findings) -> list[Block]:
+    attrs, warnings = findings.recording.attrs, findings.warnings
+    read = Prose(plain(f"{attrs['file']}: {_overview(findings.recording)}.") + (plain(f" {attrs['source']}")))
     if warnings:
-        blocks.append(Bullets([plain(w) for w in warnings]))
-    else:
-        blocks.append(
-            Prose(plain("Nothing odd was found: no gaps, spikes or repeated samples, and the signals agree."))
-        )
-    if findings.fits:
-        blocks += check_figures.agreement(findings.fits)
-        blocks.append(Sheet(AGREEMENT, agreement_rows(findings.fits), _AGREEMENT_CAPTION, left=2))
-    if findings.axles:
-        blocks.append(Heading("What do the axles do?"))
-        blocks.append(Bullets([plain(_axle_sentence(axle)) for axle in findings.axles]))
-        blocks.append(check_figures.axles(findings.axles))
-    blocks += [
-        Heading("What the file holds"),
-        *check_figures.signals(findings.recording),
-        Sheet(CONTENT, content_rows(findings.recording), _CONTENT_CAPTION, left=3),
-    ]
-    return write(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", blocks), out, "check")
+        return [read, Bullets([plain(w) for w in warnings])]
+    return [read, Prose(plain("Nothing odd was found: no gaps, spikes or repeated samples, and the signals agree."))]
+
+
+def _agreement(findings: Findings) -> list[Block]:
+    if not findings.fits:
+        return []
+    rows = agreement_rows(findings.fits)
+    return [*check_figures.agreement(findings.fits), Sheet(AGREEMENT, rows, _AGREEMENT_CAPTION, left=2)]
+
+
+def _axles(findings: Findings) -> list[Block]:
+    if not findings.axles:
+        return []
+    sentences = Bullets([plain(_axle_sentence(axle)) for axle in findings.axles])
+    return [Heading("What do the axles do?"), sentences, check_figures.axles(findings.axles)]
+
+
+def _content(findings: Findings) -> list[Block]:
+    rows = content_rows(findings.recording)
+    sheet = Sheet(CONTENT, rows, _CONTENT_CAPTION, left=3)
+    return [Heading("What the file holds"), *check_figures.signals(findings.recording), sheet]
 
 
 _AGREEMENT_CAPTION = (

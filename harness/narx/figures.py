@@ -53,6 +53,7 @@ def restarts(errors: Floats, counts: Sequence[int], name: str) -> bytes:
         for place, group in enumerate(groups, start=1):
             axes.plot(np.full(len(group), place), group, "o", ms=2.5, color="#0072B2", alpha=0.5, mew=0)
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.set_xticks(range(1, len(counts) + 1), [str(n) for n in counts])
         axes.set_xlabel("trainings from different first weights")
         axes.set_ylabel("free-running NRMSE, sum")

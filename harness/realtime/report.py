@@ -14,7 +14,19 @@ from matplotlib.lines import Line2D
 from harness.realtime.measure import PACES, TURN
 from harness.realtime.outcome import PUBLISHED, STORE, published_ratio
 from harness.report import style
-from harness.report.document import Block, Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, write
+from harness.report.document import (
+    Block,
+    Bullets,
+    Document,
+    Heading,
+    Listing,
+    Picture,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    write,
+)
 from harness.report.style import number, percent, with_unit
 
 _MICRO = 1e6
@@ -59,12 +71,25 @@ def write_report(outcome: xr.Dataset, folder: Path) -> list[Path]:
     Raises:
         UserError: If the folder cannot be written.
     """
-    blocks: list[Block] = [
-        Prose(plain(headline(outcome)) + " " + plain(_ratios_in_words(outcome))),
-        figure(outcome),
-        *_tables(outcome),
+    sections = [
+        Section(lambda: [Prose(plain(headline(outcome)) + " " + plain(_ratios_in_words(outcome)))], "Answer"),
+        Section(lambda: [figure(outcome)], "How long does a step take, and how often longer?"),
+        Section(lambda: _tables(outcome), "How long does a step of each estimator take?"),
+        Section(lambda: _said(outcome), "What does this say of a controller?"),
+        Section(lambda: _made(outcome), "How was this made?"),
+    ]
+    return write(Document("Does each estimator fit into the cycle of a controller?", sections), folder)
+
+
+def _said(outcome: xr.Dataset) -> list[Block]:
+    return [
         Heading("What does this say of a controller?"),
         Bullets([plain(text) for text in _meaning(outcome)]),
+    ]
+
+
+def _made(outcome: xr.Dataset) -> list[Block]:
+    return [
         Heading("How was this made?"),
         Sheet(["item", "value"], _facts(outcome), "Configuration of the measurement.", left=2),
         Prose(
@@ -72,7 +97,6 @@ def write_report(outcome: xr.Dataset, folder: Path) -> list[Path]:
         ),
         Listing(str(outcome.attrs["study"]).rstrip("\n"), "toml"),
     ]
-    return write(Document("Does each estimator fit into the cycle of a controller?", blocks), folder)
 
 
 def _micro(seconds: float) -> str:

@@ -6,10 +6,11 @@ The parts: ``store`` reads, ``analysis`` computes every number once, each file o
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from harness.report.analysis import Analysis
-from harness.report.document import Document, write
+from harness.report.document import Document, Section, write
 from harness.report.opening import answer_in_short
 from harness.report.sections import (
     answer,
@@ -28,21 +29,30 @@ from harness.report.sections import (
 )
 from harness.report.store import read
 
-_SECTIONS = (
-    answer,
-    boxes,
-    sensitivity,
-    tolerance,
-    over_time,
-    paired,
-    history,
-    weights,
-    certainty,
-    consistency,
-    drives,
-    scatter,
-    made,
-)
+_SECTIONS = {
+    "Answer": answer.blocks,
+    "How large are the errors?": boxes.blocks,
+    "Which parameter drives the error?": sensitivity.blocks,
+    "How far may the vehicle drift in everything at once?": tolerance.blocks,
+    "When does which parameter make the error?": over_time.blocks,
+    "Which estimator is better, run by run?": paired.blocks,
+    "What do runs look like over time?": history.blocks,
+    "How much weight does a measurement get?": weights.blocks,
+    "When does the drive tell the estimators something?": certainty.blocks,
+    "Do the estimators know how wrong they are?": consistency.blocks,
+    "On which drives are the estimators wrong?": drives.blocks,
+    "How does the error depend on the actual value?": scatter.blocks,
+    "How was this made?": made.blocks,
+}
+"""The sections of a report in their order, each with the title that it has if it cannot be made."""
+
+
+def document(analysis: Analysis) -> Document:
+    """Return the report of a study."""
+    attributes = analysis.store.attributes
+    question = str(attributes.get("title") or attributes.get("study_name") or analysis.store.directory.name)
+    sections = [Section(partial(blocks, analysis), title) for title, blocks in _SECTIONS.items()]
+    return Document(question, sections)
 
 
 def headline(directory: Path) -> str:
@@ -70,8 +80,4 @@ def write_report(directory: Path) -> list[Path]:
         UserError: If the folder holds no finished study.
     """
     directory = Path(directory)
-    store = read(directory)
-    analysis = Analysis(store)
-    question = str(store.attributes.get("title") or store.attributes.get("study_name") or directory.name)
-    document = Document(question, [block for section in _SECTIONS for block in section.blocks(analysis)])
-    return write(document, directory)
+    return write(document(Analysis(read(directory))), directory)

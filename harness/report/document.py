@@ -8,14 +8,16 @@ figures, tables, formulas and listings, and ``requirements.lock`` fixes the vers
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import unicodedata
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
 import matplotlib as mpl
 import typst
 
+from harness.failures import RAISED, Failures
 from harness.folder import write_files
 
 
@@ -68,20 +70,85 @@ class Listing:
     language: str = "text"
 
 
-Block = Heading | Prose | Bullets | Picture | Sheet | Listing
+@dataclass(frozen=True)
+class Section:
+    """Blocks that are made when the report is written; if that fails a sentence stands for them, and the rest stands.
+
+    Attributes:
+        make: Returns the blocks, sections among them.
+        title: Heading that then stands above the sentence, as it would have above the blocks.
+    """
+
+    make: Callable[[], Iterable[Block]]
+    title: str
 
 
-@dataclass
+@dataclass(frozen=True)
+class Drawing:
+    """A figure that is drawn when the report is written; if that fails a sentence stands for it.
+
+    Attributes:
+        draw: Returns the figure as SVG.
+        caption: Plain text.
+        alt: The figure described, in plain text; the sentence names the figure by it.
+    """
+
+    draw: Callable[[], bytes]
+    caption: str
+    alt: str
+
+
+Block = Heading | Prose | Bullets | Picture | Sheet | Listing | Section | Drawing
+
+
+@dataclass(frozen=True)
 class Document:
     """A report: its title and its blocks."""
 
     title: str
-    blocks: list[Block] = field(default_factory=list)
+    blocks: Sequence[Block] = ()
+
+
+def made(blocks: Iterable[Block], failures: Failures = RAISED) -> list[Block]:
+    """Return blocks with every section made and every figure drawn.
+
+    Args:
+        blocks: Of a report.
+        failures: Takes what cannot be made; by default it is raised.
+    """
+    found: list[Block] = []
+    for block in blocks:
+        match block:
+            case Section():
+                found += _section(block, failures)
+            case Drawing():
+                found.append(_picture(block, failures))
+            case _:
+                found.append(block)
+    return found
+
+
+def _section(section: Section, failures: Failures) -> list[Block]:
+    return failures.attempt(
+        f"the section “{section.title}”",
+        lambda: made(section.make(), failures),
+        lambda why: [Heading(section.title), Prose(plain(f"This section could not be made: {why}."))],
+    )
+
+
+def _picture(drawing: Drawing, failures: Failures) -> Block:
+    name = f"the figure “{drawing.alt.rstrip('.')}”"
+    return failures.attempt(
+        name,
+        lambda: Picture(drawing.draw(), drawing.caption, drawing.alt),
+        lambda why: Prose(plain(f"{name[:1].upper()}{name[1:]} could not be made: {why}.")),
+    )
 
 
 def _string(text: str) -> str:
-    """Write a Typst string literal."""
-    escaped = str(text).replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    """Write a Typst string literal; what neither HTML nor UTF-8 can hold becomes the replacement character."""
+    known = "".join(c if c in "\n\r\t" or unicodedata.category(c) not in ("Cc", "Cs") else "\ufffd" for c in str(text))
+    escaped = known.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
     return f'"{escaped}"'
 
 
@@ -127,13 +194,41 @@ def source(document: Document) -> tuple[str, dict[str, bytes]]:
     parts = [
         '#import "template.typ": *',
         f"#show: report.with(title: {_string(document.title)})",
-        *(_block(block, files) for block in document.blocks),
+        *(_block(block, files) for block in made(document.blocks)),
     ]
     return "\n\n".join(parts) + "\n", files
 
 
-def render(document: Document) -> tuple[bytes, bytes]:
-    """Return the document as self-contained HTML and as PDF; the same content always gives the same bytes."""
+def render(document: Document, failures: Failures = RAISED) -> tuple[bytes, bytes]:
+    """Return the document as self-contained HTML and as PDF; the same content always gives the same bytes.
+
+    Args:
+        document: The report.
+        failures: Takes what cannot be made or laid out; by default it is raised.
+    """
+    whole = Document(document.title, made(document.blocks, failures))
+    return failures.attempt(
+        "the report in one piece",
+        lambda: _compiled(whole),
+        lambda _: _compiled(Document(whole.title, [_laid_out(block, whole.title, failures) for block in whole.blocks])),
+    )
+
+
+def _laid_out(block: Block, title: str, failures: Failures) -> Block:
+    """Return a block that can be laid out, or a sentence in its place."""
+
+    def tried() -> Block:
+        _compiled(Document(title, [block]))
+        return block
+
+    return failures.attempt(
+        f"a {type(block).__name__.lower()} of the report",
+        tried,
+        lambda why: Prose(plain(f"This part of the report could not be laid out: {why}.")),
+    )
+
+
+def _compiled(document: Document) -> tuple[bytes, bytes]:
     text, files = source(document)
     package = resources.files("harness.report")
     fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
@@ -159,11 +254,20 @@ def render(document: Document) -> tuple[bytes, bytes]:
     return f"{head}<style>{css}</style>{mark}{rest}".encode(), pdf
 
 
-def write(document: Document, directory: Path, stem: str = "report") -> list[Path]:
+def write(document: Document, directory: Path, stem: str = "report", failures: Failures | None = None) -> list[Path]:
     """Write a document into a folder as HTML and PDF, each whole or not at all; return them in this order.
+
+    A section or a figure that fails leaves a sentence in the report, a warning on the console, and its traceback in
+    ``errors.txt`` of the folder.
+
+    Args:
+        document: The report.
+        directory: Where to.
+        stem: Of the names of the files.
+        failures: Takes what cannot be made, where other parts of the same result were tried before.
 
     Raises:
         UserError: If the folder cannot be written to.
     """
-    html, pdf = render(document)
+    html, pdf = render(document, Failures(directory) if failures is None else failures)
     return write_files(directory, {f"{stem}.html": html, f"{stem}.pdf": pdf})

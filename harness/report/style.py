@@ -47,6 +47,7 @@ RC: dict[str, Any] = {
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "legend.frameon": False,
+    "text.parse_math": False,  # a dollar sign in the name of a recording is no formula
     "svg.fonttype": "path",  # the HTML must look the same where DejaVu is not installed
     "svg.hashsalt": "robustness-harness",
     "path.simplify_threshold": 0.2,

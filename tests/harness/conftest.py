@@ -9,8 +9,24 @@ from small_study import STUDY
 
 from harness.configure import load_study
 from harness.errors import UserError
+from harness.failures import Failures
 from harness.report.analysis import Analysis
 from harness.report.store import read
+
+
+@pytest.fixture(autouse=True)
+def nothing_fails_quietly(request, monkeypatch):
+    """Fail a test in which a part of a result could not be made, unless it is marked ``fails_in_part``."""
+    noted, note = [], Failures._note
+
+    def _note(self, sentence, trail):
+        noted.append(f"{sentence}\n{trail}")
+        note(self, sentence, trail)
+
+    monkeypatch.setattr(Failures, "_note", _note)
+    yield
+    if request.node.get_closest_marker("fails_in_part") is None:
+        assert not noted, "\n".join(noted)
 
 
 @pytest.fixture

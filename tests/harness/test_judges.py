@@ -4,13 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from harness.loop.answer import gap
 from harness.loop.glance import _certainty, scaled
 from harness.loop.held_out import Judgement, leaves_nothing
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import Candidate, Round, decide, is_hopeful, lookalikes, preferred, with_further, with_sensor
-from harness.loop.outcome import _gap, verdict_of
 from harness.loop.rounds import Attempt
 from harness.loop.trace import _Search
+from harness.loop.verdict import verdict_of
 
 
 def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
@@ -238,14 +239,14 @@ def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
 
 
 def test_the_answer_tells_what_becomes_of_the_error():
-    def gap(before, after):
+    def said(before, after):
         excesses = (np.array([before]), np.array([after]))
-        return _gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in excesses))
+        return gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in excesses))
 
-    assert gap(4.0, 1.0) == " The held-out error beyond the noise of the sensors falls by 50 %."
-    assert gap(4.0, 4.0) == gap(0.0, 0.0) == " The held-out error does not fall."
-    assert gap(np.inf, 4.0).endswith("left the range in which it holds on the held-out drives; it no longer does.")
-    assert gap(np.inf, np.inf).endswith("; it still does.")
+    assert said(4.0, 1.0) == " The held-out error beyond the noise of the sensors falls by 50 %."
+    assert said(4.0, 4.0) == said(0.0, 0.0) == " The held-out error does not fall."
+    assert said(np.inf, 4.0).endswith("left the range in which it holds on the held-out drives; it no longer does.")
+    assert said(np.inf, np.inf).endswith("; it still does.")
 
 
 def test_a_model_that_left_its_range_makes_nothing_little():

@@ -9,7 +9,6 @@ from test_trace import CAR, FREE, SIGNALS, driven
 from harness.configure import resolve_single
 from harness.loop.channels import channels_of
 from harness.loop.correlation import consistency, cross_correlation
-from harness.loop.curves import described
 from harness.loop.drivers import WITHIN, drivers_of, with_quick
 from harness.loop.fit import Fitting
 from harness.loop.held_out import HeldOut
@@ -19,6 +18,7 @@ from harness.loop.trace import first_variances
 from harness.loop.unnamed import find_unnamed
 from harness.loop.vehicle_picture import plan_of
 from harness.loop.whole import Whole
+from harness.loop.wording import described
 
 GUST, TIMES = 400.0, ((20.0, 31.0), (35.0, 44.0))
 

@@ -13,8 +13,8 @@ import synthetic
 from report_parts import ANGLE, Page, everything, everything_at_8_t, pages
 
 from harness.errors import UserError
-from harness.report import _SECTIONS, headline, write_report
-from harness.report.document import Document, render, source
+from harness.report import document, headline, write_report
+from harness.report.document import render, source
 
 
 @pytest.fixture(scope="module")
@@ -105,14 +105,14 @@ def test_the_same_store_gives_the_same_bytes(small):
 )
 def test_any_study_gets_a_report(one_design, options):
     analysis = one_design(**options)
-    document = Document("What?", [block for section in _SECTIONS for block in section.blocks(analysis)])
-    text, files = source(document)
+    report = document(analysis)
+    text, files = source(report)
     assert "nan" not in re.findall(r"[a-z]+", text)
     assert headline(analysis.store.directory) in text
     assert all(svg.startswith(b"<?xml") for svg in files.values())
     assert ("Which estimator is better" in text) == (len(analysis.main.design.estimators) > 1)
     if len(analysis.main.design.estimators) > 3:  # tables that go on over pages
-        assert pages(render(document)[1]) >= 5
+        assert pages(render(report)[1]) >= 5
 
 
 def test_errors_name_the_folder(tmp_path):

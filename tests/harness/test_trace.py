@@ -20,10 +20,10 @@ from harness.loop.fitness import oddities
 from harness.loop.held_out import Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.loop.judges import Candidate, objections
-from harness.loop.outcome import verdict_of
 from harness.loop.score import SPACING, ScoreTest, best_amplitudes, cosine
 from harness.loop.trace import first_variances
 from harness.loop.variances import climb
+from harness.loop.verdict import verdict_of
 from harness.loop.whole import Noise, Whole
 from harness.measured import load_recording
 from harness.recording_file import write_recording

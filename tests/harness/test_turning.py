@@ -6,7 +6,6 @@ from test_pinpoint import fitted
 from test_trace import CAR, SIGNALS, driven
 
 from harness.configure import resolve_single
-from harness.loop.curves import described
 from harness.loop.disturbance import Inlet, InnovationModel
 from harness.loop.held_out import HeldOut
 from harness.loop.pinpoint import Pinpoint
@@ -14,6 +13,7 @@ from harness.loop.trace import first_variances
 from harness.loop.turning import Ride, Waves, find_turning, ridden
 from harness.loop.unnamed import find_unnamed
 from harness.loop.whole import Whole
+from harness.loop.wording import described
 
 TURN, SIZE = 2.1, 3e-3
 

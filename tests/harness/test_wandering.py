@@ -10,8 +10,8 @@ from test_trace import CAR, FREE, SIGNALS, driven
 from harness.configure import resolve_single
 from harness.identify.innovations import Innovations, hold
 from harness.identify.residuals import whiteness
-from harness.loop.amend import fitted_model
 from harness.loop.fit import Fitting
+from harness.loop.fitted_model import fitted_model
 from harness.loop.held_out import HeldOut
 from harness.loop.hypotheses import coordinates
 from harness.loop.pinpoint import Pinpoint

@@ -11,7 +11,7 @@ from harness.measured import check_figures
 from harness.measured.axles import Axle
 from harness.measured.study import SpanTable, spans_sheet
 from harness.report import style
-from harness.report.document import Block, Bullets, Document, Heading, Prose, Sheet, plain
+from harness.report.document import Block, Document, Heading, Prose, Section, Sheet, plain
 from harness.report.store import quantity
 
 if TYPE_CHECKING:
@@ -27,18 +27,22 @@ def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTab
         spans: The drives by what they were used for.
         command: How it was made.
     """
-    blocks = list(fit_document(found.fit, list(found.judged), command).blocks)
-    answered = next(i for i, b in enumerate(blocks) if isinstance(b, Bullets))
-    further: list[Block] = [
-        _errors(found),
-        Prose(plain(_steering(found))),
-        spans_sheet({"fitted": spans["train"], "kept": spans["test"]}),
+    evidence = [
+        Section(lambda: [_errors(found)], "How large are the errors of each model?"),
+        Section(lambda: [Prose(plain(_steering(found)))], "How is the steering calibrated?"),
+        Section(lambda: [spans_sheet({"fitted": spans["train"], "kept": spans["test"]})], "Which drives?"),
+        Section(lambda: _stiffness(found), "Where does the search begin, and where does it end?"),
+    ]
+    return fit_document(found.fit, list(found.judged), command, title, evidence)
+
+
+def _stiffness(found: Identified) -> list[Block]:
+    return [
         Heading("Where does the search begin, and where does it end?"),
         Prose(plain(_slopes(found))),
         check_figures.axles(found.axles_before, title="How stiff are the axles, by the published car?"),
         check_figures.axles(found.axles_after, "stiffness found", "How stiff are the axles, by the car found?"),
     ]
-    return Document(title, [*blocks[:answered], *further, *blocks[answered + 1 :]])
 
 
 def _errors(found: Identified) -> Sheet:
