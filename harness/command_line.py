@@ -76,16 +76,31 @@ def pairs(given: list[str] | None, option: str) -> dict[str, Any]:
     Raises:
         UserError: If an entry has no name or no value.
     """
+    from harness.units import plain_number
+
     found: dict[str, Any] = {}
     for item in given or []:
         name, equals, text = item.partition("=")
         if not equals or not name.strip() or not text.strip():
             raise UserError(f"{option} '{item}': write NAME=VALUE, e.g. {option} speed=\"10 m/s\"")
-        try:
-            found[name.strip()] = float(text)
-        except ValueError:
-            found[name.strip()] = text.strip()
+        number = plain_number(text)
+        found[name.strip()] = text.strip() if number is None else number
     return found
+
+
+def quantity(given: str, unit: str, option: str) -> float:
+    """Return an option's number: plain in SI units, or with a unit.
+
+    Raises:
+        UserError: If it is neither, or not positive.
+    """
+    from harness.units import plain_number, to_si
+
+    plain = plain_number(given)
+    number = to_si(given if plain is None else plain, unit, option)
+    if number <= 0:
+        raise UserError(f"{option}: {given!r} must be above zero")
+    return number
 
 
 def parameter_set(vehicle: str, given: str | None) -> str:

@@ -21,6 +21,7 @@ from pydantic import (
 )
 
 from harness.configure.problems import TABLE, TABLES
+from harness.units import separators
 
 
 def _quantity(value: object) -> object:
@@ -41,6 +42,16 @@ Quantity = Annotated[
         }
     ),
 ]
+
+
+def _number(value: object) -> object:
+    if isinstance(value, str):
+        raise ValueError(separators(value) or "expected a number without quotes")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_number), Field(strict=True, allow_inf_nan=False)]
+"""A number without a unit: pydantic alone takes ``"1_5"`` for 15."""
 Name = Annotated[StrictStr, Field(min_length=1)]
 FileName = Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 

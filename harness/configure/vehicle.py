@@ -131,7 +131,8 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
     model = _assemble(table, problems)
     step = _number(table, "step", "s", problems, 0.01)
     if step is not None and step <= 0:
-        problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {step:g} s")
+        problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {table['step']!r}")
+        step = None
     if model is None or found is None or step is None or len(problems) > before:
         return None
     values = _values(table, model, found, problems)

@@ -302,6 +302,19 @@ def test_simulate_writes_a_recording(harness, tmp_path, suffix):
             ["semitrailer", "--drive", "sine", "--set", "trailer_mass=-8 t"],
             "trailer_mass: trailer_mass = -8000 kg lies below 1000 kg",
         ),
+        (
+            ["semitrailer", "--drive", "sine", "--set", "trailer_mass=24,5 t"],
+            "trailer_mass: '24,5 t' may mean '24.5 t' or '245 t'",
+        ),
+        (
+            ["semitrailer", "--drive", "sine", "--option", "speed=12,5 m/s"],
+            "--drive sine, speed: '12,5 m/s' may mean '12.5 m/s' or '125 m/s'",
+        ),
+        (["semitrailer", "--drive", "sine", "--option", "speed=1_2"], "--drive sine, speed: '1_2' means '12'"),
+        (
+            ["semitrailer", "--drive", "sine", "--option", "speed=nan"],
+            "--drive sine, speed: nan is not a finite number",
+        ),
         (["semitrailer", "--drive", "sine", "--signal", "coupling_forc"], "closest: coupling_force"),
         (["semitrailer", "--drive", "sine", "--parameters", "x"], "unknown parameter 'x'"),
     ],
