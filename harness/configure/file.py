@@ -271,6 +271,7 @@ class ParameterFile(Table):
     effects: list[Name] = Field(
         default_factory=list, description="files in models/effects that are in force with these values"
     )
+    sensors: Name | None = Field(default=None, description="file in models/sensors, unless others are named")
     source: StrictStr = Field(default="", description="where the values come from")
     noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
     values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")

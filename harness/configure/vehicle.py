@@ -223,8 +223,12 @@ def _parameter_set(table: Stated, folder: Path, problems: Problems) -> Parameter
 
 
 def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
-    """Add a parameter set with the tyre and effects that come with it; what is stated beside its name stands."""
+    """Add a parameter set with what comes with it; tyre and effects that are stated beside its name stand.
+
+    Sensors stand wherever they are stated: they belong to the vehicle's equipment and not to its values.
+    """
     beside = {n: n in table.entries and (table.own(n) or not table.own("parameters")) for n in ("tyre", "effects")}
+    beside["sensors"] = "sensors" in table.entries
     if found.tyre is not None and beside["tyre"] and table["tyre"] != found.tyre:
         problems.add(
             table.key("parameters"),
@@ -232,7 +236,9 @@ def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
             f"'{table['tyre']}'; choose that tyre or another set",
         )
     entries, keys = dict(table.entries), dict(table.keys)
-    for name, value in (("tyre", found.tyre), ("effects", _measured(found.effects, table["sensors"]))):
+    sensors = table["sensors"] if beside["sensors"] else found.sensors
+    coming = {"tyre": found.tyre, "effects": _measured(found.effects, sensors), "sensors": found.sensors}
+    for name, value in coming.items():
         if value and not beside[name]:
             entries[name], keys[name] = value, f"{table.key('parameters')} ({found.source}): {name}"
     return Stated(table.side, entries, keys, found)

@@ -344,9 +344,14 @@ def test_observability_gets_the_resolved_model(harness, tmp_path, monkeypatch):
         "--drive", "step", "--out", tmp_path,
     )  # fmt: skip
     assert status == 0, err
-    vehicle, parameters, tyre, sensors, unknown, out, values, profile = seen[0]
-    assert (vehicle, parameters, tyre, sensors) == ("semitrailer", "ziaukas_2023", "magic_formula", "series")
-    assert (unknown, out, values["constraint_rate"]) == (["steering_wheel_angle"], tmp_path, 0.0)
+    spec, unknown, out, profile = seen[0]
+    assert (spec.vehicle, spec.parameters, spec.tyre, spec.sensors) == (
+        "semitrailer",
+        "ziaukas_2023",
+        "magic_formula",
+        "series",
+    )
+    assert (unknown, out, spec.values["constraint_rate"]) == (["steering_wheel_angle"], tmp_path, 0.0)
     assert isinstance(profile, Profile)
     assert (
         "--option belongs to a drive"
