@@ -259,7 +259,10 @@ def check(
         Path | None, typer.Option("--channels", help="Channel map; none for columns that are signals in SI units.")
     ] = None,
     parameters: Annotated[
-        str | None, typer.Option("--parameters", help="Parameter set of a car, for the curves of its axles.")
+        str | None,
+        typer.Option(
+            "--parameters", help="Parameter set or TOML parameter file of a car, for the curves of its axles."
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of the report; results/check-<name> if absent.")

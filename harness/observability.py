@@ -31,11 +31,11 @@ from rich.table import Table
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import structural_rank
 
+from harness.configure import ModelSpec
 from harness.equations import derive
 from harness.errors import UserError
 from harness.simulate import first_state
-from models import registry
-from models.assemble import Model, assemble, symbol
+from models.assemble import Model, symbol
 from models.contracts import ModelError, Profile
 from models.signals import SIGNALS
 
@@ -241,44 +241,24 @@ def plot(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def report(
-    vehicle: str,
-    parameters: str,
-    tyre: str | None,
-    sensors: str,
-    unknown_inputs: Sequence[str],
-    out: Path,
-    values: Mapping[str, float] | None = None,
-    profile: Profile | None = None,
-) -> xr.Dataset:
-    """Check a vehicle on the manoeuvre of Bild 5.2, write ``observability.svg`` and print a short table.
+def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: Profile | None = None) -> xr.Dataset:
+    """Check a model on the manoeuvre of Bild 5.2, write ``observability.svg`` and print a short table.
 
     Args:
-        vehicle: File in ``models/vehicles``.
-        parameters: File in ``models/parameters``.
-        tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
-        sensors: File in ``models/sensors``.
+        spec: The model with its values, all inputs known.
         unknown_inputs: Inputs that the estimator does not know.
         out: Folder of the figure; made if absent.
-        values: Parameters that differ from the set, in SI units, e.g. ``{"constraint_rate": 0.0}`` for the
-            semitrailer as printed.
         profile: Another drive than ``synthetic_manoeuvre()``.
 
     Raises:
-        UserError: If a name is unknown or the parts do not fit together.
+        UserError: If an unknown input is none of the model's.
     """
     try:
-        model = assemble(vehicle, tyre, sensors=sensors).augment(unknown_inputs)
-        table = registry.load("models.parameters", parameters).VALUES
+        model = spec.model().augment(unknown_inputs)
     except ModelError as error:
         raise UserError(str(error)) from error
-    overrides = dict(values or {})
-    for name in overrides:
-        if name not in model.parameter_names:
-            near = registry.closest(name, model.parameter_names)
-            raise UserError(f"values: '{name}' is not a parameter of '{model.name}'{near}")
     drive = synthetic_manoeuvre() if profile is None else profile
-    dataset = structural_observability(model, {**table, **overrides}, drive)
+    dataset = structural_observability(model, spec.values, drive)
     try:
         out.mkdir(parents=True, exist_ok=True)
         plot(dataset).savefig(out / "observability.svg")

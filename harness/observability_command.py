@@ -9,6 +9,8 @@ import typer
 
 from harness.command_line import (
     DriveOption,
+    EffectOption,
+    ModelOptions,
     ParametersOption,
     SensorsOption,
     SetOption,
@@ -32,13 +34,14 @@ def observability(
     values: SetOption = None,
     parameters: ParametersOption = None,
     tyre: TyreOption = None,
-    sensors: SensorsOption = "series",
+    effect: EffectOption = None,
+    sensors: SensorsOption = None,
 ) -> None:
     """Check structural observability along a drive.
 
     Can the states be told from the measurements at all? Straight ahead and under lateral excitation.
     """
-    spec = model_spec(vehicle, parameters, tyre, [], sensors, values)
+    spec = model_spec(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
     profile = None
     if drive is not None:
         from harness.drives import profile_of
@@ -48,4 +51,4 @@ def observability(
         raise UserError("--option belongs to a drive; name it with --drive")
     from harness.observability import report as check
 
-    check(vehicle, spec.parameters, spec.tyre, sensors, unknown_input or [], out, spec.values, profile)
+    check(spec, unknown_input or [], out, profile)

@@ -11,6 +11,8 @@ from rich.text import Text
 
 from harness.command_line import (
     DriveOption,
+    EffectOption,
+    ModelOptions,
     ParametersOption,
     SensorsOption,
     SetOption,
@@ -28,8 +30,8 @@ def simulate(
     values: SetOption = None,
     parameters: ParametersOption = None,
     tyre: TyreOption = None,
-    effect: Annotated[list[str] | None, typer.Option("--effect", help="Effect in force; repeatable.")] = None,
-    sensors: SensorsOption = "series",
+    effect: EffectOption = None,
+    sensors: SensorsOption = None,
     signal: Annotated[list[str] | None, typer.Option("--signal", help="Further quantity to write; repeatable.")] = None,
     seed: Annotated[
         int | None,
@@ -43,7 +45,7 @@ def simulate(
     from harness.recording_file import check_target, write_recording
 
     check_target(out)
-    spec = model_spec(vehicle, parameters, tyre, effect, sensors, values)
+    spec = model_spec(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
     for name in signal or []:
         spec.model().resolve(name)
     from harness.drives import profile_of

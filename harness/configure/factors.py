@@ -15,7 +15,7 @@ from harness.errors import UserError
 from models.contracts import Parameter
 from models.registry import closest
 
-_PERCENT = re.compile(r"[-+]?\s*[\d.]+(?:[eE][-+]?\d+)?\s*(?:%|percent)")
+_PERCENT = ("%", "percent")
 _SCALE = Parameter("", "", "dimensionless", 0.0, float("inf"), "factor on every variance of its kind")
 FORMS = ("levels", "shift", "bands", "range")
 """The keys of a factor that say what values it takes; each has exactly one of them."""
@@ -142,16 +142,22 @@ def _report_unit(table: FactorTable, unit: str, key: str, problems: Problems) ->
             scale(table.unit, unit, problems.at(key))
             return table.unit
         return None
-    for raw in _entries(table):
-        text = _unsigned(raw)
-        if isinstance(text, str) and not _PERCENT.fullmatch(text.strip()):
-            written = re.sub(r"^\s*[-+]?\s*[\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
-            try:
-                scale(written, unit, key)
-            except UserError:
-                return unit
-            return written
-    return unit
+    written = next((w for w in map(_written_unit, _entries(table)) if w and w not in _PERCENT), None)
+    if written is None:
+        return unit
+    try:
+        scale(written, unit, key)
+    except UserError:
+        return unit
+    return written
+
+
+def _written_unit(raw: Any) -> str | None:
+    """Return the unit that an entry is written with, ``None`` for a plain number and for what cannot be read."""
+    from harness.units import split
+
+    parts = split(_unsigned(raw)) if isinstance(raw, str) else None
+    return None if parts is None else parts[1]
 
 
 def _entries(table: FactorTable) -> list[Any]:
@@ -242,7 +248,7 @@ class _FactorReader:
         """Return a percentage as a fraction, ``None`` if the text is no percentage."""
         from harness.units import to_si
 
-        if isinstance(raw, str) and _PERCENT.fullmatch(raw.strip()):
+        if _written_unit(raw) in _PERCENT:
             return to_si(raw.strip(), "", self.problems.at(key))
         return None
 
@@ -259,11 +265,12 @@ class _FactorReader:
         width = self._number(text, key) if fraction is None else fraction * abs(centre)
         itself = self.table.bands is not None and width == 0 and not fraction  # the nominal value beside its bands
         if not width > 0 and not itself:
-            why = (
-                "percent of a level of zero is nothing; give the half-width in the parameter's unit"
-                if fraction
-                else "a half-width must be positive; for a single value use 'levels' without a band"
-            )
+            if width < 0 or (fraction or 0.0) < 0:
+                why = f"a half-width has no sign, got {raw!r}; leave it out, or name a change to one side by 'shift'"
+            elif fraction:
+                why = "percent of a level of zero is nothing; give the half-width in the parameter's unit"
+            else:
+                why = "a half-width must be positive; for a single value use 'levels' without a band"
             raise UserError(f"{self.problems.at(key)}: {why}")
         shown = f"{100 * fraction:g} %" if fraction is not None else self._label(width)
         return width, f"±{shown}"

@@ -21,6 +21,7 @@ from pydantic import (
 )
 
 from harness.configure.problems import TABLE, TABLES
+from harness.units import separators
 
 
 def _quantity(value: object) -> object:
@@ -41,6 +42,16 @@ Quantity = Annotated[
         }
     ),
 ]
+
+
+def _number(value: object) -> object:
+    if isinstance(value, str):
+        raise ValueError(separators(value) or "expected a number without quotes")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_number), Field(strict=True, allow_inf_nan=False)]
+"""A number without a unit: pydantic alone takes ``"1_5"`` for 15."""
 Name = Annotated[StrictStr, Field(min_length=1)]
 FileName = Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 
@@ -260,6 +271,7 @@ class ParameterFile(Table):
     effects: list[Name] = Field(
         default_factory=list, description="files in models/effects that are in force with these values"
     )
+    sensors: Name | None = Field(default=None, description="file in models/sensors, unless others are named")
     source: StrictStr = Field(default="", description="where the values come from")
     noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
     values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")

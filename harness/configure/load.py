@@ -32,6 +32,7 @@ from harness.configure.specs import (
 from harness.configure.tuning import tuned
 from harness.configure.vehicle import resolve_model, stated
 from harness.errors import UserError
+from harness.units import refuse_misread
 from models import registry
 from models.contracts import DRIVE_INPUTS, ModelError
 
@@ -241,6 +242,7 @@ def _estimators(tables: list[EstimatorTable], folder: Path, problems: Problems) 
                     f"estimator '{table.kind}' has no setting '{name}'{registry.closest(name, known)}",
                 )
             if model is not None and not unknown:
+                refuse_misread(settings, problems.at(key))
                 try:
                     settings = model.model_validate(settings).model_dump()
                 except ValidationError as error:

@@ -23,8 +23,8 @@ from models.signals import SIGNALS
 class ParameterSet:
     """A set of values with its noise, from ``models/parameters`` or a TOML file.
 
-    ``tyre`` and ``effects`` come with it where it names them; ``source`` is the place errors name when one of its
-    values is wrong.
+    ``tyre``, ``effects`` and ``sensors`` come with it where it names them; ``source`` is the place errors name when one
+    of its values is wrong.
     """
 
     vehicle: str = ""
@@ -35,6 +35,7 @@ class ParameterSet:
     source: str = ""
     tyre: str | None = None
     effects: tuple[str, ...] = ()
+    sensors: str | None = None
 
 
 def load_set(name: str, folder: Path, where: str) -> ParameterSet:
@@ -112,6 +113,9 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
     if raw.tyre is not None:
         with inner.catch("tyre"):
             registry.load("models.tyres", raw.tyre)
+    if raw.sensors is not None:
+        with inner.catch("sensors"):
+            registry.load("models.sensors", raw.sensors)
     for i, effect in enumerate(raw.effects):
         with inner.catch(f"effects[{i}]"):
             load_effect(effect)
@@ -130,6 +134,7 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
         str(path),
         raw.tyre,
         tuple(raw.effects),
+        raw.sensors,
     )
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from harness.configure.problems import Problems
 from harness.configure.specs import NOISE_GROUPS, EstimatorSpec
+from harness.errors import UserError
+from harness.units import to_si
 from models import registry
 
 
@@ -20,15 +22,18 @@ def tuned(
     path = next((b / name for b in (folder, Path()) if (b / name).is_file()), folder / name)
     try:
         content = tomllib.loads(path.read_text())
-        factors = {e: {g: float(table[g]) for g in NOISE_GROUPS} for e, table in content["estimator"].items()}
+        factors = {
+            e: {g: to_si(table[g], "", f"factor '{g}' of '{e}'") for g in NOISE_GROUPS}
+            for e, table in content["estimator"].items()
+        }
         rule = f"{content['rule']} ({', '.join(content['drives'])}; {int(content['budget'])} candidates each)"
     except OSError as error:
         problems.add("tuning", f"cannot read {path}: {error.strerror}; write it by: harness tune")
         return specs, ""
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError, UserError) as error:
         problems.add("tuning", f"{path} is not a tuning file ({error}); write it anew by: harness tune")
         return specs, ""
-    wrong = [(e, g) for e, table in factors.items() for g, factor in table.items() if not 0 < factor < float("inf")]
+    wrong = [(e, g) for e, table in factors.items() for g, factor in table.items() if not factor > 0]
     for estimator, group in wrong:
         problems.add("tuning", f"{path}: factor '{group}' of '{estimator}' must be a positive number")
     unknown = [e for e in factors if e not in [s.name for s in specs]]

@@ -131,7 +131,8 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
     model = _assemble(table, problems)
     step = _number(table, "step", "s", problems, 0.01)
     if step is not None and step <= 0:
-        problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {step:g} s")
+        problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {table['step']!r}")
+        step = None
     if model is None or found is None or step is None or len(problems) > before:
         return None
     values = _values(table, model, found, problems)
@@ -222,8 +223,12 @@ def _parameter_set(table: Stated, folder: Path, problems: Problems) -> Parameter
 
 
 def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
-    """Add a parameter set with the tyre and effects that come with it; what is stated beside its name stands."""
+    """Add a parameter set with what comes with it; tyre and effects that are stated beside its name stand.
+
+    Sensors stand wherever they are stated: they belong to the vehicle's equipment and not to its values.
+    """
     beside = {n: n in table.entries and (table.own(n) or not table.own("parameters")) for n in ("tyre", "effects")}
+    beside["sensors"] = "sensors" in table.entries
     if found.tyre is not None and beside["tyre"] and table["tyre"] != found.tyre:
         problems.add(
             table.key("parameters"),
@@ -231,7 +236,9 @@ def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
             f"'{table['tyre']}'; choose that tyre or another set",
         )
     entries, keys = dict(table.entries), dict(table.keys)
-    for name, value in (("tyre", found.tyre), ("effects", _measured(found.effects, table["sensors"]))):
+    sensors = table["sensors"] if beside["sensors"] else found.sensors
+    coming = {"tyre": found.tyre, "effects": _measured(found.effects, sensors), "sensors": found.sensors}
+    for name, value in coming.items():
         if value and not beside[name]:
             entries[name], keys[name] = value, f"{table.key('parameters')} ({found.source}): {name}"
     return Stated(table.side, entries, keys, found)

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.command_line import EffectOption, ParametersOption, RecordedSensorsOption, SetOption, TyreOption
 from harness.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,15 +36,11 @@ def identify(
     channels: Annotated[
         Path | None, typer.Option("--channels", "-c", help="Channel map of the recordings; signal names if absent.")
     ] = None,
-    parameters: Annotated[
-        str | None, typer.Option("--parameters", help="First values: a set or a TOML file; the vehicle's only set.")
-    ] = None,
-    tyre: Annotated[str | None, typer.Option("--tyre", help="Tyre; magic_formula where the vehicle needs one.")] = None,
-    effect: Annotated[list[str] | None, typer.Option("--effect", help="Effect in force; repeatable.")] = None,
-    sensors: Annotated[str, typer.Option("--sensors", help="Which outputs are fitted.")] = "series",
-    values: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="First value that differs from the set.")
-    ] = None,
+    parameters: ParametersOption = None,
+    tyre: TyreOption = None,
+    effect: EffectOption = None,
+    sensors: RecordedSensorsOption = None,
+    values: SetOption = None,
     setting: Annotated[
         list[str] | None, typer.Option("--setting", metavar="NAME=VALUE", help="Setting of the method; repeatable.")
     ] = None,
@@ -54,29 +51,22 @@ def identify(
 ) -> None:
     """Find parameters of a model from recordings, with their uncertainty.
 
+    The search begins at the values of the parameter set. All measured outputs of the sensors are fitted.
     Writes a parameter set that studies load, identify.json, and a report on fitted drives and on those kept aside.
     """
-    from harness.command_line import pairs, parameter_set
+    from harness.command_line import ModelOptions, model_spec, pairs
     from harness.identify.contract import load_method, settings_of
+    from harness.identify.recordings import step_of
     from harness.measured import load_recording
-    from models import registry
 
     chosen = load_method(method)
     settings = settings_of(chosen, pairs(setting, "--setting"))
     _refuse_the_same(data, test or [])
     fitted, held_out = ([load_recording(path, channels) for path in paths] for paths in (data, test or []))
-    vehicle = registry.load("models.vehicles", model)
-    table = {
-        "vehicle": model,
-        "parameters": parameter_set(model, parameters),
-        "tyre": tyre if tyre is not None or not vehicle.AXLES else "magic_formula",
-        "effects": effect or [],
-        "sensors": sensors,
-        "values": pairs(values, "--set"),
-        "integrator": integrator,
-        "substeps": substeps,
-    }
-    problem, tests = _problem({k: v for k, v in table.items() if v is not None}, fitted, held_out, free, seed, jobs)
+    options = ModelOptions(model, parameters, tyre, effect, sensors, values)
+    step = step_of(fitted[0])
+    spec = model_spec(options, fitted + held_out, integrator=integrator, substeps=substeps, step=step)
+    problem, tests = _problem(spec, fitted, held_out, free, seed, jobs)
     console = Console(stderr=True)
     with console.status("compiling") as status:
         fit = chosen.identify(problem, settings, lambda text: status.update(f"{method}: {text}"))
@@ -98,20 +88,17 @@ def _refuse_the_same(data: list[Path], test: list[Path]) -> None:
 
 
 def _problem(
-    table: dict[str, Any],
+    spec: ModelSpec,
     fitted: list[xr.Dataset],
     held_out: list[xr.Dataset],
     free: str,
     seed: int,
     jobs: int | None,
 ) -> tuple[Problem, tuple[Drive, ...]]:
-    """Return the problem and the recordings kept aside; the step of the first recording is that of the model."""
-    from harness.configure import resolve_single
+    """Return the problem and the recordings kept aside."""
     from harness.identify.contract import Problem
     from harness.identify.innovations import Innovations
-    from harness.identify.recordings import step_of
 
-    spec = resolve_single({**table, "step": step_of(fitted[0])}, "command line")
     names = tuple(name for name in (part.strip() for part in free.split(",")) if name)
     _check_free(spec, names)
     innovations = Innovations(spec, jobs=jobs)

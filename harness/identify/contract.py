@@ -25,6 +25,7 @@ from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.identify.innovations import Innovations
 from harness.identify.recordings import Drive
+from harness.units import refuse_misread
 from models import registry
 
 Floats = NDArray[np.float64]
@@ -154,10 +155,11 @@ def settings_of(method: ModuleType, given: Mapping[str, Any]) -> Any:
     Raises:
         UserError: If a setting is unknown or does not fit.
     """
+    name = method.__name__.rsplit(".", 1)[-1]
+    refuse_misread(given, f"settings of method '{name}'")
     try:
         return method.Settings(**given)
     except ValidationError as error:
-        name = method.__name__.rsplit(".", 1)[-1]
         known = list(method.Settings.model_fields)
         lines = [_in_words(str(item["loc"][0]), item["type"], item["msg"], known) for item in error.errors()]
         raise UserError("\n".join(f"settings of method '{name}': {line}" for line in lines)) from None

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, StrictBool, StrictStr, ValidationError
 
-from harness.configure.file import Name, Quantity, Table
+from harness.configure.file import Name, Number, Quantity, Table
 from harness.configure.problems import Problems, add_validation_errors
 from harness.errors import UserError
 from harness.folder import read_toml
@@ -41,8 +41,8 @@ ESTIMATE = "estimate"
 class CurveTable(Table):
     """Calibration curve: values of the channel, rising, and those of the signal that belong to them."""
 
-    channel: list[float] = Field(min_length=2, description="values of the channel, strictly rising")
-    value: list[float] = Field(min_length=2, description="values in the unit that the entry states")
+    channel: list[Number] = Field(min_length=2, description="values of the channel, strictly rising")
+    value: list[Number] = Field(min_length=2, description="values in the unit that the entry states")
 
 
 class ClockTable(Table):
@@ -58,7 +58,7 @@ class ChannelTable(Table):
     channel: Name = Field(description="column of the file")
     unit: StrictStr = Field(description="unit of the channel (of the curve's values where there is a curve)")
     sign: Literal[1, -1] = Field(default=1, description="-1 turns the channel round")
-    factor: float = Field(default=1.0, description="calibration factor on the channel")
+    factor: Number = Field(default=1.0, description="calibration factor on the channel")
     offset: Quantity = Field(default=0.0, description="added last; SI or text with a unit")
     delay: Quantity = Field(default=0.0, description='how late the channel is, or "estimate"')
     point: Name | None = Field(default=None, description="where it is measured: a table [points.<name>]")
@@ -242,9 +242,8 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
         curve = np.array([table.curve.channel, table.curve.value])
         if not (np.diff(curve[0]) > 0).all():
             raise UserError(f"{where}.curve.channel: must rise from value to value; sort the pairs")
-    if not np.isfinite(table.factor) or table.factor == 0:
+    if table.factor == 0:
         raise UserError(f"{where}.factor: {table.factor!r} leaves nothing of the channel; write a number other than 0")
-    plain = "dimensionless" if table.unit.strip() == "1" else table.unit
     delay = np.nan if table.delay == ESTIMATE else to_si(table.delay, "s", f"{where}.delay")
     lag = to_si(table.lag, "s", f"{where}.lag")
     if lag < 0:
@@ -252,7 +251,7 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
     return Channel(
         signal=name,
         channel=table.channel,
-        scale=table.sign * table.factor * scale(plain, unit, f"{where}.unit"),
+        scale=table.sign * table.factor * scale(table.unit, unit, f"{where}.unit"),
         offset=to_si(table.offset, unit, f"{where}.offset"),
         delay=delay,
         point=table.point or "",

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from harness.configure.parameter_set import load_set
 from harness.measured import check_figures
 from harness.measured.axles import Axle, axles_of, signals_of
 from harness.measured.consistency import Fit, check, in_report_unit
@@ -19,7 +20,6 @@ from harness.measured.load import load_recording
 from harness.report.document import Block, Bullets, Document, Heading, Prose, Section, Sheet, plain, write
 from harness.report.store import print_unit, quantity, words
 from harness.report.style import number
-from models import registry
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def check_recording(file: str | Path, channels: Path | None = None, parameters: 
     Args:
         file: Recording.
         channels: Channel map, if its columns are no signals in SI units.
-        parameters: Parameter set of a car, for the curves of its axles.
+        parameters: Parameter set or parameter file of a car, for the curves of its axles.
 
     Raises:
         UserError: If anything cannot be read, or the axle curves lack a signal or parameter.
@@ -59,7 +59,7 @@ def check_recording(file: str | Path, channels: Path | None = None, parameters: 
     recording = load_recording(file, channels)
     axles = []
     if parameters is not None:
-        values = dict(registry.load("models.parameters", parameters).VALUES)
+        values = load_set(parameters, Path(), "--parameters").values
         axles = axles_of([recording], values, f"--parameters {parameters}")
     return Findings(recording, agreement(recording), axles)
 

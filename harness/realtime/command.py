@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-DURATION = 30.0
-"""s, as Ziaukas 2023, Bild 6.9."""
+DURATION = "30 s"
+"""As Ziaukas 2023, Bild 6.9."""
 
 
 def realtime(
@@ -18,7 +18,9 @@ def realtime(
     drive: Annotated[
         str | None, typer.Option("--drive", help="Name of a drive of the study; its first one if absent.")
     ] = None,
-    duration: Annotated[float, typer.Option("--duration", help="How much of the drive is timed, in s.")] = DURATION,
+    duration: Annotated[
+        str, typer.Option("--duration", help='How much of the drive is timed: 30 or "30 s".')
+    ] = DURATION,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Result folder; results/realtime-<name of the study> if absent.")
     ] = None,
@@ -27,18 +29,19 @@ def realtime(
 
     One run, one step per cycle as on a controller; the report compares load and ratios with the dissertation's.
     """
-    from harness.command_line import RESULTS, study_path
+    from harness.command_line import RESULTS, quantity, study_path
     from harness.configure import load_study
     from harness.realtime.measure import contestants, measure
     from harness.realtime.outcome import judge, write
     from harness.realtime.report import headline, write_report
 
+    seconds = quantity(duration, "s", "--duration")
     loaded = load_study(study_path(study))
     chosen, cycle = drive if drive is not None else loaded.drives[0].name, loaded.belief.step
     console = Console()
     with console.status("building models and drives") as status:
-        field = contestants(loaded, chosen, duration)
-        times = measure(field, round(duration / cycle) + 1, cycle, status.update)
+        field = contestants(loaded, chosen, seconds)
+        times = measure(field, round(seconds / cycle) + 1, cycle, status.update)
         outcome = judge(times, loaded, chosen)
         folder = out if out is not None else RESULTS / f"realtime-{loaded.name}"
         write(outcome, folder)

@@ -302,6 +302,19 @@ def test_simulate_writes_a_recording(harness, tmp_path, suffix):
             ["semitrailer", "--drive", "sine", "--set", "trailer_mass=-8 t"],
             "trailer_mass: trailer_mass = -8000 kg lies below 1000 kg",
         ),
+        (
+            ["semitrailer", "--drive", "sine", "--set", "trailer_mass=24,5 t"],
+            "trailer_mass: '24,5 t' may mean '24.5 t' or '245 t'",
+        ),
+        (
+            ["semitrailer", "--drive", "sine", "--option", "speed=12,5 m/s"],
+            "--drive sine, speed: '12,5 m/s' may mean '12.5 m/s' or '125 m/s'",
+        ),
+        (["semitrailer", "--drive", "sine", "--option", "speed=1_2"], "--drive sine, speed: '1_2' means '12'"),
+        (
+            ["semitrailer", "--drive", "sine", "--option", "speed=nan"],
+            "--drive sine, speed: nan is not a finite number",
+        ),
         (["semitrailer", "--drive", "sine", "--signal", "coupling_forc"], "closest: coupling_force"),
         (["semitrailer", "--drive", "sine", "--parameters", "x"], "unknown parameter 'x'"),
     ],
@@ -331,9 +344,14 @@ def test_observability_gets_the_resolved_model(harness, tmp_path, monkeypatch):
         "--drive", "step", "--out", tmp_path,
     )  # fmt: skip
     assert status == 0, err
-    vehicle, parameters, tyre, sensors, unknown, out, values, profile = seen[0]
-    assert (vehicle, parameters, tyre, sensors) == ("semitrailer", "ziaukas_2023", "magic_formula", "series")
-    assert (unknown, out, values["constraint_rate"]) == (["steering_wheel_angle"], tmp_path, 0.0)
+    spec, unknown, out, profile = seen[0]
+    assert (spec.vehicle, spec.parameters, spec.tyre, spec.sensors) == (
+        "semitrailer",
+        "ziaukas_2023",
+        "magic_formula",
+        "series",
+    )
+    assert (unknown, out, spec.values["constraint_rate"]) == (["steering_wheel_angle"], tmp_path, 0.0)
     assert isinstance(profile, Profile)
     assert (
         "--option belongs to a drive"

@@ -13,6 +13,19 @@ from harness.configure import load_study
 from harness.errors import UserError
 
 REFUSALS = {
+    "decimal comma": (
+        [('"8 t"', '"24,5 t"')],
+        "design[0].factor[0].levels[0]: '24,5 t' may mean '24.5 t' or '245 t'; write the one that is meant",
+    ),
+    "thousands separator": (
+        [("[belief]\n", '[belief]\nvalues = { trailer_mass = "24 000 kg" }\n')],
+        "belief.values.trailer_mass: '24 000 kg' means '24000 kg'",
+    ),
+    "decimal comma of a setting": (
+        [('kind = "ekf"', 'kind = "ukf"\nkappa = "1_5"')],
+        "estimator[0].kappa: '1_5' means '15'",
+    ),
+    "setting without end": ([('kind = "ekf"', 'kind = "ukf"\nkappa = inf')], "estimator[0].kappa: inf is not a finite"),
     "unknown key": ([("seed = 0", "sed = 0")], "sed: unknown key 'sed'; closest: seed"),
     "unknown nested key": (
         [("repeats = 2", "repeat = 2")],
@@ -206,6 +219,10 @@ APPENDED = {
         "design[1].factor[0].bands[0]: trailer_cog_from_rear ±3.3 m, kingpin_from_rear ±1 m of the plant: "
         "trailer_cog_from_rear: 11.1 m must lie between the middle axle (4.32 m) and the kingpin (11 m)",
     ),
+    "negative band": (
+        '[[design]]\nname = "b"\nsamples = 4\n[[design.factor]]\nparameter = "trailer_mass"\nbands = ["-10 %"]\n',
+        "design[1].factor[0].bands[0]: a half-width has no sign, got '-10 %'; leave it out, or",
+    ),
     "variance": (
         "[plant.noise]\nprocess = { yaw_rate_trailer = -1.0 }\n",
         "plant.noise.process.yaw_rate_trailer: a variance cannot be negative",
@@ -320,6 +337,11 @@ def test_wrong_inherited_value_is_reported_once_where_it_is_written(refused):
     lines = refused(append="[plant.values]\nfriction = 9.0\n")
     assert len(lines) == 1
     assert lines[0].startswith("plant.values.friction: friction = 9 lies above 1.5")
+
+
+def test_a_negative_step_is_reported_once_and_not_as_negative_variances(refused):
+    lines = refused(("[plant]\n", '[plant]\nstep = "-10 ms"\n'))
+    assert lines == ["plant.step: the sample time must be positive, e.g. '10 ms', got '-10 ms'"]
 
 
 def test_toml_errors_name_the_line(refused):

@@ -83,6 +83,7 @@ def test_a_model_is_integrated_finely_or_as_its_file_says(written):
         ({"last": '[[exclude]]\neffect = "crosswnd"\nreason = "x"'}, r"exclude\[0\]\.effect.*crosswind"),
         ({"last": '[[exclude]]\neffect = "crosswind"'}, r"exclude\[0\]\.reason"),
         ({"more": "bank_map = true"}, r"bank_map: 'a\.csv' is fitted, so it teaches the road"),
+        ({"start": "31,5"}, r"test\[0\]\.span: '31,5 s' may mean '31\.5 s' or '315 s'"),
         ({"more": "rounds = 0"}, r"rounds"),
         ({"more": 'colour = "red"'}, r"colour"),
     ],

@@ -76,6 +76,22 @@ def test_unit_sign_factor_offset_and_curve(tmp_path):
         ({"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", sgn = -1 }'}, "", r"yaw_rate.sgn: unknown key .*sign"),
         ({"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", sign = 2 }'}, "", r"yaw_rate.sign"),
         ({"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", factor = 0 }'}, "", r"factor: 0.0 leaves nothing"),
+        (
+            {"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", factor = "1_5" }'},
+            "",
+            r"yaw_rate.factor: '1_5' means '15'; write it so",
+        ),
+        ({"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", factor = nan }'}, "", r"factor: .*finite number"),
+        (
+            {"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", delay = "1,5 s" }'},
+            "",
+            r"yaw_rate.delay: '1,5 s' may mean '1.5 s' or '15 s'",
+        ),
+        (
+            {"heading": '{ channel = "heading", unit = "rad", curve = { channel = [0, 1], value = [0, "1,5"] } }'},
+            "",
+            r"heading.curve.value\[1\]: '1,5' may mean '1.5' or '15'",
+        ),
         ({"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", lag = "-1 s" }'}, "", r"lag: -1 s is negative"),
         ({"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", point = "imu" }'}, "", r"no \[points.imu\]"),
         ({"yaw_rate": '{ channel = "yaw_rate", unit = "rad/s", delay = "estimate" }'}, "", r"nothing to be compared"),

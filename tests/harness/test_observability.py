@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from harness import observability as ob
+from harness.configure import resolve_single
 from harness.errors import UserError
 from models.assemble import assemble
 from models.contracts import Profile
@@ -202,42 +203,34 @@ def test_figure_says_what_it_shows(printed):
     assert len(figure.axes[2].get_yticklabels()) == 11
 
 
+def truck(**more):
+    table = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula", "sensors": "series"}
+    return resolve_single({**table, **more}, "test")
+
+
 def test_report_writes_the_figure_and_prints_the_delay(tmp_path, capsys):
-    values = {"constraint_rate": 0.0}
-    unknown = ["steering_wheel_angle"]
-    found = ob.report("semitrailer", "ziaukas_2023", "magic_formula", "series", unknown, tmp_path / "new", values)
+    spec = truck(values={"constraint_rate": 0.0})
+    found = ob.report(spec, ["steering_wheel_angle"], tmp_path / "new")
     assert (tmp_path / "new" / "observability.svg").read_text().lstrip().startswith("<?xml")
     printed_text = capsys.readouterr().out
     assert f"{ob.delays(found)['rank']:.2f} s" in printed_text
     assert "articulation_angle" in printed_text
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"vehicle": "semitrailr"}, "closest: semitrailer"),
-        ({"unknown_inputs": ["steering"]}, "closest: steering_wheel_angle"),
-        ({"values": {"constraint_rat": 0.0}}, "closest: constraint_rate"),
-        ({"parameters": "ziaukas"}, "closest: ziaukas_2023"),
-    ],
-)
-def test_report_refuses_unknown_names(change, says, tmp_path):
-    request = {
-        "vehicle": "semitrailer",
-        "parameters": "ziaukas_2023",
-        "tyre": "magic_formula",
-        "sensors": "series",
-        "unknown_inputs": ["steering_wheel_angle"],
-        "out": tmp_path,
-    }
-    with pytest.raises(UserError, match=says):
-        ob.report(**{**request, **change})
+def test_report_checks_the_model_with_its_effects(tmp_path):
+    found = ob.report(truck(effects=["steering_lag"], values={"steering_lag": "0.1 s"}), [], tmp_path)
+    assert "steering_lagged" in found["state"]
+
+
+def test_report_refuses_an_unknown_input_that_is_none(tmp_path):
+    with pytest.raises(UserError, match="closest: steering_wheel_angle"):
+        ob.report(truck(), ["steering"], tmp_path)
 
 
 def test_a_folder_that_cannot_be_made_is_one_clear_error(tmp_path):
     (tmp_path / "file").write_text("taken")
     with pytest.raises(UserError, match="cannot write the figure"):
-        ob.report("semitrailer", "ziaukas_2023", "magic_formula", "series", [], tmp_path / "file" / "sub")
+        ob.report(truck(), [], tmp_path / "file" / "sub")
 
 
 def test_missing_parameters_outputs_and_inputs_are_named():

@@ -70,6 +70,11 @@ def test_mat_structures_become_dotted_names(tmp_path):
         ("# recorded on Monday\n# by somebody\n\nt,v\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),
         ("# t, v\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),  # as numpy.savetxt
         ("t;v\n0,5;1,25\n1;2\n", {"t": [0.5, 1], "v": [1.25, 2]}),
+        ("t;v\n0;1\n1;2\n1,5;2\n", {"t": [0, 1, 1.5], "v": [1, 2, 2]}),  # the comma comes late
+        ("t;v\n0;1,500\n0,5;1,600\n", {"t": [0, 0.5], "v": [1.5, 1.6]}),  # the second time decides for the values
+        ("t;v;note\n0.5;1;a, b\n1.5;2;c\n", {"t": [0.5, 1.5], "v": [1, 2]}),
+        ("t;date\n0,5;16.09.2024\n1;16.09.2024\n", {"t": [0.5, 1]}),
+        ("t,v\n0,1,\n1,2,\n", {"t": [0, 1], "v": [1, 2]}),
         ("t\tv\n0.5\t1\n1\t2\n", {"t": [0.5, 1], "v": [1, 2]}),
         ("t,v\ns,m/s\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),
         ("t,v,mode\n0,,Real\n1,2,Real\n", {"t": [0, 1], "v": [np.nan, 2]}),
@@ -93,6 +98,21 @@ def test_csv_dialects(tmp_path, text, expected):
         ("a.csv", b"t,v\n", "no row of data"),
         ("a.csv", b"t,v\n0,1\n1,2,3\n", "line 3"),
         ("a.csv", b"t,v\n0,1\n1,fast\n", "column 'v', row 2 of the data: 'fast' is not a number"),
+        ("a.csv", b"t,v\n0,5,1,5\n1,0,2,0\n", "more cells than the 2 of the header; with decimal commas, separate"),
+        ("a.csv", b"t\n0,5\n1,5\n", "more cells than the 1 of the header"),
+        ("a.csv", b"t;v\n0;1,500\n1;1,600\n", "'1,500' may mean '1.500' or '1500'"),
+        ("a.csv", b"t;v\n0;1,500,000\n", "column 'v', row 1 of the data: '1,500,000' means '1500000'"),
+        (
+            "a.csv",
+            b"t;v;w\n0,5;1,5;1.500\n1;2;1.600\n",
+            "column 'w', row 1 of the data: '1.500' may mean 1.500 or 1500",
+        ),
+        ("a.csv", b"t;v\n0.5;0,5\n1.5;1,5\n", "column 'v', row 1 of the data: '0,5' may mean '0.5' or '5'"),
+        ("a.csv", b't,v\n0,"1,500"\n', "column 'v', row 1 of the data: '1,500' may mean '1.500' or '1500'"),
+        ("a.csv", b"t,v\n0,1_500\n", "'1_500' means '1500'"),
+        ("a.csv", b"t,v\n0,1 500\n", "'1 500' means '1500'"),
+        ("a.csv", b"t,v\n0,1'500\n", "means '1500'"),
+        ("a.csv", "t,v\n0,−5\n1,−6\n".encode(), "column 'v', row 1 of the data: '−5' is not a number"),
         ("a.csv", b"t,t\n0,1\n", "two columns are named 't'"),
         ("a.csv", b"driver\nA\nB\nC\n", "holds no numeric column"),
         ("a.csv", b"\xff\xfe\x00t,v\n", "UTF-8"),

@@ -207,6 +207,22 @@ def test_what_cannot_be_timed_is_refused(study):
             contestants(study, "step", duration)
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("nan", "--duration: nan is not a finite number"),
+        ("1,5", "--duration: '1,5' may mean '1.5' or '15'"),
+        ("-3 s", "--duration: '-3 s' must be above zero"),
+        ("3 m", "--duration: '3 m' does not fit"),
+        ("soon", "--duration: 'soon' is not a number with a unit; write e.g. '80 s'"),
+    ],
+)
+def test_a_duration_that_is_none_is_one_line(given, message):
+    result = CliRunner().invoke(cli.app, ["realtime", "kalman-lecture", f"--duration={given}"])
+    assert result.exit_code == 2
+    assert message in result.output
+
+
 def test_an_estimator_that_diverges_is_not_timed():
     compiled = compile_model(linear(), 0.05)
     estimator = Estimator("ekf", compiled)
@@ -222,7 +238,7 @@ def test_an_estimator_that_diverges_is_not_timed():
 def test_command_writes_report_and_store(tmp_path, monkeypatch):
     monkeypatch.setattr("harness.realtime.measure.time.sleep", lambda _: None)
     study, out = ROOT / "studies" / "kalman-lecture.toml", tmp_path / "times"
-    result = CliRunner().invoke(cli.app, ["realtime", str(study), "--duration", "20", "--out", str(out)])
+    result = CliRunner().invoke(cli.app, ["realtime", str(study), "--duration", "20 s", "--out", str(out)])
     assert result.exit_code == 0, result.output
     assert "fits into the cycle of 1000 ms" in result.stdout
     assert sorted(p.name for p in out.iterdir()) == ["report.html", "report.pdf", "times.zarr"]

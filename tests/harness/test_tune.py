@@ -90,6 +90,11 @@ def test_groups_are_scaled_apart(study):
             'rule = "r"\ndrives = []\nbudget = 1\n[estimator.EKF]\nprocess = -1\nunknown_inputs = 1\nmeasurement = 1',
             "positive",
         ),
+        (
+            'rule = "r"\ndrives = []\nbudget = 1\n[estimator.EKF]\nprocess = "1_5"\nunknown_inputs = 1\n'
+            "measurement = 1",
+            "factor 'process' of 'EKF': '1_5' means '15'",
+        ),
     ],
 )
 def test_wrong_tuning_files_are_refused(tmp_path, text, message):

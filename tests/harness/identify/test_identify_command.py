@@ -62,6 +62,9 @@ def test_a_fit_writes_a_set_that_loads_its_numbers_and_a_report(folder, tmp_path
         (["--free", "cog_height", "--method", "likelyhood"], "closest: likelihood"),
         (["--free", "cog_height", "--setting", "stats=2"], "no setting 'stats'; closest: starts"),
         (["--free", "cog_height", "--setting", "starts=0"], "starts: input should be greater than or equal to 1"),
+        (["--free", "cog_height", "--setting", "starts=1_0"], "starts: '1_0' means '10'"),
+        (["--free", "cog_height", "--set", "cog_height=0,5 m"], "cog_height: '0,5 m' may mean '0.5 m' or '5 m'"),
+        (["--free", "cog_height", "--set", "cog_height=1_0"], "cog_height: '1_0' means '10'"),
         (["--free", "cog_height", "--sensors", "car_lateral"], "the recording lacks 'lateral_acceleration'"),
     ],
 )
