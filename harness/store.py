@@ -8,13 +8,9 @@ of workers or on the clock is in the store; ``run.json`` beside it tells that.
 
 from __future__ import annotations
 
-import functools
-import hashlib
-import importlib.metadata
 import json
 import platform
 import shutil
-import subprocess
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,28 +23,13 @@ from numpy.typing import NDArray
 from harness.configure import DesignSpec, Study
 from harness.design import Unit, points, samples_per_unit
 from harness.errors import UserError
-from harness.evaluate import OVER_TIME, PENDING, PER_RUN, PER_TARGET, Bench
+from harness.evaluate import Bench
+from harness.provenance import code_state, commit, processor
+from harness.scores import MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
 from models.signals import SIGNALS
 
 STORE = "scores.zarr"
 HISTORY = "history"
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
-
-_MEANINGS = {
-    "rmse": "root mean square error",
-    "bias": "mean error, estimate minus truth",
-    "max_error": "largest error",
-    "nees": "normalised estimation error squared, average over the run",
-    "nis": "normalised innovation squared, average over the run",
-    "nees_inside": "share of samples with the NEES inside its 95 % region",
-    "nis_inside": "share of samples with the NIS inside its 95 % region",
-    "log_likelihood": "log-likelihood of the measurements",
-    "repairs": "samples at which a covariance factor was repaired",
-    "updates": "samples with a measurement",
-    "time_of_divergence": "time at which estimator or plant left its range of validity",
-    OVER_TIME: "root mean square error in a window of time",
-    "status": "0 ok, 1 estimator diverged, 2 plant left its range, 3 failed, -1 pending",
-}
 
 
 class Store:
@@ -77,7 +58,7 @@ class Store:
             self._create(bench)
         groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
         self._arrays: list[dict[str, Any]] = [dict(group.arrays()) for group in groups]
-        self._pending = [np.asarray(arrays["status"][...]) == PENDING for arrays in self._arrays]
+        self._pending = [np.asarray(arrays[STATUS][...]) == PENDING for arrays in self._arrays]
 
     def was_done(self, unit: Unit) -> bool:
         """Return whether a unit's scores were in the store when it was opened."""
@@ -85,7 +66,7 @@ class Store:
 
     def write(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:
         """Write a unit's scores, from any thread or process; the status comes last."""
-        for name in sorted(result, key=lambda name: name == "status"):
+        for name in sorted(result, key=lambda name: name == STATUS):
             drive = () if name == OVER_TIME else (unit.drive,)  # kept along one drive only
             self._arrays[unit.design][name][unit.band, unit.samples, *drive] = result[name]
 
@@ -139,7 +120,7 @@ class Store:
         for design in self.study.designs:
             dataset = _empty(self.study, design, bench)
             encoding = {
-                name: {"chunks": _chunks(design, array), "fill_value": PENDING if name == "status" else np.nan}
+                name: {"chunks": _chunks(design, array), "fill_value": PENDING if name == STATUS else np.nan}
                 for name, array in dataset.data_vars.items()
                 if array.ndim > 2
             }  # a chunk that holds nothing but the fill value takes no file
@@ -167,11 +148,11 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         variables[name] = (
             (*dims, "target"),
             values,
-            {"long_name": _MEANINGS[name], "units": "unit of the target"},
+            {"long_name": MEANINGS[name], "units": "unit of the target"},
         )
     for name in PER_RUN:
         unit = "s" if name == "time_of_divergence" else "1"
-        variables[name] = (dims, np.full(sizes, np.nan), {"long_name": _MEANINGS[name], "units": unit})
+        variables[name] = (dims, np.full(sizes, np.nan), {"long_name": MEANINGS[name], "units": unit})
     status = np.full(sizes, PENDING, dtype=np.int8)
     kept = [w for d in range(len(study.drives)) if (w := bench.windows(study.designs.index(design), d)) is not None]
     if kept:
@@ -179,12 +160,12 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         variables[OVER_TIME] = (
             (*dims[:2], *dims[3:], "target", "window"),
             np.full(without_drive, np.nan, dtype=np.float32),
-            {"long_name": _MEANINGS[OVER_TIME], "units": "unit of the target"},
+            {"long_name": MEANINGS[OVER_TIME], "units": "unit of the target"},
         )
     for i, factor in enumerate(table.factors):
         unit = design.factors[i].unit
         variables[f"factor_{factor}"] = (("band", "sample"), table.values[:, :, i], {"units": unit})
-    variables["status"] = (dims, status, {"long_name": _MEANINGS["status"]})
+    variables[STATUS] = (dims, status, {"long_name": MEANINGS[STATUS]})
     factors = [
         {
             "name": name,
@@ -269,51 +250,3 @@ def _root_attributes(study: Study) -> dict[str, Any]:
 def _words(study: Study) -> dict[str, Any]:
     """Return what the report tells of a study and no score depends on."""
     return {"study": study.text, "title": study.title, "limits": json.dumps(study.limits)}
-
-
-def code_state() -> dict[str, str]:
-    """Return what the bits of a score depend on beside the study: ``engine`` and ``versions`` of the packages."""
-    versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
-    return {"versions": json.dumps(versions), "engine": engine_hash()}
-
-
-@functools.cache  # of the code that this process runs, whatever becomes of the files
-def engine_hash() -> str:
-    """Return a hash of what numbers depend on: models, committed networks, the harness but for report and CLI."""
-    root = Path(__file__).resolve().parents[1]
-    skipped = (
-        *("harness/report", "harness/realtime", "harness/cli.py", "harness/cluster.py"),
-        *("harness/run.py", "harness/statistics.py"),
-    )
-    digest = hashlib.sha256()
-    for path in sorted(
-        p for pattern in ("models/**/*.py", "harness/**/*.py", "harness/networks/*.npz") for p in root.glob(pattern)
-    ):
-        name = path.relative_to(root).as_posix()
-        if not name.startswith(skipped):
-            digest.update(name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-def commit() -> str:
-    """Return the commit of the checkout, marked if there are changes, or ``unknown`` outside one."""
-    head, changes = _git("rev-parse", "HEAD"), _git("status", "--porcelain")
-    return "unknown" if head is None else head + (" with changes" if changes else "")
-
-
-def _git(*arguments: str) -> str | None:
-    here = Path(__file__).resolve().parents[1]
-    try:
-        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return done.stdout.strip()
-
-
-def processor() -> str:
-    """Return the name of the processor, for the record of a result."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or "unknown processor"

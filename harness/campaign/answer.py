@@ -16,13 +16,15 @@ from harness.campaign.evidence import Verdict, share
 from harness.campaign.results import Results
 from harness.report import style
 from harness.report.document import Block, Bullets, Heading, Picture, Sheet, plain, strong
-from harness.report.opening import ALIKE, listed
+from harness.report.opening import ALIKE
 from harness.report.ranking import Ranking, limits_of, tolerances
 from harness.report.sections.sensitivity import in_short
 from harness.report.sections.tolerance import breaks_first, told
-from harness.report.store import ESTIMATOR_DIVERGED, PLANT_DIVERGED, Design
+from harness.report.store import Design
 from harness.report.style import number, with_unit
+from harness.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
 from harness.tolerance import Tolerance
+from models.quantities import listed
 
 
 class Joint:

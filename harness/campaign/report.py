@@ -15,8 +15,8 @@ from harness.realtime import report as realtime
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Document, Heading, Prose, Sheet, plain, write
 from harness.report.sections import boxes, drives
-from harness.report.store import words
 from harness.report.style import number
+from models.quantities import words
 
 FIGURES = {
     "ideal": "5.6",

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from harness.errors import UserError
 from harness.realtime import outcome
-from harness.report.store import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, Design, Store, read
+from harness.report.store import Design, Store, read
+from harness.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
 from harness.store import STORE
 
 STUDIES = ("ideal", "process-noise", "mass", "cog", "friction", "tyre", "joint")

@@ -12,7 +12,7 @@ from harness.identify.contract import Estimate, Fit
 from harness.identify.outcome import Judged
 from harness.report import style
 from harness.report.document import Block, Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
-from harness.report.store import print_unit, quantity, words
+from models.quantities import print_unit, quantity, words
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from harness.loop.channels import Channel
 from harness.loop.drivers import Driver
 from harness.loop.turning import Turning
 from harness.report import style
-from harness.report.store import print_unit, quantity, words
+from models.quantities import print_unit, quantity, words
 
 Floats = NDArray[np.float64]
 

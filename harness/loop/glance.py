@@ -15,8 +15,7 @@ from harness.loop.trace import Trace
 from harness.loop.worth import Worth
 from harness.report import style
 from harness.report.document import Block, Bullets, Heading, Prose, Sheet, plain, strong
-from harness.report.opening import listed
-from harness.report.store import print_unit, quantity, words
+from models.quantities import listed, print_unit, quantity, words
 
 _MEANING = {
     "adequate": "adequate: nothing is missing that these drives can show",

@@ -26,9 +26,8 @@ from harness.loop.trials import Say
 from harness.loop.wandering import EXPLAINED, Wandering
 from harness.loop.where import Where, pinpoint_record, unnamed_record, where
 from harness.loop.worth import Worth
-from harness.report.opening import listed
-from harness.report.store import words
 from models.placement import load_effect, ports_of, split
+from models.quantities import listed, words
 from models.signals import SIGNALS
 
 Floats = NDArray[np.float64]

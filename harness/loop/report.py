@@ -14,7 +14,7 @@ from harness.loop.judges import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
 from harness.loop.outcome import COLOURED, Outcome, equation
 from harness.report import style
 from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain, strong
-from harness.report.store import quantity, words
+from models.quantities import quantity, words
 
 _SETTLED = Prose("#settle()")  # the figures of a section stand before the next one
 

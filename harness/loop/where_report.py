@@ -12,7 +12,7 @@ from harness.loop.outcome import Outcome
 from harness.loop.unnamed import Unnamed
 from harness.report import style
 from harness.report.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
-from harness.report.store import words
+from models.quantities import words
 
 
 def where(outcome: Outcome) -> list[Block]:

@@ -22,8 +22,9 @@ from harness.configure import ModelSpec, Study, load_study, read_study
 from harness.drives import profile_of
 from harness.errors import UserError
 from harness.folder import read_toml
-from harness.report.store import OK, Design, read
+from harness.report.store import Design, read
 from harness.run import score_study
+from harness.scores import OK
 from harness.store import STORE
 
 REPEATS = 8

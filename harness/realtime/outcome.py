@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness.configure import Study
 from harness.errors import UserError
-from harness.store import code_state, commit, processor
+from harness.provenance import code_state, commit, processor
 
 Floats = NDArray[np.float64]
 

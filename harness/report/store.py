@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,38 +15,16 @@ import zarr
 from numpy.typing import NDArray
 
 from harness.errors import UserError
+from harness.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 from harness.units import registry
-from models.signals import SIGNALS
+from models.quantities import Quantity, print_unit, quantity, words
 
-OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, FAILED, PENDING = 0, 1, 2, 3, -1
 FATES = {
     ESTIMATOR_DIVERGED: "estimator diverged",
     PLANT_DIVERGED: "plant left its range",
-    FAILED: "failed",
     PENDING: "not yet run",
 }
 _RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A signal as the report shows it.
-
-    Attributes:
-        name: Signal name.
-        words: The name in words.
-        symbol: LaTeX symbol for figures; the words where the signal has none.
-        unit: Report unit as printed, e.g. ``kN`` or ``°``; empty for a plain number.
-        scale: Report units per SI unit.
-        meaning: One phrase of the table of signals.
-    """
-
-    name: str
-    words: str
-    symbol: str
-    unit: str
-    scale: float
-    meaning: str = ""
 
 
 @dataclass(frozen=True)
@@ -75,36 +52,6 @@ class Factor:
     nominal: float
     values: NDArray[np.float64]
     log: bool = False
-
-
-def words(name: str) -> str:
-    """Write a name of the project in words: ``trailer_cog_from_rear`` becomes ``trailer CoG from rear``."""
-    return re.sub(r"\bcog\b", "CoG", name.replace("_", " ").strip())
-
-
-def print_unit(unit: str) -> str:
-    """Write a unit as it is printed: ``m/s^2`` becomes ``m/s²``, ``deg`` becomes ``°``."""
-    unit = unit.replace("**", "^").replace("*", "·")
-    unit = re.sub(r"\bdeg(ree)?\b", "°", unit)
-    for digit, raised in zip("234", "²³⁴", strict=True):
-        unit = unit.replace(f"^{digit}", raised)
-    return "" if unit in ("1", "dimensionless") else unit
-
-
-def quantity(name: str, si_unit: str = "") -> Quantity:
-    """Look a signal up; one that is not in the table is shown in its SI unit under its own name.
-
-    Args:
-        name: Signal name.
-        si_unit: Unit of the stored numbers; empty for that of the table.
-    """
-    signal = SIGNALS.get(name)
-    if signal is None:
-        symbol = words(name).replace(" ", r"\ ")
-        return Quantity(name, words(name), rf"\mathrm{{{symbol}}}", print_unit(si_unit), 1.0)
-    source = registry().Quantity(1.0, si_unit or signal.unit)
-    scale = float(source.to(signal.report_unit).magnitude)
-    return Quantity(name, words(name), signal.symbol, print_unit(signal.report_unit), scale, signal.meaning)
 
 
 def _decode(value: Any) -> Any:

@@ -11,8 +11,9 @@ from probe_study import STUDY, bits
 from harness.configure import load_study
 from harness.design import Unit, units
 from harness.errors import UserError
-from harness.evaluate import ESTIMATOR_DIVERGED, OK, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED, Bench, Case
+from harness.evaluate import Bench, Case
 from harness.run import run_study
+from harness.scores import ESTIMATOR_DIVERGED, OK, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED
 from harness.store import STORE, Store
 
 
@@ -39,7 +40,7 @@ def same_checkout():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.report.write_report", lambda out: [])
         patch.setattr("harness.store.commit", lambda: "this one")
-        patch.setattr("harness.store.engine_hash", lambda: "this one")
+        patch.setattr("harness.provenance.engine_hash", lambda: "this one")
         yield
 
 
@@ -121,7 +122,7 @@ def test_another_study_in_the_folder_is_left_alone(study_file, finished, tmp_pat
 
 
 def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
-    monkeypatch.setattr("harness.store.engine_hash", lambda: "other")
+    monkeypatch.setattr("harness.provenance.engine_hash", lambda: "other")
     with pytest.raises(UserError, match="other code"):
         run_study(study, finished, jobs=1)
 

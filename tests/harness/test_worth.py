@@ -17,7 +17,8 @@ from harness.loop import worth as stage
 from harness.loop import worth_report
 from harness.loop.worth import Worth
 from harness.report.document import Picture, Sheet
-from harness.report.store import OK, read
+from harness.report.store import read
+from harness.scores import OK
 
 ROOT = Path(__file__).parents[2]
 MASS = ROOT / "studies" / "mass.toml"

@@ -8,9 +8,10 @@ from typing import Any
 
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
-from harness.report.store import Store, print_unit, quantity, words
+from harness.report.store import Store
 from harness.report.style import number, with_unit
 from harness.statistics import RESAMPLES
+from models.quantities import print_unit, quantity, words
 
 _DEFINITIONS = (
     r"*RMSE*, *bias* and *maximum error* of a target $z$ over the $K$ samples of a run: "
