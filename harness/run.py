@@ -29,6 +29,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from harness.checksums import described
 from harness.configure import Study
 from harness.design import Unit, units
 from harness.evaluate import Bench
@@ -93,7 +94,12 @@ def score_study(study: Study, out: Path, jobs: int | None, console: Console, cli
     begin = time.perf_counter()
     with console.status("building models and drives"):
         bench = Bench(study)
-        store = Store(study, bench, out)
+        store = Store(study, bench, out, mend=True)
+    if store.mended:
+        console.print(
+            Text(f"{store.path}: {described(store.mended)}; what is lost is computed again", style="yellow"),
+            soft_wrap=True,
+        )
     everything = [u for d in study.designs for u in units(study, d)]
     todo = [u for u in everything if not store.was_done(u)]
     total, left = (sum(u.runs(study) for u in some) for some in (everything, todo))

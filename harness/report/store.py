@@ -14,6 +14,7 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
+from harness.checksums import HISTORY, described, faults, is_verifiable
 from harness.errors import UserError
 from harness.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 from harness.units import registry
@@ -216,6 +217,11 @@ class Store:
     run: dict[str, Any] = field(default_factory=dict)
 
     @property
+    def is_verifiable(self) -> bool:
+        """Whether the store has checksums, so that ``read`` could tell that none of its files is missing or damaged."""
+        return is_verifiable(self.attributes)
+
+    @property
     def seed(self) -> int:
         """Seed of the study, used for the bootstrap as well."""
         return int(self.attributes.get("seed", 0))
@@ -249,7 +255,7 @@ def read(directory: Path) -> Store:
     """Read ``scores.zarr`` and ``run.json`` of a result folder.
 
     Raises:
-        UserError: If there is no store, or it is not one that a study wrote.
+        UserError: If there is no store, it is not one that a study wrote, or files of it are missing or damaged.
     """
     path = directory / "scores.zarr"
     if not path.is_dir():
@@ -260,16 +266,22 @@ def read(directory: Path) -> Store:
     try:
         root = zarr.open_group(path, mode="r")
         attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
-        has_runs = "history" in set(root.group_keys())
         names = attributes.get("designs", [])
         if not names:
             raise KeyError("designs")
+        lost = faults(path)
+        if lost:
+            raise UserError(
+                f"{path}: {described(lost)}; 'harness run' with the study '{attributes.get('study_name')}' and "
+                f"'--out {directory}' computes what is lost again, and nothing else"
+            )
+        has_runs = HISTORY in set(root.group_keys())
         designs = [_design(path, str(name)) for name in names]
         kept = sorted(zarr.open_group(path, mode="r", path="history").group_keys(), key=int) if has_runs else []
         histories = [
             xr.open_zarr(path, group=f"history/{index}", chunks=None, consolidated=False).load() for index in kept
         ]
-    except (KeyError, ValueError, OSError) as error:
+    except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last by a chunk that cannot be decoded
         raise UserError(
             f"{path}: not a store that a study wrote ({type(error).__name__}: {error}); "
             "run the study again into an empty folder"

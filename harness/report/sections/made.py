@@ -68,6 +68,8 @@ def _facts(store: Store) -> list[list[str]]:
         rows.append(["step", f"{number(1000 * float(a['step']))} ms"])
     for design in store.designs:
         rows.append([f"design “{design.name}”", _size(design.status.shape)])
+    if not store.is_verifiable:
+        rows.append(["checksums", "none: that no file of the scores was lost or changed since cannot be verified"])
     for key in ("commit", "machine"):
         if key in a:
             rows += [[label, value] for label, value in flatten({key: a[key]})]
