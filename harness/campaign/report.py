@@ -12,7 +12,6 @@ from harness.campaign.claims import ANGLE, FORCE, Finding, findings
 from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
 from harness.realtime import report as realtime
-from harness.report.analysis import Analysis
 from harness.report.document import Block, Document, Heading, Prose, Sheet, plain, write
 from harness.report.sections import boxes, drives
 from harness.report.style import number
@@ -46,7 +45,7 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
     found = findings(campaign)
     blocks: list[Block] = [*answer(campaign, found), *_findings(campaign, found)]
     blocks += _figures(campaign)
-    blocks += drives.blocks(Analysis(campaign.stores["ideal"]))
+    blocks += drives.blocks(campaign.analyses["ideal"])
     blocks += _made(campaign)
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
     return write(Document(title, blocks), Path(out))
@@ -57,7 +56,7 @@ def _figures(campaign: Results) -> list[Block]:
     text = "Levels across, targets down, as there, with every estimator of a study. Each study has a report of its own."
     found: list[Block] = [Heading("The dissertation's figures from our data"), Prose(plain(text))]
     for study, number_there in FIGURES.items():
-        analysis = Analysis(campaign.stores[study])
+        analysis = campaign.analyses[study]
         for picture in boxes.pictures(analysis, analysis.findings[0]):
             found.append(replace(picture, caption=f"Bild {number_there} ({words(study)}). {picture.caption}"))
     times = realtime.figure(campaign.times)

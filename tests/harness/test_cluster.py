@@ -32,9 +32,8 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def same_checkout():
-    """No reports, and a checkout that holds still while somebody works in it."""
+    """A checkout that holds still while somebody works in it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.report.write_report", lambda out: [])
         patch.setattr("harness.store.commit", lambda: "this one")
         patch.setattr("harness.provenance.engine_hash", lambda: "this one")
         yield

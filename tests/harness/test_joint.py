@@ -176,7 +176,6 @@ def joint(tmp_path_factory):
     )
     study = load_study(path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.report.write_report", lambda out: [])
         patch.setattr("harness.provenance.engine_hash", lambda: "this one")
         run_study(study, folder / "out", jobs=2)
         yield study, Bench(study), folder / "out"

@@ -13,6 +13,8 @@ from harness.report.style import number, with_unit
 from harness.statistics import RESAMPLES
 from models.quantities import print_unit, quantity, words
 
+NOT_VERIFIABLE = "the scores have no checksums, so whether files of them are missing or damaged cannot be told"
+
 _DEFINITIONS = (
     r"*RMSE*, *bias* and *maximum error* of a target $z$ over the $K$ samples of a run: "
     r"$sqrt(1/K sum_(k=1)^K (hat(z)_k - z_k)^2)$, $1/K sum_(k=1)^K (hat(z)_k - z_k)$ and "
@@ -69,7 +71,7 @@ def _facts(store: Store) -> list[list[str]]:
     for design in store.designs:
         rows.append([f"design “{design.name}”", _size(design.status.shape)])
     if not store.is_verifiable:
-        rows.append(["checksums", "none: that no file of the scores was lost or changed since cannot be verified"])
+        rows.append(["checksums", NOT_VERIFIABLE])
     for key in ("commit", "machine"):
         if key in a:
             rows += [[label, value] for label, value in flatten({key: a[key]})]
