@@ -7,7 +7,7 @@ from rich.table import Table
 
 from bench import engine
 from harness.lanes import LANES
-from harness.store import processor
+from harness.provenance import processor
 
 
 def main() -> None:

@@ -142,11 +142,7 @@ def run(
 
             client = stack.enter_context(connected(scheduler, jobs))
         folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console, client)
-    from harness.report import headline
-
-    console.print(Text(headline(folder), style="bold"), soft_wrap=True)
-    for path in sorted(folder.glob("report.*")):
-        console.print(Text(str(path)), soft_wrap=True)
+    _write_report(folder, console, answer=True)
 
 
 @app.command()
@@ -159,10 +155,22 @@ def report(folder: Annotated[Path, typer.Argument(help="Result folder of a finis
     if not folder.is_dir():
         there = sorted(str(p) for p in folder.parent.glob("*") if p.is_dir())
         raise UserError(f"{folder}: there is no such folder{_closest(str(folder), there)}")
-    from harness.report import write_report
+    _write_report(folder, Console())
 
-    console = Console()
-    for path in write_report(folder):
+
+def _write_report(folder: Path, console: Console, answer: bool = False) -> None:
+    """Write the report of a finished study, print its answer if asked for, and its files."""
+    from harness.report import NOT_VERIFIABLE, analyse, headline, write_report
+
+    aside = Console(stderr=True)
+    with aside.status("writing the report"):
+        analysis = analyse(folder)
+        files = write_report(analysis)
+    if not analysis.store.is_verifiable:
+        aside.print(Text(f"{folder}: {NOT_VERIFIABLE}", style="yellow"), soft_wrap=True)
+    if answer:
+        console.print(Text(headline(analysis), style="bold"), soft_wrap=True)
+    for path in files:
         console.print(Text(str(path)), soft_wrap=True)
 
 

@@ -26,7 +26,8 @@ from harness.configure import Study
 from harness.design import Unit
 from harness.errors import UserError
 from harness.evaluate import Bench
-from harness.store import STORE, Store, code_state, processor
+from harness.provenance import code_state, processor
+from harness.store import STORE, Store
 
 if TYPE_CHECKING:
     from distributed import Client

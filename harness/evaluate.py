@@ -17,21 +17,12 @@ from harness.drives import profile_of
 from harness.estimate import Estimator, Scores
 from harness.kernel import Belief, State
 from harness.lanes import LANES
+from harness.scores import ESTIMATOR_DIVERGED, OK, OVER_TIME, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED
 from harness.simulate import Batch, Simulator, first_state, in_lanes, input_table
 from models.assemble import Model
 from models.contracts import DRIVE_INPUTS, Profile
 
 Floats = NDArray[np.float64]
-
-PENDING, OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, FAILED = -1, 0, 1, 2, 3
-
-PER_TARGET = ("rmse", "bias", "max_error")
-PER_RUN = (
-    "nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates", "time_of_divergence"
-)  # fmt: skip
-
-
-OVER_TIME = "rmse_over_time"
 
 
 class Case(NamedTuple):

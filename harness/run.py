@@ -1,4 +1,4 @@
-"""Run a study: compile, evaluate the units that are not in the store yet, report.
+"""Run a study: compile, and evaluate the units that are not in the store yet.
 
 Units run in threads, because the kernels release the GIL, or on the workers of a cluster (``harness.cluster``).
 Whoever evaluates a unit writes its scores, each unit to chunks of its own, so neither the number of workers nor an
@@ -29,6 +29,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from harness.checksums import described
 from harness.configure import Study
 from harness.design import Unit, units
 from harness.evaluate import Bench
@@ -59,41 +60,34 @@ def run_study(
     console: Console | None = None,
     client: Client | None = None,
 ) -> Path:
-    """Run a study to the end and write its reports.
-
-    Args and errors as of ``score_study``.
-
-    Returns:
-        The result folder.
-    """
-    from harness.report import write_report
-
-    console = console or Console(stderr=True)
-    score_study(study, out, jobs, console, client)
-    with console.status("writing the reports"):
-        write_report(out)
-    return out
-
-
-def score_study(study: Study, out: Path, jobs: int | None, console: Console, client: Client | None = None) -> None:
-    """Run a study to the end without reports.
+    """Run a study to the end; ``harness.report`` writes what it says.
 
     Args:
         study: The study.
-        out: Result folder. A result of the same study there is continued; another study's is left alone.
+        out: Result folder. A result of the same study there is continued, and mended where files of it are missing or
+            damaged; another study's is left alone.
         jobs: Worker threads; by default one per core.
-        console: Where progress is shown.
+        console: Where progress is shown; by default stderr.
         client: Of the Dask cluster whose workers run the study in place of threads.
+
+    Returns:
+        The result folder.
 
     Raises:
         UserError: If the folder holds another study's result, or a worker of the cluster does not fit.
         ClusterFailure: If the cluster gives up.
     """
+    console = console or Console(stderr=True)
     started = datetime.now(UTC)
     begin = time.perf_counter()
     with console.status("building models and drives"):
         bench = Bench(study)
-        store = Store(study, bench, out)
+        store = Store(study, bench, out, mend=True)
+    if store.mended:
+        console.print(
+            Text(f"{store.path}: {described(store.mended)}; what is lost is computed again", style="yellow"),
+            soft_wrap=True,
+        )
     everything = [u for d in study.designs for u in units(study, d)]
     todo = [u for u in everything if not store.was_done(u)]
     total, left = (sum(u.runs(study) for u in some) for some in (everything, todo))
@@ -118,6 +112,7 @@ def score_study(study: Study, out: Path, jobs: int | None, console: Console, cli
         (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n")
     if todo or not store.has_histories:
         store.write_histories(bench.histories())
+    return out
 
 
 def _warm_up(bench: Bench, console: Console) -> None:

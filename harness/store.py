@@ -2,21 +2,18 @@
 
 One group per design, with the plain dimensions ``band, sample, drive, repeat, estimator, target``. Every unit has
 chunks of its own, so threads and processes write without knowing of each other. ``status`` is written after
-everything else of a unit, so a unit whose status is pending counts as not done. Nothing that depends on the number
-of workers or on the clock is in the store; ``run.json`` beside it tells that.
+the scores of a unit, so a unit whose status is pending counts as not done, and the checksums of all its chunks last
+(``harness.checksums``). Nothing that depends on the number of workers or on the clock is in the store; ``run.json``
+beside it tells that.
 """
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
 import json
 import platform
 import shutil
-import subprocess
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -24,36 +21,17 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
-from harness import evaluate, readers, sources
+from harness import checksums
+from harness.checksums import HISTORY, Fault
 from harness.configure import DesignSpec, Study
 from harness.design import Unit, points, samples_per_unit
-from harness.drives import options_of
 from harness.errors import UserError
-from harness.estimate import load_estimator
-from harness.evaluate import OVER_TIME, PENDING, PER_RUN, PER_TARGET, Bench
-from models import registry
-from models.placement import load_effect
+from harness.evaluate import Bench
+from harness.provenance import code_state, commit, processor
+from harness.scores import MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
 from models.signals import SIGNALS
 
 STORE = "scores.zarr"
-HISTORY = "history"
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
-
-_MEANINGS = {
-    "rmse": "root mean square error",
-    "bias": "mean error, estimate minus truth",
-    "max_error": "largest error",
-    "nees": "normalised estimation error squared, average over the run",
-    "nis": "normalised innovation squared, average over the run",
-    "nees_inside": "share of samples with the NEES inside its 95 % region",
-    "nis_inside": "share of samples with the NIS inside its 95 % region",
-    "log_likelihood": "log-likelihood of the measurements",
-    "repairs": "samples at which a covariance factor was repaired",
-    "updates": "samples with a measurement",
-    "time_of_divergence": "time at which estimator or plant left its range of validity",
-    OVER_TIME: "root mean square error in a window of time",
-    "status": "0 ok, 1 estimator diverged, 2 plant left its range, 3 failed, -1 pending",
-}
 
 
 class Store:
@@ -63,36 +41,49 @@ class Store:
         study: The study.
         bench: Its compiled models (for the dimensions of state and output).
         folder: Result folder; created if need be.
+        mend: Whether to look for files that are missing or damaged, and to forget the units that they belong to. Not
+            while others write.
+
+    Attributes:
+        mended: What was found to be missing or damaged; none of it is any more, but its units are pending.
 
     Raises:
         UserError: If the folder holds another study's result, or this study's computed by other code.
     """
 
-    def __init__(self, study: Study, bench: Bench, folder: Path) -> None:
+    def __init__(self, study: Study, bench: Bench, folder: Path, mend: bool = False) -> None:
         self.study, self.folder, self.path = study, folder, folder / STORE
         self._attributes = _root_attributes(study)
+        self.mended: list[Fault] = []
         if self.path.exists():
             self._check_same_study()
             self._renew_words()
+            if mend:
+                self._mend(bench)
         else:
             try:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
-            self._create(bench)
+            self._create(bench, self.path)
         groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
         self._arrays: list[dict[str, Any]] = [dict(group.arrays()) for group in groups]
-        self._pending = [np.asarray(arrays["status"][...]) == PENDING for arrays in self._arrays]
+        sums: Any = zarr.open_group(str(self.path), path=checksums.GROUP, mode="r+")
+        self._sums: list[Any] = [sums[d.name] for d in study.designs]
+        self._pending = [np.asarray(arrays[STATUS][...]) == PENDING for arrays in self._arrays]
 
     def was_done(self, unit: Unit) -> bool:
         """Return whether a unit's scores were in the store when it was opened."""
         return not np.any(self._pending[unit.design][unit.band, unit.samples, unit.drive])
 
     def write(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:
-        """Write a unit's scores, from any thread or process; the status comes last."""
-        for name in sorted(result, key=lambda name: name == "status"):
+        """Write a unit's scores, from any thread or process; the status comes after them, the checksums last."""
+        for name in sorted(result, key=lambda name: name == STATUS):
             drive = () if name == OVER_TIME else (unit.drive,)  # kept along one drive only
             self._arrays[unit.design][name][unit.band, unit.samples, *drive] = result[name]
+        design = self.study.designs[unit.design]
+        place = design.name, unit.band, unit.first // samples_per_unit(design), unit.drive
+        checksums.write(self.path, self._sums[unit.design], place, list(result))
 
     @property
     def has_histories(self) -> bool:
@@ -108,7 +99,42 @@ class Store:
             history.attrs["rmse"] = json.dumps(history.attrs["rmse"])
             name = f"{HISTORY}/{index}"
             history.to_zarr(self.path, group=name, mode="w", consolidated=False, zarr_format=3)
-        group.attrs["runs"] = len(histories)
+        group.attrs.update({"files": checksums.of_files(self.path, HISTORY), "runs": len(histories)})
+
+    def _mend(self, bench: Bench) -> None:
+        """Put back what an empty store has, and make the units pending that have lost something else."""
+        self.mended = checksums.faults(self.path)
+        if not self.mended:
+            return
+        empty = self.folder / (STORE + ".empty")
+        shutil.rmtree(empty, ignore_errors=True)
+        try:
+            self._create(bench, empty)
+            for file in (p for p in empty.rglob("*") if p.is_file() and p.parent != empty):
+                there = self.path / file.relative_to(empty)
+                if checksums.digest(there) != checksums.digest(file):
+                    there.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(file, there)
+            shutil.rmtree(empty)
+            lost = checksums.faults(self.path)
+            for unit in dict.fromkeys(fault.unit for fault in lost if fault.unit is not None):
+                self._forget(bench, unit)
+            if any(fault.unit is None for fault in lost):
+                shutil.rmtree(self.path / HISTORY, ignore_errors=True)
+        except OSError as error:
+            raise UserError(
+                f"{self.path}: {checksums.described(self.mended)}, and it cannot be mended: {error.strerror or error}"
+            ) from error
+
+    def _forget(self, bench: Bench, place: checksums.Place) -> None:
+        """Delete the chunks of a unit, that of the status first."""
+        dims = dict(zarr.open_group(str(self.path), path=checksums.GROUP, mode="r")[place[0]].attrs["arrays"])
+        names = [d.name for d in self.study.designs]
+        if bench.windows(names.index(place[0]), place[3]) is None:
+            dims.pop(OVER_TIME, None)  # another drive's
+        files = checksums.chunk_files(dims, place)
+        for name in sorted(files, key=lambda name: name != STATUS):
+            (self.path / files[name]).unlink(missing_ok=True)
 
     def _check_same_study(self) -> None:
         try:
@@ -134,24 +160,27 @@ class Store:
         if words:
             zarr.open_group(str(self.path), mode="r+").attrs.update(words)
 
-    def _create(self, bench: Bench) -> None:
+    def _create(self, bench: Bench, path: Path) -> None:
         # A half-created store would look like a whole one, so it is made elsewhere and moved into place.
-        temporary = self.folder / (STORE + ".new")
+        temporary = path.with_name(path.name + ".new")
         if temporary.exists():
             shutil.rmtree(temporary)
         root = zarr.open_group(str(temporary), mode="w", zarr_format=3)
         root.attrs.update(self._attributes)
         for design in self.study.designs:
             dataset = _empty(self.study, design, bench)
+            scores = {name: array for name, array in dataset.data_vars.items() if array.ndim > 2}
             encoding = {
-                name: {"chunks": _chunks(design, array), "fill_value": PENDING if name == "status" else np.nan}
-                for name, array in dataset.data_vars.items()
-                if array.ndim > 2
+                name: {"chunks": _chunks(design, array), "fill_value": PENDING if name == STATUS else np.nan}
+                for name, array in scores.items()
             }  # a chunk that holds nothing but the fill value takes no file
             dataset.to_zarr(
                 temporary, group=design.name, mode="w", consolidated=False, zarr_format=3, encoding=encoding
             )
-        temporary.rename(self.path)
+            dims = {str(name): [str(d) for d in array.dims] for name, array in scores.items()}
+            chunks = -(-design.samples // samples_per_unit(design))
+            checksums.declare(temporary, design.name, dims, (design.bands, chunks, len(self.study.drives)))
+        temporary.rename(path)
 
 
 def _chunks(design: DesignSpec, array: xr.DataArray) -> tuple[int, ...]:
@@ -172,11 +201,11 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         variables[name] = (
             (*dims, "target"),
             values,
-            {"long_name": _MEANINGS[name], "units": "unit of the target"},
+            {"long_name": MEANINGS[name], "units": "unit of the target"},
         )
     for name in PER_RUN:
         unit = "s" if name == "time_of_divergence" else "1"
-        variables[name] = (dims, np.full(sizes, np.nan), {"long_name": _MEANINGS[name], "units": unit})
+        variables[name] = (dims, np.full(sizes, np.nan), {"long_name": MEANINGS[name], "units": unit})
     status = np.full(sizes, PENDING, dtype=np.int8)
     kept = [w for d in range(len(study.drives)) if (w := bench.windows(study.designs.index(design), d)) is not None]
     if kept:
@@ -184,12 +213,12 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         variables[OVER_TIME] = (
             (*dims[:2], *dims[3:], "target", "window"),
             np.full(without_drive, np.nan, dtype=np.float32),
-            {"long_name": _MEANINGS[OVER_TIME], "units": "unit of the target"},
+            {"long_name": MEANINGS[OVER_TIME], "units": "unit of the target"},
         )
     for i, factor in enumerate(table.factors):
         unit = design.factors[i].unit
         variables[f"factor_{factor}"] = (("band", "sample"), table.values[:, :, i], {"units": unit})
-    variables["status"] = (dims, status, {"long_name": _MEANINGS["status"]})
+    variables[STATUS] = (dims, status, {"long_name": MEANINGS[STATUS]})
     factors = [
         {
             "name": name,
@@ -259,6 +288,7 @@ def _root_attributes(study: Study) -> dict[str, Any]:
     }
     return {
         **_words(study),
+        checksums.GROUP: {"histories": len(study.history)},
         "study_name": study.name,
         "study_hash": study.hash,
         "seed": study.seed,
@@ -274,62 +304,3 @@ def _root_attributes(study: Study) -> dict[str, Any]:
 def _words(study: Study) -> dict[str, Any]:
     """Return what the report tells of a study and no score depends on."""
     return {"study": study.text, "title": study.title, "limits": json.dumps(study.limits)}
-
-
-def code_state(study: Study) -> dict[str, str]:
-    """Return what the bits of a score depend on beside the study: ``engine`` and ``versions`` of the packages."""
-    versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
-    return {"versions": json.dumps(versions), "engine": engine_hash(study)}
-
-
-def engine_hash(study: Study) -> str:
-    """Return a hash of the code and the networks that decide a study's scores, whatever their files are called.
-
-    Raises:
-        UserError: If an estimator's file is not there.
-    """
-    total = hashlib.sha256(sources.digest([evaluate, *parts(study)]).encode())
-    for spec in study.estimators:
-        file = load_estimator(spec.kind)
-        for path in file.files(file.Settings(**spec.settings), spec.base):
-            total.update(path.read_bytes())
-    return total.hexdigest()
-
-
-def parts(study: Study) -> list[ModuleType]:
-    """Return the files of the registries that a study uses: what ``evaluate`` finds by name and does not import."""
-    found = [registry.load("harness.estimators", e.kind) for e in study.estimators]
-    for spec in (study.plant, study.belief):
-        found.append(registry.load("models.vehicles", spec.vehicle))
-        found += [registry.load("models.tyres", spec.tyre)] if spec.tyre else []
-        found += [load_effect(name) for name in spec.effects]
-        found.append(registry.load("models.sensors", spec.sensors))
-    for drive in study.drives:
-        found.append(registry.load("models.drives", drive.kind))
-        if any(option.unit == "text" for option in options_of(drive.kind)):  # it may read a recording
-            found += readers.modules()
-    return list(dict.fromkeys(found))
-
-
-def commit() -> str:
-    """Return the commit of the checkout, marked if there are changes, or ``unknown`` outside one."""
-    head, changes = _git("rev-parse", "HEAD"), _git("status", "--porcelain")
-    return "unknown" if head is None else head + (" with changes" if changes else "")
-
-
-def _git(*arguments: str) -> str | None:
-    here = Path(__file__).resolve().parents[1]
-    try:
-        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return done.stdout.strip()
-
-
-def processor() -> str:
-    """Return the name of the processor, for the record of a result."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or "unknown processor"

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from bench.attribution.score import CURVE, NOTHING, PARAMETER, UNRESOLVED, Scored
 from bench.attribution.tables import by_kind, effects_in, matrix, vehicles, wilson
 from harness.report import style
-from harness.report.store import words
+from models.quantities import words
 
 Cases = Sequence[Scored]
 RIGHT, WRONG = style.looks(["right", "wrong"]).values()

@@ -11,8 +11,8 @@ from typing import Any
 
 from harness.loop.held_out import EXCESS
 from harness.report import style
-from harness.report.store import print_unit
 from models.placement import split
+from models.quantities import print_unit
 
 MAGNITUDES = ("small", "medium", "large")
 FAILED = "failed.txt"

@@ -15,40 +15,43 @@ from harness.campaign.claims import Finding
 from harness.campaign.evidence import Verdict, share
 from harness.campaign.results import Results
 from harness.report import style
+from harness.report.analysis import Findings
 from harness.report.document import Block, Bullets, Heading, Picture, Sheet, plain, strong
-from harness.report.opening import ALIKE, listed
+from harness.report.opening import ALIKE
 from harness.report.ranking import Ranking, limits_of, tolerances
 from harness.report.sections.sensitivity import in_short
 from harness.report.sections.tolerance import breaks_first, told
-from harness.report.store import ESTIMATOR_DIVERGED, PLANT_DIVERGED, Design
+from harness.report.store import Design
 from harness.report.style import number, with_unit
+from harness.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
 from harness.tolerance import Tolerance
+from models.quantities import listed
 
 
 class Joint:
     """The joint study: all factors at once (design ``saltelli``), and nested boxes about what is believed."""
 
     def __init__(self, results: Results) -> None:
-        self.store = results.stores["joint"]
-        self.looks = style.looks(self.design.estimators)
+        self.analysis = results.analyses["joint"]
+        self.store, self.looks = self.analysis.store, self.analysis.looks
 
-    def _sampled(self, sampling: str) -> Design:
-        return next(d for d in self.store.designs if d.sampling == sampling)
+    def _sampled(self, sampling: str) -> Findings:
+        return next(f for f in self.analysis.findings if f.design.sampling == sampling)
 
     @cached_property
     def design(self) -> Design:
         """Design over the whole box."""
-        return self._sampled("saltelli")
+        return self._sampled("saltelli").design
 
-    @cached_property
+    @property
     def ranking(self) -> Ranking:
         """Its indices."""
-        return Ranking(self.design, self.store.seed)
+        return self._sampled("saltelli").ranking
 
     @cached_property
     def nested(self) -> Design:
         """Design of nested boxes."""
-        return self._sampled("tolerance")
+        return self._sampled("tolerance").design
 
     @cached_property
     def limits(self) -> dict[str, float]:

@@ -15,8 +15,8 @@ from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians
 from harness.campaign.results import Results
 from harness.realtime.measure import PACES
 from harness.realtime.outcome import PUBLISHED
-from harness.report.store import words
 from harness.statistics import Interval
+from models.quantities import words
 
 FORCE, ANGLE = "lateral_force_axle_21", "articulation_angle"
 EKF, UKF, NETWORK = "EKF", "UKF", "NARX"

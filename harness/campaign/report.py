@@ -12,11 +12,10 @@ from harness.campaign.claims import ANGLE, FORCE, Finding, findings
 from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
 from harness.realtime import report as realtime
-from harness.report.analysis import Analysis
 from harness.report.document import Block, Document, Heading, Prose, Section, Sheet, plain, write
 from harness.report.sections import boxes, drives
-from harness.report.store import words
 from harness.report.style import number
+from models.quantities import words
 
 FIGURES = {
     "ideal": "5.6",
@@ -48,7 +47,7 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
         Section(lambda: answer(campaign, found), "Answer"),
         Section(lambda: _findings(campaign, found), "What the dissertation found, tested on our data"),
         Section(lambda: _figures(campaign), "The dissertation's figures from our data"),
-        Section(lambda: drives.blocks(Analysis(campaign.stores["ideal"])), "On which drives are the estimators wrong?"),
+        Section(lambda: drives.blocks(campaign.analyses["ideal"]), "On which drives are the estimators wrong?"),
         Section(lambda: _made(campaign), "How it was made"),
     ]
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
@@ -60,7 +59,7 @@ def _figures(campaign: Results) -> list[Block]:
     text = "Levels across, targets down, as there, with every estimator of a study. Each study has a report of its own."
     found: list[Block] = [Heading("The dissertation's figures from our data"), Prose(plain(text))]
     for study, number_there in FIGURES.items():
-        analysis = Analysis(campaign.stores[study])
+        analysis = campaign.analyses[study]
         for picture in boxes.pictures(analysis, analysis.findings[0]):
             found.append(replace(picture, caption=f"Bild {number_there} ({words(study)}). {picture.caption}"))
     times = realtime.figure(campaign.times)

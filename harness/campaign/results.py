@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from harness.errors import UserError
 from harness.realtime import outcome
-from harness.report.store import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, Design, Store, read
+from harness.report.analysis import Analysis
+from harness.report.store import Design, Store, read
+from harness.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
 from harness.store import STORE
 
 STUDIES = ("ideal", "process-noise", "mass", "cog", "friction", "tyre", "joint")
@@ -49,6 +51,11 @@ class Results:
                     f"{self.folder / name}: {pending} runs are still to come; finish them with 'make study-{name}'"
                 )
         return found
+
+    @cached_property
+    def analyses(self) -> dict[str, Analysis]:
+        """The analyses of the stores."""
+        return {name: Analysis(store) for name, store in self.stores.items()}
 
     def errors(self, study: str, band: str | None, estimator: str, target: str) -> NDArray[np.float64]:
         """Return the RMSE of a group of runs in report units, ``(stratum, sample, repeat)``; NaN where a run has none.

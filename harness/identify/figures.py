@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 from harness.identify.contract import Fit
 from harness.identify.outcome import Judged
 from harness.report import style
-from harness.report.store import quantity, words
+from models.quantities import quantity, words
 
 _PANEL = 1.35
 """Inches per panel."""

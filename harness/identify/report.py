@@ -26,7 +26,7 @@ from harness.report.document import (
     plain,
     strong,
 )
-from harness.report.store import print_unit, quantity, words
+from models.quantities import print_unit, quantity, words
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,7 @@ from harness.loop.verdict import Verdict, final_judgement
 from harness.loop.wandering import Wandering
 from harness.loop.where import Where
 from harness.loop.wording import unnamed_words
-from harness.report.opening import listed
-from harness.report.store import words
+from models.quantities import listed, words
 
 
 def answer(trace: Trace, verdict: Verdict, found: Where) -> str:

@@ -12,7 +12,7 @@ from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.outcome import Outcome
 from harness.report import style
 from harness.report.document import Sheet
-from harness.report.store import print_unit, words
+from models.quantities import print_unit, words
 
 _SHOWN = 8
 """Parameters in the table."""

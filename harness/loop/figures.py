@@ -9,7 +9,7 @@ import numpy as np
 from harness.loop.hypotheses import ALL_PARAMETERS
 from harness.loop.judges import BIC_NEEDED, Round
 from harness.report import style
-from harness.report.store import words
+from models.quantities import words
 
 SHOWN = 15
 """Hypotheses drawn per round."""

@@ -17,8 +17,7 @@ from harness.loop.wording import unnamed_words
 from harness.loop.worth import Worth
 from harness.report import style
 from harness.report.document import Block, Bullets, Heading, Prose, Section, Sheet, plain, strong
-from harness.report.opening import listed
-from harness.report.store import print_unit, quantity, words
+from models.quantities import listed, print_unit, quantity, words
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from harness.loop.fit import Fitted
 from harness.loop.held_out import EXCESS, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.score import Score, cosine
-from harness.report.store import words
+from models.quantities import words
 
 BIC_NEEDED = 50.0
 """Gain in BIC on the fitted drives below which nothing is added."""

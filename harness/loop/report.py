@@ -29,7 +29,7 @@ from harness.report.document import (
     plain,
     strong,
 )
-from harness.report.store import quantity, words
+from models.quantities import quantity, words
 
 _SETTLED = Prose("#settle()")  # the figures of a section stand before the next one
 

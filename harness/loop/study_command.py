@@ -210,7 +210,7 @@ def _about(study: LoopStudy, part: str) -> list[Block]:
 def _errors(errors: Errors) -> Block:
     from harness.report import style
     from harness.report.document import Sheet
-    from harness.report.store import quantity
+    from models.quantities import quantity
 
     rows, models = [], ("published", "refitted", "amended")
     for drive, outputs in errors.items():

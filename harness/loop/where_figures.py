@@ -16,7 +16,7 @@ from harness.loop.pinpoint import History, Pinpoint, Suspect
 from harness.loop.turning import WAVELENGTHS, Turning
 from harness.loop.wording import entry, shown
 from harness.report import style
-from harness.report.store import print_unit, quantity, words
+from models.quantities import print_unit, quantity, words
 
 SHOWN = 15
 """Entries in the ranking."""

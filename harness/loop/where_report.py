@@ -16,7 +16,7 @@ from harness.loop.whole import Whole
 from harness.loop.wording import amount, entry, unnamed_words
 from harness.report import style
 from harness.report.document import Block, Bullets, Drawing, Heading, Prose, Section, Sheet, plain, strong
-from harness.report.store import words
+from models.quantities import words
 
 
 def where(outcome: Outcome) -> list[Block]:

@@ -9,7 +9,7 @@ from harness.loop.curves import Curve
 from harness.loop.turning import Turning
 from harness.loop.unnamed import Unnamed
 from harness.report import style
-from harness.report.store import print_unit, quantity, words
+from models.quantities import print_unit, quantity, words
 from models.signals import SIGNALS
 
 _PURE = 0.8

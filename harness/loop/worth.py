@@ -22,8 +22,9 @@ from harness.configure import ModelSpec, Study, load_study, read_study
 from harness.drives import profile_of
 from harness.errors import UserError
 from harness.folder import read_toml
-from harness.report.store import OK, Design, read
-from harness.run import score_study
+from harness.report.store import Design, read
+from harness.run import run_study
+from harness.scores import OK
 from harness.store import STORE
 
 REPEATS = 8
@@ -152,7 +153,7 @@ def worth(
         say(f"{study.name}: believing the {name} model")
         out = folder / "worth" / name
         shutil.rmtree(out / STORE, ignore_errors=True)  # of an earlier trace into the same folder
-        score_study(each, out, jobs, Console(quiet=True))
+        run_study(each, out, jobs, Console(quiet=True))
         found[name] = read(out).designs[0]
     return Worth(path, study.title or study.name, found["nominal"], found["amended"], study.seed, moments)
 

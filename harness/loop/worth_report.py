@@ -9,9 +9,9 @@ from harness.loop.worth import Worth
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Prose, Sheet, plain, strong
-from harness.report.opening import listed
 from harness.report.sections import boxes
-from harness.report.store import Design, Store, words
+from harness.report.store import Design, Store
+from models.quantities import listed, words
 
 BELIEFS = ("nominal", "amended")
 

@@ -18,8 +18,8 @@ from harness.measured.axles import Axle, axles_of, signals_of
 from harness.measured.consistency import Fit, check, in_report_unit
 from harness.measured.load import load_recording
 from harness.report.document import Block, Bullets, Document, Heading, Prose, Section, Sheet, plain, write
-from harness.report.store import print_unit, quantity, words
 from harness.report.style import number
+from models.quantities import print_unit, quantity, words
 
 Floats = NDArray[np.float64]
 

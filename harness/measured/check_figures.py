@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from harness.measured.consistency import Fit, in_report_unit
 from harness.report import style
 from harness.report.document import Picture
-from harness.report.store import print_unit, quantity, words
+from models.quantities import print_unit, quantity, words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.narx.lipschitz import Indices
 from harness.report import style
-from harness.report.store import quantity
+from models.quantities import quantity
 
 Floats = NDArray[np.float64]
 

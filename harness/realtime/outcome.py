@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+import zarr
 from numpy.typing import NDArray
 
+from harness import checksums
 from harness.configure import Study
 from harness.errors import UserError
-from harness.store import code_state, commit, processor
+from harness.provenance import code_state, commit, processor
 
 Floats = NDArray[np.float64]
 
@@ -106,6 +108,7 @@ def write(outcome: xr.Dataset, folder: Path) -> Path:
             if old.exists():
                 shutil.rmtree(old)
         outcome.to_zarr(unfinished, mode="w", consolidated=False, zarr_format=3)
+        zarr.open_group(str(unfinished), mode="r+").attrs[checksums.GROUP] = checksums.of_files(unfinished)
         unfinished.rename(path)
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
@@ -113,5 +116,19 @@ def write(outcome: xr.Dataset, folder: Path) -> Path:
 
 
 def read(folder: Path) -> xr.Dataset:
-    """Return the times that ``write`` left in a folder."""
-    return xr.open_zarr(folder / STORE, consolidated=False, chunks=None).load()
+    """Return the times that ``write`` left in a folder.
+
+    Raises:
+        UserError: If files of it are missing or damaged.
+    """
+    path = folder / STORE
+    attributes = dict(zarr.open_group(str(path), mode="r").attrs)
+    lost = checksums.changed_files(path, attributes.get(checksums.GROUP, {}))
+    if lost:
+        raise UserError(
+            f"{path}: {checksums.described(lost)}; measure again: 'harness realtime' with the study "
+            f"'{attributes.get('study_name')}' and '--out {folder}'"
+        )
+    times = xr.open_zarr(path, consolidated=False, chunks=None).load()
+    times.attrs.pop(checksums.GROUP, None)
+    return times

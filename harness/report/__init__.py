@@ -27,6 +27,7 @@ from harness.report.sections import (
     tolerance,
     weights,
 )
+from harness.report.sections.made import NOT_VERIFIABLE as NOT_VERIFIABLE
 from harness.report.store import read
 
 _SECTIONS = {
@@ -55,29 +56,30 @@ def document(analysis: Analysis) -> Document:
     return Document(question, sections)
 
 
-def headline(directory: Path) -> str:
-    """Return the answer of a finished study in one or two sentences, as its report opens.
-
-    Args:
-        directory: Folder with ``scores.zarr``.
-
-    Raises:
-        UserError: If the folder holds no finished study.
-    """
-    return answer_in_short(Analysis(read(Path(directory))).main)
-
-
-def write_report(directory: Path) -> list[Path]:
-    """Write the report of a finished study beside its scores.
+def analyse(directory: Path) -> Analysis:
+    """Return the analysis of a finished study, from which its headline and its report are made.
 
     Args:
         directory: Folder with ``scores.zarr`` and, if there is one, ``run.json``.
+
+    Raises:
+        UserError: If the folder holds no finished study, or files of it are missing or damaged.
+    """
+    return Analysis(read(Path(directory)))
+
+
+def headline(analysis: Analysis) -> str:
+    """Return the answer of a study in one or two sentences, as its report opens."""
+    return answer_in_short(analysis.main)
+
+
+def write_report(analysis: Analysis) -> list[Path]:
+    """Write the report of a study beside its scores.
 
     Returns:
         The files written: HTML, then PDF. The same store always gives the same bytes.
 
     Raises:
-        UserError: If the folder holds no finished study.
+        UserError: If the folder cannot be written to.
     """
-    directory = Path(directory)
-    return write(document(Analysis(read(directory))), directory)
+    return write(document(analysis), analysis.store.directory)

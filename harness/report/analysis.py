@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from harness import statistics
 from harness.report.ranking import Ranking
-from harness.report.store import OK, Design, Store
+from harness.report.store import Design, Store
 from harness.report.style import Look, looks
+from harness.scores import OK
 
 NEGLIGIBLE = 0.01
 """Share of the error below which a difference between estimators is of no use to anybody."""

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.report.analysis import Findings
-from harness.report.store import ESTIMATOR_DIVERGED, FAILED, OK, PENDING, PLANT_DIVERGED, Design, Quantity
+from harness.report.store import Design
 from harness.report.style import number, with_unit
+from harness.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
+from models.quantities import Quantity, listed
 
 ALIKE = 0.03
 """Estimators whose medians differ by less than this share are told in one number."""
@@ -24,11 +26,6 @@ NAMED = 4
 
 _STEADY = 0.02
 _BOUNDS = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)  # percent
-
-
-def listed(parts: Sequence[str]) -> str:
-    """Join with commas and ``and``."""
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def answer_in_short(findings: Findings) -> str:
@@ -201,7 +198,6 @@ def _lost(design: Design) -> list[str]:
     for fate, text in (
         (ESTIMATOR_DIVERGED, "the estimator diverged"),
         (PLANT_DIVERGED, "the plant left its range"),
-        (FAILED, "the run failed"),
     ):
         counts = [(name, design.count(fate, None, e)) for e, name in enumerate(design.estimators)]
         some = [f"{name} {count}" for name, count in counts if count]

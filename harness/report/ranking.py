@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from harness import rank
 from harness.rank import Indices
-from harness.report.store import OK, Design
+from harness.report.store import Design
+from harness.scores import OK
 from harness.tolerance import Tolerance, tolerance
 
 FEWEST = 0.05

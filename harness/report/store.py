@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,39 +14,18 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
+from harness.checksums import HISTORY, described, faults, is_verifiable
 from harness.errors import UserError
+from harness.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 from harness.units import registry
-from models.signals import SIGNALS
+from models.quantities import Quantity, print_unit, quantity, words
 
-OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, FAILED, PENDING = 0, 1, 2, 3, -1
 FATES = {
     ESTIMATOR_DIVERGED: "estimator diverged",
     PLANT_DIVERGED: "plant left its range",
-    FAILED: "failed",
     PENDING: "not yet run",
 }
 _RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A signal as the report shows it.
-
-    Attributes:
-        name: Signal name.
-        words: The name in words.
-        symbol: LaTeX symbol for figures; the words where the signal has none.
-        unit: Report unit as printed, e.g. ``kN`` or ``°``; empty for a plain number.
-        scale: Report units per SI unit.
-        meaning: One phrase of the table of signals.
-    """
-
-    name: str
-    words: str
-    symbol: str
-    unit: str
-    scale: float
-    meaning: str = ""
 
 
 @dataclass(frozen=True)
@@ -75,36 +53,6 @@ class Factor:
     nominal: float
     values: NDArray[np.float64]
     log: bool = False
-
-
-def words(name: str) -> str:
-    """Write a name of the project in words: ``trailer_cog_from_rear`` becomes ``trailer CoG from rear``."""
-    return re.sub(r"\bcog\b", "CoG", name.replace("_", " ").strip())
-
-
-def print_unit(unit: str) -> str:
-    """Write a unit as it is printed: ``m/s^2`` becomes ``m/s²``, ``deg`` becomes ``°``."""
-    unit = unit.replace("**", "^").replace("*", "·")
-    unit = re.sub(r"\bdeg(ree)?\b", "°", unit)
-    for digit, raised in zip("234", "²³⁴", strict=True):
-        unit = unit.replace(f"^{digit}", raised)
-    return "" if unit in ("1", "dimensionless") else unit
-
-
-def quantity(name: str, si_unit: str = "") -> Quantity:
-    """Look a signal up; one that is not in the table is shown in its SI unit under its own name.
-
-    Args:
-        name: Signal name.
-        si_unit: Unit of the stored numbers; empty for that of the table.
-    """
-    signal = SIGNALS.get(name)
-    if signal is None:
-        symbol = words(name).replace(" ", r"\ ")
-        return Quantity(name, words(name), rf"\mathrm{{{symbol}}}", print_unit(si_unit), 1.0)
-    source = registry().Quantity(1.0, si_unit or signal.unit)
-    scale = float(source.to(signal.report_unit).magnitude)
-    return Quantity(name, words(name), signal.symbol, print_unit(signal.report_unit), scale, signal.meaning)
 
 
 def _decode(value: Any) -> Any:
@@ -269,6 +217,11 @@ class Store:
     run: dict[str, Any] = field(default_factory=dict)
 
     @property
+    def is_verifiable(self) -> bool:
+        """Whether the store has checksums, so that ``read`` could tell that none of its files is missing or damaged."""
+        return is_verifiable(self.attributes)
+
+    @property
     def seed(self) -> int:
         """Seed of the study, used for the bootstrap as well."""
         return int(self.attributes.get("seed", 0))
@@ -302,7 +255,7 @@ def read(directory: Path) -> Store:
     """Read ``scores.zarr`` and ``run.json`` of a result folder.
 
     Raises:
-        UserError: If there is no store, or it is not one that a study wrote.
+        UserError: If there is no store, it is not one that a study wrote, or files of it are missing or damaged.
     """
     path = directory / "scores.zarr"
     if not path.is_dir():
@@ -313,16 +266,22 @@ def read(directory: Path) -> Store:
     try:
         root = zarr.open_group(path, mode="r")
         attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
-        has_runs = "history" in set(root.group_keys())
         names = attributes.get("designs", [])
         if not names:
             raise KeyError("designs")
+        lost = faults(path)
+        if lost:
+            raise UserError(
+                f"{path}: {described(lost)}; 'harness run' with the study '{attributes.get('study_name')}' and "
+                f"'--out {directory}' computes what is lost again, and nothing else"
+            )
+        has_runs = HISTORY in set(root.group_keys())
         designs = [_design(path, str(name)) for name in names]
         kept = sorted(zarr.open_group(path, mode="r", path="history").group_keys(), key=int) if has_runs else []
         histories = [
             xr.open_zarr(path, group=f"history/{index}", chunks=None, consolidated=False).load() for index in kept
         ]
-    except (KeyError, ValueError, OSError) as error:
+    except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last by a chunk that cannot be decoded
         raise UserError(
             f"{path}: not a store that a study wrote ({type(error).__name__}: {error}); "
             "run the study again into an empty folder"

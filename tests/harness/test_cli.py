@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import synthetic
 from typer.testing import CliRunner
 
 from harness import cli
@@ -77,20 +78,24 @@ def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, m
 
     def run_study(study, out, jobs, console, client):
         seen.update(study=study, out=out, jobs=jobs)
-        out.mkdir()
-        for name in ("report.html", "report.pdf"):
-            (out / name).write_text("")
-        return out
+        return synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
     import harness.run as stage
+    from harness import report
 
     monkeypatch.setattr(stage, "run_study", run_study)
-    monkeypatch.setattr("harness.report.headline", lambda folder: f"The answer of {folder.name}.")
+    real, analysed = report.Analysis, []
+    monkeypatch.setattr(report, "Analysis", lambda store: analysed.append(store) or real(store))
     out = tmp_path / "out"
-    status, printed, _ = harness("run", small_study, "--jobs", 2, "--out", out)
+    status, printed, err = harness("run", small_study, "--jobs", 2, "--out", out)
     assert status == 0
     assert (seen["study"].name, seen["out"], seen["jobs"]) == ("mass", out, 2)
-    assert printed.splitlines() == ["The answer of out.", str(out / "report.html"), str(out / "report.pdf")]
+    answer, *files = printed.splitlines()
+    assert answer.startswith("With the trailer mass at 8 t instead of the believed 24 t,")
+    assert files == [str(out / "report.html"), str(out / "report.pdf")]
+    assert all(Path(file).stat().st_size for file in files)
+    assert len(analysed) == 1
+    assert err == f"{out}: {report.NOT_VERIFIABLE}\n"
 
 
 def test_run_on_a_cluster_takes_its_client_from_the_options(harness, small_study, tmp_path, monkeypatch):
@@ -112,7 +117,7 @@ def test_run_on_a_cluster_takes_its_client_from_the_options(harness, small_study
 
     monkeypatch.setattr(cluster, "connected", connected)
     monkeypatch.setattr(stage, "run_study", run_study)
-    monkeypatch.setattr("harness.report.headline", lambda folder: "")
+    monkeypatch.setattr(cli, "_write_report", lambda *_, **__: None)
     for options in (["--scheduler", "tcp://there:8786"], ["--dask", "local", "--jobs", 2]):
         assert harness("run", small_study, "--out", tmp_path / "out", *options)[0] == 0
     assert asked == [("tcp://there:8786", None), (None, 2)]
@@ -181,7 +186,7 @@ def test_study_by_name(harness, small_study, monkeypatch):
     monkeypatch.chdir(ROOT)
     names = []
     monkeypatch.setattr(stage, "run_study", lambda study, out, *_: names.append((study.name, out)) or out)
-    monkeypatch.setattr("harness.report.headline", lambda _: "The answer.")
+    monkeypatch.setattr(cli, "_write_report", lambda *_, **__: None)
     assert harness("run", "mass")[0] == 0
     assert names == [("mass", Path("results/mass"))]
     status, _, err = harness("run", "mas")

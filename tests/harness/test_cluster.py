@@ -17,9 +17,10 @@ from harness import cluster
 from harness.configure import load_study
 from harness.design import Unit
 from harness.errors import UserError
-from harness.evaluate import OK, PENDING
+from harness.provenance import code_state
 from harness.run import run_study
-from harness.store import STORE, code_state
+from harness.scores import OK, PENDING
+from harness.store import STORE
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +32,10 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def same_checkout():
-    """No reports, and a checkout that holds still while somebody works in it."""
+    """A checkout that holds still while somebody works in it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.report.write_report", lambda out: [])
         patch.setattr("harness.store.commit", lambda: "this one")
-        patch.setattr("harness.store.engine_hash", lambda study: "this one")
+        patch.setattr("harness.provenance.engine_hash", lambda study: "this one")
         yield
 
 
@@ -49,7 +49,7 @@ def alone(study, tmp_path_factory, same_checkout):
 def two_workers(tmp_path_factory, same_checkout):
     """Start clusters of two processes."""
     still = tmp_path_factory.mktemp("preload") / "still.py"
-    still.write_text("from harness import store\n\nstore.engine_hash = lambda study: 'this one'\n")
+    still.write_text("from harness import provenance\n\nprovenance.engine_hash = lambda study: 'this one'\n")
 
     @contextmanager
     def start():

@@ -11,8 +11,9 @@ from probe_study import STUDY
 from harness.configure import load_study
 from harness.design import Unit, lanes, points, saltelli_points
 from harness.errors import UserError
-from harness.evaluate import OVER_TIME, Bench, Case
+from harness.evaluate import Bench, Case
 from harness.run import run_study
+from harness.scores import OVER_TIME
 from harness.store import STORE
 
 HEAD = STUDY.split("[[design]]")[0].replace("seed = 0", "seed = 5")
@@ -175,8 +176,7 @@ def joint(tmp_path_factory):
     )
     study = load_study(path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.report.write_report", lambda out: [])
-        patch.setattr("harness.store.engine_hash", lambda study: "this one")
+        patch.setattr("harness.provenance.engine_hash", lambda study: "this one")
         run_study(study, folder / "out", jobs=2)
         yield study, Bench(study), folder / "out"
 

@@ -150,6 +150,9 @@ def test_outcome_comes_back_from_its_store(outcome, tmp_path):
     write(outcome, tmp_path)
     write(outcome, tmp_path)  # in place of the older one
     xr.testing.assert_identical(read(tmp_path), outcome)
+    next((tmp_path / "times.zarr" / "step_time" / "c").rglob("0")).rename(tmp_path / "lost")
+    with pytest.raises(UserError, match=r"times.zarr: step_time/c.* is missing; measure again: 'harness realtime'"):
+        read(tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot be written"):
         write(outcome, tmp_path / "file" / "deeper")

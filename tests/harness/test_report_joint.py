@@ -13,7 +13,7 @@ from test_joint import HEAD, JOINT, LIMITS, NESTED, OVER
 
 from harness.configure import load_study
 from harness.design import points
-from harness.report import write_report
+from harness.report import analyse, write_report
 from harness.report.analysis import Analysis
 from harness.report.ranking import Ranking, tolerances
 from harness.report.sections import over_time, sensitivity, tolerance
@@ -159,7 +159,7 @@ def test_unfinished_designs_have_no_indices(tmp_path):
 
 
 def test_a_whole_report_is_written(folder):
-    html = Page(write_report(folder)[0].read_text(encoding="utf-8")).text
+    html = Page(write_report(analyse(folder))[0].read_text(encoding="utf-8")).text
     assert "the error of the articulation angle is driven by trailer mass (total index 0." in html
     assert "How far may all factors drift? For the articulation angle: " in html
     for question in ("Which parameter drives the error?", "How far may the vehicle drift in everything at once?",

@@ -12,7 +12,7 @@ from report_parts import Page, pages
 
 from harness.report import style
 from harness.report.document import Bullets, Document, Heading, Listing, Picture, Prose, Sheet, plain, render, source
-from harness.report.store import Quantity, print_unit, quantity
+from models.quantities import Quantity, print_unit, quantity
 
 
 def test_nothing_is_cut_off_and_panels_do_not_overlap():

@@ -1,18 +1,27 @@
 """A study from file to store: same bits with any number of workers, resuming, refusals, and what scores mean."""
 
+import io
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 import zarr
 from probe_study import STUDY, bits
+from rich.console import Console
 
 from harness.configure import load_study
 from harness.design import Unit, units
 from harness.errors import UserError
-from harness.evaluate import ESTIMATOR_DIVERGED, OK, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED, Bench, Case
+from harness.evaluate import Bench, Case
+from harness.report.analysis import Analysis
+from harness.report.document import Sheet
+from harness.report.sections import made
+from harness.report.store import read
 from harness.run import run_study
+from harness.scores import ESTIMATOR_DIVERGED, OK, PENDING, PER_RUN, PER_TARGET, PLANT_DIVERGED
 from harness.store import STORE, Store
 
 
@@ -35,11 +44,10 @@ def bench(study):
 
 @pytest.fixture(scope="module", autouse=True)
 def same_checkout():
-    """No reports, and a checkout that holds still while somebody works in it."""
+    """A checkout that holds still while somebody works in it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.report.write_report", lambda out: [])
         patch.setattr("harness.store.commit", lambda: "this one")
-        patch.setattr("harness.store.engine_hash", lambda study: "this one")
+        patch.setattr("harness.provenance.engine_hash", lambda study: "this one")
         yield
 
 
@@ -107,6 +115,83 @@ def test_a_finished_study_computes_nothing_again(study, finished, monkeypatch):
     assert bits(finished) == before
 
 
+@pytest.fixture
+def copy(finished, tmp_path):
+    """A copy of the finished study, to be damaged."""
+    return shutil.copytree(finished, tmp_path / "copy")
+
+
+def _overwrite(file):
+    file.write_bytes(file.read_bytes()[:-3] + b"xyz")
+
+
+DAMAGES = {
+    "level/rmse/c/1/0/0/0/0/0": (Path.unlink, "is missing", 1),
+    "level/nees/c/0/0/1/0/0": (_overwrite, "is damaged", 1),
+    "band/status/c/0/0/1/0/0": (_overwrite, "is damaged", 1),
+    "checksums/level/c/0/0/0/0": (Path.unlink, "is missing", 1),
+    "checksums/band/c/0/0/0/0": (lambda file: file.write_bytes(b"x"), "is damaged", 1),
+    "level/bias": (shutil.rmtree, "level/bias/zarr.json is missing, 4 more", 4),
+    "band": (shutil.rmtree, "is missing", 2),
+    "checksums": (shutil.rmtree, "checksums/level is missing", 6),
+    "band/rmse/zarr.json": (Path.unlink, "is missing", 0),
+    "level/zarr.json": (Path.unlink, "is missing", 0),
+    "level/factor_trailer_mass/c/0/0": (Path.unlink, "is missing", 0),
+    "level/drive/c/0": (_overwrite, "is damaged", 0),
+    "history/1/truth/c/0/0": (Path.unlink, "is missing", 0),
+    "history": (shutil.rmtree, "history is missing", 0),
+}
+"""What may happen to a file of the store of six units, what is told, and how many units it takes to mend it."""
+
+
+@pytest.mark.parametrize("place", DAMAGES)
+def test_a_store_that_has_lost_something_is_refused_in_one_line(copy, place):
+    damage, told, _ = DAMAGES[place]
+    damage(copy / STORE / place)
+    with pytest.raises(UserError) as caught:
+        read(copy)
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    assert place in message
+    assert told in message
+    assert f"'harness run' with the study 'probe' and '--out {copy}' computes what is lost again" in message
+
+
+@pytest.mark.parametrize(
+    "places", [list(DAMAGES)[:5], ["level/bias"], ["band"], ["checksums"], list(DAMAGES)[8:13], ["history"]]
+)
+def test_what_is_lost_is_computed_again_and_nothing_else(study, finished, copy, monkeypatch, places):
+    for place in places:
+        DAMAGES[place][0](copy / STORE / place)
+    real, seen, console = Bench.evaluate, [], Console(file=io.StringIO(), width=400)
+    monkeypatch.setattr(Bench, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
+    run_study(study, copy, jobs=1, console=console)
+    assert len(seen) == sum(DAMAGES[place][2] for place in places)
+    assert "; what is lost is computed again" in console.file.getvalue()
+    assert bits(copy) == bits(finished)
+    read(copy)
+
+
+def test_a_lost_status_is_a_unit_that_is_to_come(study, finished, copy, monkeypatch):
+    (copy / STORE / "level" / "status" / "c" / "0" / "0" / "1" / "0" / "0").unlink()
+    assert read(copy).designs[0].count(PENDING) == 5
+    run_study(study, copy, jobs=1)
+    assert bits(copy) == bits(finished)
+
+
+def test_a_store_without_checksums_is_read_and_said_to_have_none(finished, copy):
+    root = zarr.open_group(copy / STORE, mode="r+")
+    old = {key: value for key, value in dict(root.attrs).items() if key != "checksums"}
+    root.attrs.clear()
+    root.attrs.update(old)
+    shutil.rmtree(copy / STORE / "checksums")
+    assert read(finished).is_verifiable
+    assert not read(copy).is_verifiable
+    sheets = [block for block in made.blocks(Analysis(read(copy))) if isinstance(block, Sheet)]
+    assert any(row[0] == "checksums" and row[1] == made.NOT_VERIFIABLE for row in sheets[0].rows)
+    assert not any(row[0] == "checksums" for row in made.blocks(Analysis(read(finished)))[2].rows)
+
+
 def test_another_study_in_the_folder_is_left_alone(study_file, finished, tmp_path):
     before = bits(finished)
     other = tmp_path / "other.toml"
@@ -121,7 +206,7 @@ def test_another_study_in_the_folder_is_left_alone(study_file, finished, tmp_pat
 
 
 def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
-    monkeypatch.setattr("harness.store.engine_hash", lambda study: "other")
+    monkeypatch.setattr("harness.provenance.engine_hash", lambda study: "other")
     with pytest.raises(UserError, match="other code"):
         run_study(study, finished, jobs=1)
 

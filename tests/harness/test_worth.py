@@ -17,7 +17,8 @@ from harness.loop import worth as stage
 from harness.loop import worth_report
 from harness.loop.worth import Worth
 from harness.report.document import Picture, Sheet
-from harness.report.store import OK, read
+from harness.report.store import read
+from harness.scores import OK
 
 ROOT = Path(__file__).parents[2]
 MASS = ROOT / "studies" / "mass.toml"
@@ -46,7 +47,7 @@ def studies(tmp_path, models, monkeypatch):
         seen[out.name] = study
         synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
-    monkeypatch.setattr(stage, "score_study", score)
+    monkeypatch.setattr(stage, "run_study", score)
     found = stage.worth(MASS, tmp_path, models, ("ekf", "particle", "st_cdkf"), repeats=2)
     return seen, found
 
@@ -86,7 +87,7 @@ def test_points_that_depend_on_the_belief_are_those_of_the_amended_one_in_both(t
         seen.append(study)
         synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
-    monkeypatch.setattr(stage, "score_study", score)
+    monkeypatch.setattr(stage, "run_study", score)
     stage.worth(tmp_path / "shift.toml", tmp_path, models, ("ekf",))
     assert [s.designs[0].factors[0].levels for s in seen] == [(27e3,), (27e3,)]
 

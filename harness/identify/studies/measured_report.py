@@ -12,7 +12,7 @@ from harness.measured.axles import Axle
 from harness.measured.study import SpanTable, spans_sheet
 from harness.report import style
 from harness.report.document import Block, Document, Heading, Prose, Section, Sheet, plain
-from harness.report.store import quantity
+from models.quantities import quantity
 
 if TYPE_CHECKING:
     from harness.identify.studies.measured import Identified

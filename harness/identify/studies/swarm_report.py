@@ -13,7 +13,7 @@ from harness.identify.methods.swarm import Found, Settings
 from harness.identify.misfit import Free
 from harness.report import style
 from harness.report.document import Block, Document, Heading, Listing, Picture, Prose, Sheet, plain
-from harness.report.store import quantity, words
+from models.quantities import quantity, words
 
 if TYPE_CHECKING:
     from harness.identify.studies.swarm import Setup

@@ -9,12 +9,14 @@ import xarray as xr
 
 from harness.report.analysis import Analysis, Findings, Paired
 from harness.report.document import Block, Bullets, Heading, Prose, plain, strong
-from harness.report.opening import ALIKE, answer_in_short, at, listed
+from harness.report.opening import ALIKE, answer_in_short, at
 from harness.report.ranking import limits_of, tolerances
 from harness.report.sections import boxes, sensitivity, tolerance
 from harness.report.sections.history import inside
-from harness.report.store import FATES, OK, PENDING, Design, words
+from harness.report.store import FATES, Design
 from harness.report.style import number, percent, probability, span, with_unit
+from harness.scores import OK, PENDING
+from models.quantities import listed, words
 
 SURE = 0.5  # share within ± 2σ below which an estimator is sure of a wrong value
 _NAMED = 3  # up to so many estimators are all named in a sentence; of more, the best and the worst

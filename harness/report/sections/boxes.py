@@ -12,7 +12,8 @@ from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
 from harness.report.opening import NAMED, varied
-from harness.report.store import ESTIMATOR_DIVERGED, FAILED, PENDING, PLANT_DIVERGED, Design
+from harness.report.store import Design
+from harness.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
 from harness.statistics import Summary
 
 UPRIGHT = 9  # levels whose labels fit side by side; more are turned
@@ -76,11 +77,11 @@ def tick_labels(design: Design, findings: Findings) -> list[str]:
     for band, name in enumerate(design.bands):
         low, high = findings.shared_n(band)
         lines = [_broken(name), f"n {low}" if low == high else f"n {low}–{high}"]
-        for word, fates in (("div.", (ESTIMATOR_DIVERGED, PLANT_DIVERGED)), ("failed", (FAILED,))):
-            counts = [sum(design.count(f, band, e) for f in fates) for e in range(len(design.estimators))]
-            if max(counts):
-                some = str(max(counts)) if min(counts) == max(counts) else f"{min(counts)}–{max(counts)}"
-                lines.append(f"{word} {some}")
+        fates = (ESTIMATOR_DIVERGED, PLANT_DIVERGED)
+        counts = [sum(design.count(f, band, e) for f in fates) for e in range(len(design.estimators))]
+        if max(counts):
+            some = str(max(counts)) if min(counts) == max(counts) else f"{min(counts)}–{max(counts)}"
+            lines.append(f"div. {some}")
         labels.append(("\n" if len(design.bands) <= UPRIGHT else " · ").join(lines))
     return labels
 
@@ -215,7 +216,7 @@ def table(findings: Findings, target: int) -> Sheet:
     return Sheet(["level", *design.estimators], rows, caption)
 
 
-_FATES = {ESTIMATOR_DIVERGED: "diverged", PLANT_DIVERGED: "plant lost", FAILED: "failed", PENDING: "not run"}
+_FATES = {ESTIMATOR_DIVERGED: "diverged", PLANT_DIVERGED: "plant lost", PENDING: "not run"}
 
 
 def _cell(findings: Findings, target: int, band: int, e: int) -> str:

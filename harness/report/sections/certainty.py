@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Prose, Sheet, plain
-from harness.report.store import Quantity, quantity, run_in_words
+from harness.report.store import run_in_words
+from models.quantities import Quantity, quantity
 
 EDGES = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, np.inf)
 """m/s^2; borders of the classes."""

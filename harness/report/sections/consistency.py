@@ -10,7 +10,7 @@ from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
 from harness.report.sections.boxes import foot, label_levels
-from harness.report.store import words
+from models.quantities import words
 
 _SCORES = {"nees": "NEES", "nis": "NIS"}
 

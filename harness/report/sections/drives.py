@@ -14,7 +14,7 @@ from harness.report import style
 from harness.report.analysis import Analysis, Findings
 from harness.report.document import Block, Heading, Picture, Prose, plain
 from harness.report.sections.boxes import UPRIGHT
-from harness.report.store import words
+from models.quantities import words
 
 _LINE = 0.225  # inches per drive
 

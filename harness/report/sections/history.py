@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Picture, Prose, Sheet, plain
-from harness.report.store import Quantity, quantity, run_in_words
+from harness.report.store import run_in_words
 from harness.report.style import Look, looks
+from models.quantities import Quantity, quantity
 
 _EXPLAIN = (
     "A median hides how an error comes about. Drawn are the true value, what each estimator makes of it, and how sure "

@@ -8,9 +8,12 @@ from typing import Any
 
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
-from harness.report.store import Store, print_unit, quantity, words
+from harness.report.store import Store
 from harness.report.style import number, with_unit
 from harness.statistics import RESAMPLES
+from models.quantities import print_unit, quantity, words
+
+NOT_VERIFIABLE = "the scores have no checksums, so whether files of them are missing or damaged cannot be told"
 
 _DEFINITIONS = (
     r"*RMSE*, *bias* and *maximum error* of a target $z$ over the $K$ samples of a run: "
@@ -67,6 +70,8 @@ def _facts(store: Store) -> list[list[str]]:
         rows.append(["step", f"{number(1000 * float(a['step']))} ms"])
     for design in store.designs:
         rows.append([f"design “{design.name}”", _size(design.status.shape)])
+    if not store.is_verifiable:
+        rows.append(["checksums", NOT_VERIFIABLE])
     for key in ("commit", "machine"):
         if key in a:
             rows += [[label, value] for label, value in flatten({key: a[key]})]

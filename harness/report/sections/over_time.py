@@ -14,9 +14,10 @@ from harness.rank import sobol_indices
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Picture, Prose, plain
-from harness.report.opening import listed
 from harness.report.ranking import Ranking
-from harness.report.store import OK, PENDING, Design
+from harness.report.store import Design
+from harness.scores import OK, PENDING
+from models.quantities import listed
 
 _SHOWN = 4  # factors drawn
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")

@@ -12,10 +12,10 @@ from harness.rank import Indices
 from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
-from harness.report.opening import listed
 from harness.report.ranking import FEWEST, Ranking
-from harness.report.store import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
+from harness.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 from harness.statistics import Interval
+from models.quantities import listed
 
 DRIVING = 0.1
 """Total index from which on a factor is said to drive the error."""

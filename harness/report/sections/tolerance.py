@@ -10,9 +10,11 @@ from harness.report import style
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
 from harness.report.ranking import limits_of, tolerances
-from harness.report.store import OK, PENDING, Design, Factor, Quantity
+from harness.report.store import Design, Factor
 from harness.report.style import number, with_unit
+from harness.scores import OK, PENDING
 from harness.tolerance import Tolerance
+from models.quantities import Quantity
 
 _ROW = 0.34
 

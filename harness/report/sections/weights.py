@@ -12,7 +12,8 @@ import xarray as xr
 
 from harness.report.analysis import Analysis
 from harness.report.document import Block, Heading, Prose, Sheet, plain
-from harness.report.store import quantity, run_in_words
+from harness.report.store import run_in_words
+from models.quantities import quantity
 
 _FIRST = 4  # samples told one by one
 FOLLOWS, IGNORES = 0.95, 0.05

@@ -1,0 +1,29 @@
+"""What a run is scored by: the codes of its status, the names of its scores and what each of them means."""
+
+from __future__ import annotations
+
+OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, PENDING = 0, 1, 2, -1
+
+STATUS = "status"
+OVER_TIME = "rmse_over_time"
+PER_TARGET = ("rmse", "bias", "max_error")
+PER_RUN = (
+    "nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates", "time_of_divergence"
+)  # fmt: skip
+
+MEANINGS = {
+    "rmse": "root mean square error",
+    "bias": "mean error, estimate minus truth",
+    "max_error": "largest error",
+    "nees": "normalised estimation error squared, average over the run",
+    "nis": "normalised innovation squared, average over the run",
+    "nees_inside": "share of samples with the NEES inside its 95 % region",
+    "nis_inside": "share of samples with the NIS inside its 95 % region",
+    "log_likelihood": "log-likelihood of the measurements",
+    "repairs": "samples at which a covariance factor was repaired",
+    "updates": "samples with a measurement",
+    "time_of_divergence": "time at which estimator or plant left its range of validity",
+    OVER_TIME: "root mean square error in a window of time",
+    STATUS: f"{OK} ok, {ESTIMATOR_DIVERGED} estimator diverged, {PLANT_DIVERGED} plant left its range, "
+    f"{PENDING} pending",
+}
