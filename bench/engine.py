@@ -10,10 +10,10 @@ import joblib
 import numpy as np
 
 from bench.timing import quickest
-from harness.configure import Study, load_study
-from harness.design import Unit
-from harness.evaluate import Bench, Case
-from harness.lanes import LANES
+from harness.config import Study, load_study
+from harness.engine.simd.lanes import LANES
+from harness.study.design import Unit
+from harness.study.evaluate import Bench, Case
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGETS = {"simulation with noise": 0.25, "ekf": 0.7, "ukf": 1.8, "narx": 0.25}

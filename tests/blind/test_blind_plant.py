@@ -23,7 +23,7 @@ from plant_oracle import SIMILAR, library_times, library_values
 from plant_sensors import NOISE, record
 from plant_simulation import drive, solve
 
-from models.assemble import assemble, symbol
+from harness.models.assembly.assemble import assemble, symbol
 
 FOLDER = Path(plant.__file__).parent
 NOMINAL = {vehicle: Truth(vehicle, {}) for vehicle in ("semitrailer", "car")}
@@ -117,7 +117,7 @@ def test_semitrailer_has_the_derivatives_of_the_nominal_model(nominal):
 
 
 def test_published_values_are_those_of_the_reference_set():
-    from models.parameters import ziaukas_2023
+    from harness.models.parameters import ziaukas_2023
 
     theirs = {k: v for k, v in ziaukas_2023.VALUES.items() if k != "constraint_rate"}
     assert plant.published("semitrailer") == theirs
@@ -381,9 +381,9 @@ def test_oracle_speaks_the_words_of_the_library(vehicle, effect):
     values = [effect.draw(m, np.random.default_rng(2)) for m in ("small", "medium", "large")]
     drawn = [Drawn(effect.name, m, *v) for m, v in zip(("small", "medium", "large"), values, strict=True)]
     if not effect.in_library:
-        assert importlib.util.find_spec(f"models.effects.{effect.name}") is None
+        assert importlib.util.find_spec(f"harness.models.effects.{effect.name}") is None
         return
-    library = importlib.import_module(f"models.effects.{effect.name}")
+    library = importlib.import_module(f"harness.models.effects.{effect.name}")
     for e in drawn:
         truth = Truth(vehicle, {}, [e])
         said = {**library_values(e, truth.equations()), **library_times(e, EARLY)}

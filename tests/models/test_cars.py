@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from harness.compile import compile_model
-from harness.configure import load_study
-from harness.drives import build_drive
-from harness.errors import UserError
-from harness.estimate import Estimator
-from harness.evaluate import Bench
-from harness.lanes import LANES
-from harness.simulate import Batch, first_state, in_lanes, input_table
-from models.assemble import Model, assemble, symbol
-from models.contracts import DriveContext, ModelError
-from models.expressions import larger
-from models.registry import load
+from harness.common.errors import UserError
+from harness.common.registry import load
+from harness.config import load_study
+from harness.engine.compile import compile_model
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Estimator
+from harness.models.assembly.assemble import Model, assemble, symbol
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import DriveContext, ModelError
+from harness.simulation.drives import build_drive
+from harness.simulation.simulate import Batch, first_state, in_lanes, input_table
+from harness.study.evaluate import Bench
 
-CAR = dict(load("models.parameters", "althoff_2020").VALUES)
+CAR = dict(load("harness.models.parameters", "althoff_2020").VALUES)
 WHEELS = ("fl", "fr", "rl", "rr")
 CONTEXT = DriveContext(2.58, 16.0)
 WEIGHT = (CAR["sprung_mass"] + CAR["unsprung_mass_front"] + CAR["unsprung_mass_rear"]) * 9.81
@@ -151,7 +151,7 @@ def test_drive_and_brakes_leave_the_rest_of_the_friction_ellipse(car, gap, harde
 
 
 def test_a_car_that_would_fall_over_is_refused():
-    check = load("models.vehicles", "car_two_track").check
+    check = load("harness.models.vehicles", "car_two_track").check
     assert check(CAR) == []
     assert [p for p, _ in check(CAR | {"roll_stiffness_front": 1e3, "roll_stiffness_rear": 1e3})] == [
         "roll_stiffness_front"
@@ -302,7 +302,7 @@ def test_first_values_come_from_parameters_and_the_drive():
 )
 def test_a_wrong_start_is_refused(start, says):
     vehicle = types.ModuleType("car_3dof")
-    vehicle.__dict__.update(vars(load("models.vehicles", "car_3dof")))
+    vehicle.__dict__.update(vars(load("harness.models.vehicles", "car_3dof")))
     vehicle.START = start
     with pytest.raises(ModelError, match=says):
         assemble(vehicle)
@@ -386,7 +386,7 @@ def stiffness_error(**settings) -> np.ndarray:
     belief = compile_model(model, 0.01, "euler", 1, TRUE)
     inputs = in_lanes(input_table(profile, model.inputs, {}, MEASURED[1:]))
     inputs[:, 1] = measured[:, 1]
-    p = in_lanes(belief.parameter_vector(dict(load("models.parameters", "li_2017").VALUES)))
+    p = in_lanes(belief.parameter_vector(dict(load("harness.models.parameters", "li_2017").VALUES)))
     filter_ = Estimator("st_cdkf", belief, settings)
     scores = filter_.run(
         inputs,
