@@ -80,7 +80,7 @@ LATER = {
     "harness.loop.outcome._errors": "the standard errors",
     "harness.loop.outcome._judged": "the tests of the innovations",
     "harness.loop.where.find_wandering": "the search for a random process",
-    "harness.loop.where.find_unnamed": "the search for a disturbance without a name",
+    "harness.loop.where.find_unnamed": "the search for an unmodelled disturbance",
     "harness.loop.outcome.answer": "the answer in sentences",
     "harness.loop.record.pinpoint_record": "“pinpoint” of trace.json",
 }
@@ -145,7 +145,7 @@ def test_what_was_dropped_and_left_no_stand_in_is_told():
         rounds = [SimpleNamespace(added=SimpleNamespace(hypothesis=h), reason="passes") for h in (dropped, kept)]
         return _rounds(SimpleNamespace(trace=SimpleNamespace(rounds=rounds, dropped=(dropped,), added=added)))[-1]
 
-    assert told(kept) == told() == "Later additions made roll steer superfluous."
+    assert told(kept) == told() == "Later additions made roll steer redundant."
     mass = Hypothesis("mass", "parameter", ("mass",))
     assert told(kept, mass) == "A wrong mass explains as much as roll steer, and takes its place."
 
@@ -160,7 +160,7 @@ def test_an_infinite_gain_is_drawn_to_the_edge():
 def test_an_error_that_is_not_known_does_not_fall():
     judged = [Judgement(0.0, np.zeros(1), np.array([e]), (), None) for e in (np.nan, 2.0, np.inf)]
     for before, after in ((0, 1), (1, 0), (1, 2)):
-        assert gap(judged[before], judged[after]) == " The held-out error does not fall."
+        assert gap(judged[before], judged[after]) == " The simulation error on the held-out drives does not fall."
 
 
 def test_a_missing_output_and_a_short_drive_are_no_obstacle():
