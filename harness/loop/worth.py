@@ -1,7 +1,7 @@
-"""What an amendment is worth: a study with the amended plant, its estimators believing the nominal or amended model.
+"""What an amendment gains in a study: the amended plant, with estimators that believe the nominal or amended model.
 
-Both runs of the study have the same plant, points, drives and noise, so they are compared run by run. Each belief holds
-the noise that was fitted with it: a model that lacks something was given more process noise, as an engineer would.
+Both runs of the study have the same plant, points, drives and noise, so they are compared run by run. Each belief has
+the noise variances that were fitted with it: those of a model that lacks something are larger, as after tuning.
 """
 
 from __future__ import annotations
