@@ -139,7 +139,7 @@ def faults(root: Path) -> list[Fault]:
     Raises:
         ValueError, KeyError, OSError: If the root of the store cannot be read.
     """
-    attributes = dict(zarr.open_group(str(root), mode="r").attrs)
+    attributes: dict[str, Any] = dict(zarr.open_group(str(root), mode="r").attrs)
     if not is_verifiable(attributes):
         return []
     found: list[Fault] = []

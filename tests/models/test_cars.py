@@ -11,11 +11,11 @@ import pytest
 import sympy as sp
 
 from harness.compile import compile_model
+from harness.compiled_study import CompiledStudy
 from harness.configure import load_study
 from harness.drives import build_drive
 from harness.errors import UserError
 from harness.estimate import Estimator
-from harness.evaluate import Bench
 from harness.lanes import LANES
 from harness.simulate import Batch, first_state, in_lanes, input_table
 from models.assemble import Model, assemble, symbol
@@ -318,22 +318,22 @@ def test_an_input_that_no_drive_states_comes_from_the_plant(sensors, tmp_path):
     if sensors == "car_lateral":
         text = text.replace("longitudinal_acceleration = 1e-4\n", "")
     (tmp_path / "study.toml").write_text(text)
-    bench = Bench(load_study(tmp_path / "study.toml"))
-    assert bench.supplied == ("longitudinal_acceleration",)
-    road, rng = bench.roads[0], np.random.default_rng(0)
-    samples = len(road.profile.time)
-    truth = rng.normal(size=(samples, len(bench.plant.signal_names), LANES))
-    measured = rng.normal(size=(samples, bench.plant.ny, LANES))
-    known = bench._known(road, Batch(truth, measured, np.full(LANES, float(samples))))
-    names = list(bench.belief.model.inputs)
+    compiled = CompiledStudy(load_study(tmp_path / "study.toml"))
+    assert compiled.supplied == ("longitudinal_acceleration",)
+    drive, rng = compiled.drives[0], np.random.default_rng(0)
+    samples = len(drive.profile.time)
+    truth = rng.normal(size=(samples, len(compiled.plant.signal_names), LANES))
+    measured = rng.normal(size=(samples, compiled.plant.ny, LANES))
+    known = compiled.known(0, Batch(truth, measured, np.full(LANES, float(samples))))
+    names = list(compiled.belief.model.inputs)
     if sensors == "car_inertial":
-        source = measured[:, list(bench.plant.model.outputs).index("longitudinal_acceleration")]
+        source = measured[:, list(compiled.plant.model.outputs).index("longitudinal_acceleration")]
     else:
-        source = truth[:, bench.plant.signal_names.index("longitudinal_acceleration")]
+        source = truth[:, compiled.plant.signal_names.index("longitudinal_acceleration")]
     np.testing.assert_array_equal(known[:, names.index("longitudinal_acceleration")], source)
-    steering = in_lanes(road.profile.steering_wheel_angle)
+    steering = in_lanes(drive.profile.steering_wheel_angle)
     np.testing.assert_array_equal(known[:, names.index("steering_wheel_angle")], steering)
-    assert np.isnan(road.belief_inputs[:, names.index("longitudinal_acceleration")]).all()  # not written into
+    assert np.isnan(drive.belief[:, names.index("longitudinal_acceleration")]).all()  # not written into
 
 
 def test_an_input_that_the_plant_does_not_have_is_refused(tmp_path):
