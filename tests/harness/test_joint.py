@@ -110,7 +110,9 @@ def test_mass_cog_and_inertia_follow_from_the_load(load):
     forward = values[:, 1] > 6.2
     assert np.corrcoef(mass[forward], cog[forward])[0, 1] > 0.3
     nominal = {f.parameter: f.nominal for f in design.factors}
-    stated = run_parameters(study.plant, design, "plant", np.array([[nominal["payload_mass"], nominal["payload_from_rear"]]]))
+    stated = run_parameters(
+        study.plant, design, "plant", np.array([[nominal["payload_mass"], nominal["payload_from_rear"]]])
+    )
     np.testing.assert_allclose(stated.values[0], [study.plant.values[n] for n in names], rtol=1e-12)
     believed = run_parameters(study.belief, design, "belief", values)
     assert (np.ptp(believed.values, axis=0) == 0.0).all()
