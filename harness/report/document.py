@@ -10,7 +10,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 
 import matplotlib as mpl
@@ -135,21 +134,19 @@ def source(document: Document) -> tuple[str, dict[str, bytes]]:
 def render(document: Document) -> tuple[bytes, bytes]:
     """Return the document as self-contained HTML and as PDF; the same content always gives the same bytes."""
     text, files = source(document)
-    package = resources.files("harness.report")
+    here = Path(__file__).parent  # of the template and the style sheet
     fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
     with tempfile.TemporaryDirectory(prefix="report-") as folder:
         root = Path(folder)
         (root / "report.typ").write_text(text, encoding="utf-8")
-        (root / "template.typ").write_text(
-            package.joinpath("template.typ").read_text(encoding="utf-8"), encoding="utf-8"
-        )
+        (root / "template.typ").write_text((here / "template.typ").read_text(encoding="utf-8"), encoding="utf-8")
         for name, svg in files.items():
             (root / name).write_bytes(svg)
         compiler = typst.Compiler(root / "report.typ", root=root, font_paths=[fonts], ignore_system_fonts=True)
         # The warnings only repeat that HTML export is young.
         html, _ = compiler.compile_with_warnings(format="html", sys_inputs={"medium": "screen"})
         pdf, _ = compiler.compile_with_warnings(format="pdf", sys_inputs={"medium": "paper"}, timestamp=0)
-    css = package.joinpath("page.css").read_text(encoding="utf-8")
+    css = (here / "page.css").read_text(encoding="utf-8")
     assert isinstance(html, bytes)  # lists of pages are for images only
     assert isinstance(pdf, bytes)
     page = html.decode("utf-8")

@@ -133,7 +133,7 @@ DAMAGES = {
     "band/status/c/0/0/1/0/0": (_overwrite, "is damaged", 1),
     "checksums/level/c/0/0/0/0": (Path.unlink, "is missing", 1),
     "checksums/band/c/0/0/0/0": (lambda file: file.write_bytes(b"x"), "is damaged", 1),
-    "level/bias": (shutil.rmtree, "level/bias/zarr.json is missing, 4 more", 4),
+    "level/bias": (shutil.rmtree, "level/bias/zarr.json is missing (and 4 more)", 4),
     "band": (shutil.rmtree, "is missing", 2),
     "checksums": (shutil.rmtree, "checksums/level is missing", 6),
     "band/rmse/zarr.json": (Path.unlink, "is missing", 0),
