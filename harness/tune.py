@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from harness.configure import NOISE_GROUPS, DesignSpec, Study
-from harness.design import Lanes, Unit, scale_noise
+from harness.design import RunParameters, Unit, scale_noise
 from harness.errors import UserError
-from harness.evaluate import Bench, Case
+from harness.evaluate import StudyEvaluator
 from harness.lanes import LANES
+from harness.run_noise import Case
 
 DECADES = 2.0
 """Factors are searched between 10 to the power of minus and plus this."""
@@ -68,22 +69,22 @@ def tune(
         raise UserError(f"a budget of {budget} candidates is too small to search three factors; give {2 * population}")
     nominal = DesignSpec("tuning", (), repeats=repeats)
     bare = tuple(dataclasses.replace(e, noise={}) for e in study.estimators)
-    bench = Bench(dataclasses.replace(study, designs=(nominal,), history=(), estimators=bare))
-    if not any(e.has_covariance for e in bench.estimators):
+    evaluator = StudyEvaluator(dataclasses.replace(study, designs=(nominal,), history=(), estimators=bare))
+    if not any(e.has_covariance for e in evaluator.compiled.estimators):
         raise UserError(f"{study.path}: no estimator of this study states a likelihood, so there is nothing to tune")
     runs = [
-        (drive, bench.simulate(Unit(0, 0, drive, 0, 1), [Case(0, _TRAINING_REPEAT + r)]))
+        (drive, evaluator.simulate(Unit(0, 0, drive, 0, 1), [Case(0, _TRAINING_REPEAT + r)]))
         for drive in range(len(study.drives))
         for r in range(repeats)
     ]
     found = {}
     for index, spec in enumerate(study.estimators):
-        if not bench.estimators[index].has_covariance:
+        if not evaluator.compiled.estimators[index].has_covariance:
             continue
         progress(spec.name)
 
         def loss(exponents: Floats, index: int = index) -> Floats:
-            return np.array(_losses(bench, index, runs, np.atleast_2d(exponents.T)))
+            return np.array(_losses(evaluator, index, runs, np.atleast_2d(exponents.T)))
 
         before = -float(loss(np.zeros((len(NOISE_GROUPS), 1)))[0])
         answer = optimize.differential_evolution(
@@ -103,7 +104,7 @@ def tune(
     return found
 
 
-def _losses(bench: Bench, index: int, runs: list[tuple[int, Any]], exponents: Floats) -> list[float]:
+def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], exponents: Floats) -> list[float]:
     """Return minus the log-likelihood of each candidate ``(candidates, groups)``; a diverged one is worst."""
     total = np.zeros(len(exponents))
     for start in range(0, len(exponents), LANES):
@@ -111,16 +112,14 @@ def _losses(bench: Bench, index: int, runs: list[tuple[int, Any]], exponents: Fl
         filled = np.vstack([group, np.repeat(group[-1:], LANES - len(group), axis=0)])
         for drive, batch in runs:
             unit, case = Unit(0, 0, drive, 0, 1), [Case(0, 0)]
-            held = bench.held(unit, case, "belief")
-            rows = [
-                scale_noise(held, bench.study.belief, dict(zip(NOISE_GROUPS, 10.0**row, strict=True))) for row in filled
-            ]
-            candidates = Lanes(
-                held.values,
+            believed, spec = evaluator.parameters(unit, case, "belief"), evaluator.study.belief
+            rows = [scale_noise(believed, spec, dict(zip(NOISE_GROUPS, 10.0**row, strict=True))) for row in filled]
+            candidates = RunParameters(
+                believed.values,
                 np.stack([r.process_noise[k] for k, r in enumerate(rows)]),
                 np.stack([r.measurement_noise[k] for k, r in enumerate(rows)]),
             )
-            scores = bench.estimate(index, unit, case, batch, candidates)
+            scores = evaluator.estimate(index, unit, case, batch, candidates)
             lost = ~np.isfinite(scores.log_likelihood) | (scores.diverged_at < len(batch.truth))
             total[start : start + len(group)] -= np.where(lost, -1e12, scores.log_likelihood)[: len(group)]
     return [float(t) for t in total]

@@ -13,10 +13,10 @@ from harness.compile import compile_model
 from harness.design import Unit
 from harness.errors import UserError
 from harness.estimate import Estimator
-from harness.evaluate import Bench, Case
 from harness.lane_gather import gather
 from harness.lane_random import generator_words
 from harness.lanes import LANES, get, put
+from harness.run_noise import Case, RunNoise
 from harness.simulate import in_lanes
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "contracts"))
@@ -145,10 +145,9 @@ def test_a_run_draws_the_same_alone_or_in_a_batch(compiled):
 
 
 def test_seeds_tell_runs_repeats_and_estimators_apart():
-    bench = object.__new__(Bench)
-    bench.study = SimpleNamespace(seed=0, designs=[SimpleNamespace(common_noise=False)])
+    noise = RunNoise(SimpleNamespace(seed=0, designs=[SimpleNamespace(common_noise=False)]))
     unit, cases = Unit(0, 1, 2, 0, 2), [Case(0, 0), Case(0, 1), Case(1, 0)]
-    states = lambda *a: [tuple(s.generate_state(2)) for s in bench._seeds(*a)]  # noqa: E731
+    states = lambda *a: [tuple(s.generate_state(2)) for s in noise.seeds(*a)]  # noqa: E731
     one, other = states(unit, cases, "PF"), states(unit, cases, "PF 1000")
     assert len(one) == LANES
     assert len({*one, *other}) == 2 * len(cases)
