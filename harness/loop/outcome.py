@@ -409,7 +409,7 @@ def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
     """
     names = ", ".join(d.name for d in outcome.trace.fitting.drives)
     comments = {
-        v.name: f"  # {v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
+        v.name: f"{v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
     }
     contents = {
         "trace.json": json.dumps(record(outcome), indent=2) + "\n",
