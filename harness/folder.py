@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UserError
-from models.registry import closest
 
 
 def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
@@ -43,6 +42,8 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
+        from models.registry import closest  # imports NumPy, which the help does without
+
         beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
         raise UserError(f"{path}: there is no such file{closest(path.name, beside)}") from None
     except UnicodeDecodeError as error:
