@@ -23,6 +23,7 @@ from harness.configure import NOISE_GROUPS, DesignSpec, Study
 from harness.design import RunParameters, Unit, scale_noise
 from harness.errors import UserError
 from harness.evaluate import StudyEvaluator
+from harness.folder import toml_text, write_files
 from harness.lanes import LANES
 from harness.run_noise import Case
 
@@ -126,20 +127,22 @@ def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], 
 
 
 def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dict[str, Tuning]) -> None:
-    """Write what was found, with how, as a file that a study names by ``tuning``."""
-    lines = [
-        f"# Written by: harness tune {study.path.name} --budget {budget} --repeats {repeats}",
-        'rule = "largest likelihood of the innovations on the training drives"',
-        f"drives = [{', '.join(repr(d.name).replace(chr(39), chr(34)) for d in study.drives)}]",
-        f"budget = {budget}",
-        f"repeats = {repeats}",
-        f"seed = {study.seed}",
-    ]
-    for name, tuning in found.items():
-        lines += ["", f'[estimator."{name}"]', f"# log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after"]
-        lines += [f"{group} = {tuning.factors[group]!r}" for group in NOISE_GROUPS]
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n".join(lines) + "\n")
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror}") from error
+    """Write what was found, with how, as a file that a study names by ``tuning``.
+
+    Raises:
+        UserError: If it cannot be written.
+    """
+    content = {
+        "rule": "largest likelihood of the innovations on the training drives",
+        "drives": [d.name for d in study.drives],
+        "budget": budget,
+        "repeats": repeats,
+        "seed": study.seed,
+        "estimator": {name: {g: tuning.factors[g] for g in NOISE_GROUPS} for name, tuning in found.items()},
+    }
+    heading = f"Written by: harness tune {study.path.name} --budget {budget} --repeats {repeats}"
+    gains = {
+        ("estimator", name): f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after"
+        for name, tuning in found.items()
+    }
+    write_files(path.parent, {path.name: toml_text(content, heading, gains)})

@@ -4,8 +4,8 @@
 together; ``specs`` is what all later stages read.
 """
 
-from harness.configure.file import study_schema, write_schema
-from harness.configure.load import load_drives, load_study, read_study
+from harness.configure.file import StudyFile, study_schema, write_schema
+from harness.configure.load import build_study, load_drives, load_study
 from harness.configure.specs import (
     NOISE_GROUPS,
     NOISE_SCALES,
@@ -29,9 +29,10 @@ __all__ = [
     "HistorySpec",
     "ModelSpec",
     "Study",
+    "StudyFile",
+    "build_study",
     "load_drives",
     "load_study",
-    "read_study",
     "resolve_single",
     "study_schema",
     "write_schema",

@@ -26,7 +26,7 @@ HOPEFUL = 500.0
 that of another effect."""
 
 SENSOR_NEEDED = 0.5
-"""Share of its own signal's simulation error, beyond the noise, that a fault of one sensor must take away where the error
+"""Share of its own simulation error, beyond the noise, that a fault of one sensor must take away where the error
 of other signals, on which it does not act, masks its share in that of all."""
 
 IMPLAUSIBLE = 3.0

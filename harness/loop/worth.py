@@ -6,7 +6,6 @@ the noise variances that were fitted with it: those of a model that lacks someth
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from harness import statistics
-from harness.configure import ModelSpec, Study, load_study, read_study
+from harness.configure import ModelSpec, Study, build_study, load_study
 from harness.drives import profile_of
 from harness.errors import UserError
 from harness.folder import read_toml
@@ -144,7 +143,7 @@ def worth(
         for side, model in (("plant", "amended"), ("belief", name)):
             table[side]["parameters"] = str((folder / f"{model}.toml").resolve())
             table[side]["values"] = {n: v for n, v in moments.items() if n in models[model].values}
-        return read_study(_toml(table), path)
+        return build_study(table, path)
 
     study = with_belief("amended")
     studies = {"nominal": replace(with_belief("nominal"), designs=study.designs), "amended": study}
@@ -177,16 +176,3 @@ def _table(content: dict[str, Any], estimators: Sequence[str], repeats: int) -> 
         "estimator": [*there, *more],
         "design": [{**content["design"][0], "repeats": repeats}],
     }
-
-
-def _toml(table: dict[str, Any]) -> str:
-    """Return the content of a TOML file as text, a line per key."""
-
-    def written(value: Any) -> str:
-        if isinstance(value, dict):
-            return "{ " + ", ".join(f"{k} = {written(v)}" for k, v in value.items()) + " }"
-        if isinstance(value, list):
-            return "[" + ", ".join(map(written, value)) + "]"
-        return json.dumps(value)
-
-    return "".join(f"{key} = {written(value)}\n" for key, value in table.items())

@@ -21,10 +21,9 @@ from harness.errors import UserError
 from harness.estimate import kernels_of, load_estimator
 from harness.evaluate import StudyEvaluator
 from harness.kernel import Belief, Info, State
-from harness.realtime import loop, clock
-from harness.realtime.one_lane import in_one_lane, narrow_model
+from harness.realtime import loop
+from harness.realtime.one_lane import in_one_lane
 from harness.run_noise import Case
-from harness.simulate import paste
 from models.registry import closest
 
 Floats = NDArray[np.float64]

@@ -1,6 +1,7 @@
 """Tuning: it finds the noise that was there, treats all estimators alike, and a study takes its result."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -54,6 +55,9 @@ def test_is_reproducible(study, found):
 
 def test_a_study_takes_the_file_and_its_estimator_the_factors(study, found, tmp_path):
     write_tuning(tmp_path / "noise.toml", study, 144, 1, found)
+    written = (tmp_path / "noise.toml").read_text()
+    assert written.startswith("# Written by: harness tune ")
+    assert re.search(r"^\[estimator\.EKF\] # log-likelihood \S+ before, \S+ after$", written, re.MULTILINE)
     path = tmp_path / "tuned.toml"
     path.write_text(STUDY.replace("seed = 4", 'seed = 4\ntuning = "noise.toml"'))
     tuned = load_study(path)
