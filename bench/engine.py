@@ -13,7 +13,8 @@ from bench.timing import quickest
 from harness.config import Study, load_study
 from harness.engine.simd.lanes import LANES
 from harness.study.design import Unit
-from harness.study.evaluate import Bench, Case
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGETS = {"simulation with noise": 0.25, "ekf": 0.7, "ukf": 1.8, "narx": 0.25}
@@ -50,24 +51,24 @@ def particle_time(samples: int = 200, rounds: int = 8) -> float:
 
 
 def _step_times(study: Study, samples: int, rounds: int) -> dict[str, float]:
-    bench = Bench(study)
+    evaluator = StudyEvaluator(study)
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
-    batch, held = bench.simulate(unit, cases, samples), bench.held(unit, cases, "belief")
-    work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: bench.simulate(unit, cases, samples)}
+    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.parameters(unit, cases, "belief")
+    work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: evaluator.simulate(unit, cases, samples)}
     for i, kind in enumerate(e.kind for e in study.estimators):
-        work[kind] = lambda i=i: bench.estimate(i, unit, cases, batch, held)
+        work[kind] = lambda i=i: evaluator.estimate(i, unit, cases, batch, believed)
     return {name: 1e6 * t / samples / LANES for name, t in quickest(work, rounds).items()}
 
 
 def workers(rounds: int = 3) -> float:
     """Return how many times faster two worker threads are than one on the mass study's units."""
-    bench = Bench(mass_study("ekf", "ukf"))
-    for i in range(bench.kernels):
-        bench.warm_up(i)
+    evaluator = StudyEvaluator(mass_study("ekf", "ukf"))
+    for i in range(evaluator.kernels):
+        evaluator.warm_up(i)
     units = [Unit(0, band, drive, 0, 1) for band in (0, 6) for drive in range(6)]
 
     def run(jobs: int) -> None:
-        joblib.Parallel(n_jobs=jobs, backend="threading")(joblib.delayed(bench.evaluate)(u) for u in units)
+        joblib.Parallel(n_jobs=jobs, backend="threading")(joblib.delayed(evaluator.evaluate)(u) for u in units)
 
     best = quickest({"1": lambda: run(1), "2": lambda: run(2)}, rounds)
     return best["1"] / best["2"]
@@ -77,11 +78,11 @@ def filterpy_ukf(samples: int = 120) -> float:
     """Return microseconds per step of filterpy's UKF on the same compiled model."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-    bench = Bench(mass_study("ukf"))
+    evaluator = StudyEvaluator(mass_study("ukf"))
     unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, 0)]
-    batch, held = bench.simulate(unit, cases, samples), bench.held(unit, cases, "belief")
-    compiled, kernels = bench.belief, bench.belief.kernels
-    constants, inputs = compiled.constants(held.values.T), bench.roads[3].belief_inputs
+    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.parameters(unit, cases, "belief")
+    compiled, kernels = evaluator.compiled.belief, evaluator.compiled.belief.kernels
+    constants, inputs = compiled.constants(believed.values.T), evaluator.compiled.drives[3].belief
     x, xn, work = (np.zeros((rows, LANES)) for rows in (compiled.nx, compiled.nx, compiled.nw))
 
     def advance(state: np.ndarray, dt: float, k: int) -> np.ndarray:
@@ -92,7 +93,7 @@ def filterpy_ukf(samples: int = 120) -> float:
     where = compiled.model.states.index("yaw_rate_trailer")
     points = MerweScaledSigmaPoints(compiled.nx, 1.0, 2.0, 0.0)
     ukf = UnscentedKalmanFilter(compiled.nx, 1, 0.01, lambda s: s[where : where + 1], advance, points)
-    ukf.Q, ukf.R = np.diag(held.process_noise[0]), np.diag(held.measurement_noise[0])
+    ukf.Q, ukf.R = np.diag(believed.process_noise[0]), np.diag(believed.measurement_noise[0])
     ukf.P = ukf.Q.copy()
 
     def run() -> None:

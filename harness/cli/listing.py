@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import tomllib
 from collections.abc import Sequence
 from math import degrees, isfinite
 from pathlib import Path
@@ -20,6 +19,7 @@ from rich.text import Text
 
 from harness.common import registry
 from harness.common.errors import UserError
+from harness.common.files import read_toml
 from harness.models.assembly.placement import OF_SIGNAL
 
 if TYPE_CHECKING:
@@ -89,10 +89,9 @@ def _studies(folder: Path) -> list[tuple[str, str]]:
     rows = []
     for path in sorted(folder.glob("*.toml")):
         try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-            rows.append((path.stem, str(content.get("title", ""))))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            rows.append((path.stem, f"cannot be read: {error}"))
+            rows.append((path.stem, str(read_toml(path).get("title", ""))))
+        except UserError as error:
+            rows.append((path.stem, str(error)))
     return rows
 
 

@@ -92,7 +92,7 @@ def _changed(
     jobs: int | None,
     console: Console,
 ) -> str:
-    """Say what is another one in the changed drives, and trace what else is missing there; write the results."""
+    """Find which parameter changed in the changed drives, and trace what else is missing there; write the results."""
     from harness.diagnosis.report import parameter_changes
     from harness.diagnosis.run import run_changes, run_trace
     from harness.reporting.document import Section
@@ -159,7 +159,7 @@ def _write(
 
 
 def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
-    """Return the error of the model alone on each held-out drive, in SI units, by drive, output, model and measure.
+    """Return the simulation error on each held-out drive, in SI units, by drive, output, model and measure.
 
     ``published`` is the ``stated`` model, ``refitted`` the one with its own parameters fitted, ``amended`` with all
     that was added. ``rmse`` counts a constant error, ``std`` does not.
@@ -198,7 +198,7 @@ def _about(study: LoopStudy, part: str) -> list[Block]:
     if study.raw.bank_map:
         text = (
             "The bank of the road is a map over the path, from accelerometer and velocities of the fitted drives. No "
-            "drive was given the bank that it felt itself. Whether the map is believed is one of the hypotheses."
+            "drive was given a bank computed from itself. Whether the map is used is one of the hypotheses."
         )
         further.append(Prose(plain(text)))
     if study.raw.exclude:
@@ -220,8 +220,8 @@ def _errors(errors: Errors) -> Block:
             rows.append([drive, q.words, q.unit, *map(style.number, numbers)])
     header = ["drive", "output", "unit", *models, *(f"{m}, std." for m in models)]
     caption = (
-        "Each held-out drive: root mean square error of the model alone, and the standard deviation of that error, "
-        "which does not count a constant. Published: as stated, nothing fitted; where the vehicle may have changed, "
+        "Each held-out drive: simulation error as root mean square, and as standard deviation, which leaves out a "
+        "constant error. Published: as stated, nothing fitted; where the vehicle may have changed, "
         "as it was before."
     )
     return Sheet(header, rows, caption, left=3)

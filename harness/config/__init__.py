@@ -4,9 +4,9 @@
 together; ``specs`` is what all later stages read.
 """
 
-from harness.config.load import load_drives, load_study, read_study
+from harness.config.load import build_study, load_drives, load_study
 from harness.config.model import resolve_single
-from harness.config.schema import study_schema, write_schema
+from harness.config.schema import StudyFile, study_schema, write_schema
 from harness.config.specs import (
     NOISE_GROUPS,
     NOISE_SCALES,
@@ -29,9 +29,10 @@ __all__ = [
     "HistorySpec",
     "ModelSpec",
     "Study",
+    "StudyFile",
+    "build_study",
     "load_drives",
     "load_study",
-    "read_study",
     "resolve_single",
     "study_schema",
     "write_schema",

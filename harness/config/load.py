@@ -1,10 +1,10 @@
-"""Read a study file: ``load_study`` is the door between TOML and the harness, ``read_study`` the same for a text."""
+"""Two doors into the harness: ``load_study`` for study files, ``build_study`` for studies made in Python."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from harness.common import registry
 from harness.common.errors import UserError
+from harness.common.files import parse_toml, read_text, read_toml, toml_text
 from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
 from harness.config.factors import Models, number
@@ -37,23 +38,43 @@ def load_study(path: str | Path) -> Study:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem, each with
             file, key and remedy. Problems of form (unknown keys, wrong types) come before those of content.
     """
-    return read_study(_read(Path(path)), Path(path))
+    path = Path(path)
+    text = read_text(path)
+    problems = Problems(str(path))
+    raw = _validated(parse_toml(text, str(path)), StudyFile, problems)
+    problems.stop()
+    assert raw is not None
+    return _resolve(raw, text, path)
 
 
-def read_study(text: str, path: Path) -> Study:
-    """Return the study of a text as if it stood in a file, see ``load_study``.
+def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "study") -> Study:
+    """Return a study made in Python, checked and resolved as if it stood in a file, see ``load_study``.
 
     Args:
-        text: TOML.
+        content: Keys and values as a study file has them; numbers in SI units or text with a unit.
         path: Names the study in errors; files that it names are looked for in this one's folder first.
+
+    Returns:
+        The study; its ``text`` is the TOML file that states the same.
 
     Raises:
         UserError: If anything in it is wrong.
     """
+    path = Path(path)
     problems = Problems(str(path))
-    raw = _parse(text, StudyFile, problems)
+    raw = content if isinstance(content, StudyFile) else _validated(content, StudyFile, problems)
     problems.stop()
     assert raw is not None
+    try:
+        text = toml_text(raw.model_dump(exclude_unset=True, exclude_none=True))
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{path}: holds what no study file can hold: {error}") from None
+    return _resolve(raw, text, path)
+
+
+def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
+    """Check what a study says and return it with all defaults and units resolved."""
+    problems = Problems(str(path))
     folder = path.parent
 
     plant_table = stated("plant", raw.plant, folder, problems)
@@ -102,23 +123,9 @@ def read_study(text: str, path: Path) -> Study:
     return study
 
 
-def _read(path: Path) -> str:
+def _validated(content: Mapping[str, Any], table: type[_Table], problems: Problems) -> _Table | None:
     try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        beside = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
-        raise UserError(f"{path}: there is no such file{registry.closest(path.name, beside)}") from None
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: not UTF-8 text (byte {error.start}); save the file as UTF-8") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-
-
-def _parse(text: str, table: type[_Table], problems: Problems) -> _Table | None:
-    try:
-        return table.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        problems.add("", f"not valid TOML: {error}")
+        return table.model_validate(dict(content))
     except ValidationError as error:
         add_validation_errors(problems, error, table)
     return None
@@ -154,7 +161,7 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
             continue
         inner = problems.of(str(path))
         try:
-            content = _parse(_read(path), DrivesFile, inner)
+            content = _validated(read_toml(path), DrivesFile, inner)
         except UserError as error:
             problems.add("drives", str(error))
             continue

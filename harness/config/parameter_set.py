@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +10,7 @@ from pydantic import ValidationError
 
 from harness.common import registry
 from harness.common.errors import UserError
+from harness.common.files import read_toml, toml_text
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import ParameterFile
 from harness.config.specs import ModelSpec
@@ -90,9 +89,7 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
         raise UserError(f"{where}: there is no parameter file '{name}' in {folder} or the working directory")
     inner = Problems(str(path))
     try:
-        raw = ParameterFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not valid TOML: {error}") from None
+        raw = ParameterFile.model_validate(read_toml(path))
     except ValidationError as error:
         add_validation_errors(inner, error, ParameterFile)
         inner.stop()
@@ -142,34 +139,28 @@ def set_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
     """Return the text of a parameter file that holds a model: values, tyre, effects and noise.
 
     States and outputs that the model does not have keep the noise of its own set, so that studies may add sensors and
-    unknown inputs.
+    unknown inputs; for the same reason the file states no sensors.
 
     Args:
         spec: The model; a parameter file of its own is found from the working directory.
         source: Where the values come from.
-        comments: What stands behind a value, by parameter.
+        comments: What stands behind a value, such as unit and standard error, by parameter; others are passed over.
     """
     base = load_set(spec.parameters, Path(), source)
     stretch = 1.0 if spec.model().discrete else spec.step / base.noise_step
     process = {n: v * stretch for n, v in base.process.items()}
     process |= {n: v for n, v in spec.process_noise.items() if n in SIGNALS}
-    lines = [
-        f"vehicle = {json.dumps(spec.vehicle)}",
-        *([f"tyre = {json.dumps(spec.tyre)}"] if spec.tyre else []),
-        *([f"effects = {json.dumps(list(spec.effects))}"] if spec.effects else []),
-        f"source = {json.dumps(source)}",
-        f"noise_step = {spec.step!r}",
-        "",
-        "[values]",
-        *(f"{name} = {value!r}{comments.get(name, '')}" for name, value in spec.values.items()),
-        "",
-        "[process_noise]",
-        *(f"{name} = {value!r}" for name, value in process.items()),
-        "",
-        "[measurement_noise]",
-        *(f"{name} = {value!r}" for name, value in (base.measurement | spec.measurement_noise).items()),
-    ]
-    return "\n".join(lines) + "\n"
+    content = {
+        "vehicle": spec.vehicle,
+        **({"tyre": spec.tyre} if spec.tyre else {}),
+        **({"effects": list(spec.effects)} if spec.effects else {}),
+        "source": source,
+        "noise_step": spec.step,
+        "values": spec.values,
+        "process_noise": process,
+        "measurement_noise": base.measurement | spec.measurement_noise,
+    }
+    return toml_text(content, comments={("values", n): words for n, words in comments.items() if n in spec.values})
 
 
 def _parameter_units(vehicle: str) -> dict[str, str]:

@@ -235,7 +235,7 @@ class OverTimeSpec:
 
 @dataclass(frozen=True)
 class Study:
-    """A study file, read and resolved by ``load_study``.
+    """A study, resolved by ``load_study`` or ``build_study``.
 
     Attributes:
         name: Name of the result folder.
@@ -248,7 +248,7 @@ class Study:
         estimators: At least one.
         designs: At least one.
         history: The runs to draw over time; possibly none.
-        text: The study file as read.
+        text: The study file as read, or as it would be written.
         tuning: The rule by which the estimators' noise was tuned; empty if it is the belief's.
         limits: Largest error that counts as tolerable by target, SI; it decides no score, only what the report says.
         over_time: The drive for sensitivity over time; ``None`` if it was not asked for.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 from harness.common import registry
 from harness.common.errors import UserError
+from harness.common.files import read_toml
 from harness.common.units import to_si
 from harness.config.problems import Problems
 from harness.config.specs import NOISE_GROUPS, EstimatorSpec
@@ -21,16 +21,17 @@ def tuned(
         return specs, ""
     path = next((b / name for b in (folder, Path()) if (b / name).is_file()), folder / name)
     try:
-        content = tomllib.loads(path.read_text())
+        content = read_toml(path)
+    except UserError as error:
+        problems.add("tuning", f"{error}; write it by: harness tune")
+        return specs, ""
+    try:
         factors = {
             e: {g: to_si(table[g], "", f"factor '{g}' of '{e}'") for g in NOISE_GROUPS}
             for e, table in content["estimator"].items()
         }
         rule = f"{content['rule']} ({', '.join(content['drives'])}; {int(content['budget'])} candidates each)"
-    except OSError as error:
-        problems.add("tuning", f"cannot read {path}: {error.strerror}; write it by: harness tune")
-        return specs, ""
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, AttributeError, UserError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, UserError) as error:
         problems.add("tuning", f"{path} is not a tuning file ({error}); write it anew by: harness tune")
         return specs, ""
     wrong = [(e, g) for e, table in factors.items() for g, factor in table.items() if not factor > 0]

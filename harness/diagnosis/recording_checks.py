@@ -20,7 +20,7 @@ _LIVELY = "quick steering, a steady circle to either side and lane changes, two 
 
 
 def refuse_recordings(recordings: Sequence[xr.Dataset], model: Model) -> None:
-    """Refuse a recording that can decide nothing, before anything is compiled.
+    """Refuse a recording that is not informative enough, before anything is compiled.
 
     Raises:
         UserError: If one is too short or too calm, with what to drive; if an input of the model is missing or has gaps.
@@ -30,14 +30,15 @@ def refuse_recordings(recordings: Sequence[xr.Dataset], model: Model) -> None:
         file, time = recording.attrs["file"], recording["time"].to_numpy()
         if time[-1] - time[0] < SHORTEST:
             raise UserError(
-                f"{file}: lasts {time[-1] - time[0]:.1f} s, too short to decide what is missing; record at least "
+                f"{file}: lasts {time[-1] - time[0]:.1f} s, too short to identify what is missing; record at least "
                 f"{SHORTEST:.0f} s, better {_LIVELY}"
             )
         reached = _lateral_acceleration(recording)
         if reached < CALM:
             raise UserError(
                 f"{file}: for 95 % of the time the lateral acceleration (speed times yaw rate) is below {reached:.2f} "
-                f"m/s^2, too calm to decide what is missing; drive {_LIVELY}, so that it passes {CALM:g} m/s^2"
+                f"m/s^2, too little excitation to identify what is missing; drive {_LIVELY}, so that it passes "
+                f"{CALM:g} m/s^2"
             )
 
 

@@ -101,7 +101,7 @@ def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = 
 
 @contextmanager
 def _progress(console: Console) -> Iterator[Callable[[str], None]]:
-    """Show what is being tried and for how long; how many rounds there will be nobody knows, so the bar has no end."""
+    """Show what is being tried and for how long; the number of rounds is not known, so the bar has no end."""
     columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("compiling the library of effects", total=None)

@@ -41,7 +41,7 @@ class ExcludeTable(Table):
 
 
 class ChangedTable(Table):
-    """Drives in which the vehicle may be another one than in those fitted."""
+    """Drives in which the vehicle may have changed."""
 
     question: Name = Field(description="title of its report")
     train: list[SpanTable] = Field(min_length=1, description="drives to fit")
@@ -49,7 +49,7 @@ class ChangedTable(Table):
 
 
 class WorthTable(Table):
-    """What the amendment is worth: a study with the amended plant, its estimators believing either model."""
+    """A study with the amended plant, in which the estimators believe either model."""
 
     study: Name = Field(description="study file, from this file; of the same vehicle and tyre")
     repeats: Annotated[StrictInt, Field(ge=1)] = Field(

@@ -73,7 +73,7 @@ def simulate(u, c, deviation_x, deviation_y, limits, x0, noise, truth, y, left_a
             put(get(ahead, i) + get(deviation_x, i) * get(noise, k, i), x, i)
 
 
-def estimate(u, y, truth, rows, until, belief, x0, P0, memory0, limits, options, bounds, scores, per_run, kept):
+def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
     """Run the estimator over a batch and score it against the truth while it runs.
 
     Args:
@@ -84,9 +84,7 @@ def estimate(u, y, truth, rows, until, belief, x0, P0, memory0, limits, options,
             plant has no such quantity.
         until: Scores stop before this sample ``(1, LANES)``.
         belief: ``harness.engine.kernel_names.Belief``.
-        x0: First mean ``(nx, LANES)``.
-        P0: First variances ``(nx, LANES)``.
-        memory0: First memory ``(rows, LANES)``.
+        first: ``harness.engine.kernel_names.State`` before the first step; of its covariance the variances are taken.
         limits: Largest magnitude of each state ``(nx,)``.
         options: NEES every that many samples, and 1 if there is one to compute ``(2,)``.
         bounds: Two-sided 95 % chi-square bounds ``(1 + max(nx, ny), 2)`` by degrees of freedom.
@@ -97,14 +95,14 @@ def estimate(u, y, truth, rows, until, belief, x0, P0, memory0, limits, options,
     """
     work = workspace()
     covariance = np.zeros((NX, NX, LANES))
-    mean, memory = np.empty((NX, LANES)), np.empty(memory0.shape)
+    mean, memory = np.empty((NX, LANES)), np.empty(first.memory.shape)
     for i in range(NX):
-        put(get(x0, i), mean, i)
-        put(get(P0, i), covariance, i, i)
+        put(get(first.mean, i), mean, i)
+        put(get(first.covariance, i, i), covariance, i, i)
     for i in range(memory.shape[0]):
-        put(get(memory0, i), memory, i)
+        put(get(first.memory, i), memory, i)
     before = State(mean, covariance, memory)
-    after = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(memory0.shape))
+    after = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(first.memory.shape))
     row = np.zeros((4, LANES))
     info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
     s, slopes = np.empty((NS, LANES)), np.empty((NS, NX, LANES))

@@ -240,7 +240,6 @@ class Estimator:
         samples, targets = inputs.shape[0], len(self.compiled.signal_names)
         sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
         kept = np.empty((samples if keep else 0, 2, targets, LANES))
-        diagonal = np.ascontiguousarray(np.einsum("iil->il", first.covariance))
         options = np.array([float(NEES_EVERY), 1.0 if comparable else 0.0])
         self._kernels.estimate(
             inputs,
@@ -249,9 +248,7 @@ class Estimator:
             np.maximum(rows, 0),  # what a lacking row would give is not used
             until.reshape(1, LANES),
             belief,
-            first.mean,
-            diagonal,
-            first.memory,
+            first,
             self._limits,
             options,
             self._bounds,

@@ -91,7 +91,7 @@ def parameter_file(fit: Fit, source: str) -> str:
 def _comment(estimate: Estimate) -> str:
     error = "" if not math.isfinite(estimate.error) else f" +- {estimate.error:.3g}"
     verdict = "" if estimate.verdict is None else f"; {estimate.verdict}"
-    return f"  # {estimate.unit}{error}{verdict}"
+    return f"{estimate.unit}{error}{verdict}"
 
 
 def record(fit: Fit, judged: list[Judged]) -> dict[str, Any]:

@@ -23,7 +23,8 @@ from harness.estimation.contract import kernels_of, load_estimator
 from harness.realtime import timed_loop
 from harness.realtime.one_lane import in_one_lane
 from harness.study.design import Unit
-from harness.study.evaluate import Bench, Case
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 
 Floats = NDArray[np.float64]
 
@@ -112,20 +113,20 @@ def contestants(study: Study, drive: str, duration: float) -> dict[str, Contesta
     if drive not in names:
         raise UserError(f"--drive {drive}: study '{study.name}' has no such drive{closest(drive, names)}")
     chosen = study.drives[names.index(drive)]
-    bench = Bench(
+    evaluator = StudyEvaluator(
         dataclasses.replace(study, drives=(chosen,), designs=(DesignSpec("timed", ()),), history=(), over_time=None)
     )
-    samples, there = round(duration / study.belief.step) + 1, len(bench.roads[0].profile.time)
+    samples, there = round(duration / study.belief.step) + 1, len(evaluator.compiled.drives[0].profile.time)
     if samples > there or samples < 2:
         raise UserError(
             f"--duration {duration:g} s: give at least one step of {study.belief.step:g} s and no more than the "
             f"{(there - 1) * study.belief.step:g} s of drive '{drive}'"
         )
     unit, case = Unit(0, 0, 0, 0, 1), [Case(0, 0)]
-    batch, held = bench.simulate(unit, case, samples), bench.held(unit, case, "belief")
-    inputs, measurements = bench.seen(0, batch)
+    batch, believed = evaluator.simulate(unit, case, samples), evaluator.parameters(unit, case, "belief")
+    belief, (inputs, measurements) = evaluator.compiled.belief, evaluator.seen(0, batch)
     return {
-        spec.name: Contestant(spec.kind, bench.belief, *bench.begin(i, unit, case, held), inputs, measurements)
+        spec.name: Contestant(spec.kind, belief, *evaluator.begin(i, unit, case, believed), inputs, measurements)
         for i, spec in enumerate(study.estimators)
     }
 

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -122,7 +123,7 @@ def read(folder: Path) -> xr.Dataset:
         UserError: If files of it are missing or damaged.
     """
     path = folder / STORE
-    attributes = dict(zarr.open_group(str(path), mode="r").attrs)
+    attributes: dict[str, Any] = dict(zarr.open_group(str(path), mode="r").attrs)
     lost = checksums.changed_files(path, attributes.get(checksums.GROUP, {}))
     if lost:
         raise UserError(

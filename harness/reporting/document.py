@@ -11,7 +11,6 @@ import tempfile
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import matplotlib as mpl
@@ -230,21 +229,19 @@ def _laid_out(block: Block, title: str, failures: Failures) -> Block:
 
 def _compiled(document: Document) -> tuple[bytes, bytes]:
     text, files = source(document)
-    package = resources.files("harness.reporting")
+    here = Path(__file__).parent  # of the template and the style sheet
     fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
     with tempfile.TemporaryDirectory(prefix="report-") as folder:
         root = Path(folder)
         (root / "report.typ").write_text(text, encoding="utf-8")
-        (root / "template.typ").write_text(
-            package.joinpath("template.typ").read_text(encoding="utf-8"), encoding="utf-8"
-        )
+        (root / "template.typ").write_text((here / "template.typ").read_text(encoding="utf-8"), encoding="utf-8")
         for name, svg in files.items():
             (root / name).write_bytes(svg)
         compiler = typst.Compiler(root / "report.typ", root=root, font_paths=[fonts], ignore_system_fonts=True)
         # The warnings only repeat that HTML export is young.
         html, _ = compiler.compile_with_warnings(format="html", sys_inputs={"medium": "screen"})
         pdf, _ = compiler.compile_with_warnings(format="pdf", sys_inputs={"medium": "paper"}, timestamp=0)
-    css = package.joinpath("page.css").read_text(encoding="utf-8")
+    css = (here / "page.css").read_text(encoding="utf-8")
     assert isinstance(html, bytes)  # lists of pages are for images only
     assert isinstance(pdf, bytes)
     page = html.decode("utf-8")

@@ -50,7 +50,7 @@ class Fault:
 def described(faults: Sequence[Fault]) -> str:
     """Return the first of some faults in words, and how many more there are."""
     more = len(faults) - 1
-    return f"{faults[0]}{f', {more} more files are missing or damaged' if more else ''}"
+    return f"{faults[0]}{f' (and {more} more)' if more else ''}"
 
 
 def digest(file: Path) -> int:
@@ -126,7 +126,7 @@ def write(root: Path, sums: Any, unit: Place, written: Sequence[str]) -> None:
 
 
 def is_verifiable(attributes: Mapping[str, Any]) -> bool:
-    """Return whether a store with these root attributes has checksums; those of version 0.1.0 and earlier have none."""
+    """Return whether a store with these root attributes has checksums; earlier ones have none."""
     return GROUP in attributes
 
 
@@ -139,7 +139,7 @@ def faults(root: Path) -> list[Fault]:
     Raises:
         ValueError, KeyError, OSError: If the root of the store cannot be read.
     """
-    attributes = dict(zarr.open_group(str(root), mode="r").attrs)
+    attributes: dict[str, Any] = dict(zarr.open_group(str(root), mode="r").attrs)
     if not is_verifiable(attributes):
         return []
     found: list[Fault] = []

@@ -25,7 +25,7 @@ from rich.text import Text
 from harness.common.errors import UserError
 from harness.config import Study
 from harness.study.design import Unit
-from harness.study.evaluate import Bench
+from harness.study.evaluate import StudyEvaluator
 from harness.study.provenance import code_state, processor
 from harness.study.store import STORE, Store
 
@@ -41,7 +41,7 @@ _LOOK = 2.0
 _OPENED_AT_ONCE = 4
 """Studies that a worker keeps open."""
 
-_opened: dict[tuple[str, Path], tuple[Bench, Store]] = {}
+_opened: dict[tuple[str, Path], tuple[StudyEvaluator, Store]] = {}
 _opening = threading.Lock()
 
 
@@ -198,12 +198,12 @@ def _report_lost(before: Collection[str], now: set[str], console: Console) -> se
 
 def _evaluate_there(study: Study, folder: Path, unit: Unit, expected: dict[str, str]) -> Unit:
     """Evaluate a unit and write its scores; runs on a worker."""
-    bench, store = _open(study, folder, expected)
-    store.write(unit, bench.evaluate(unit))
+    evaluator, store = _open(study, folder, expected)
+    store.write(unit, evaluator.evaluate(unit))
     return unit
 
 
-def _open(study: Study, folder: Path, expected: dict[str, str]) -> tuple[Bench, Store]:
+def _open(study: Study, folder: Path, expected: dict[str, str]) -> tuple[StudyEvaluator, Store]:
     """Return study and store, opened once in this process."""
     key = study.hash, folder
     with _opening:
@@ -213,6 +213,6 @@ def _open(study: Study, folder: Path, expected: dict[str, str]) -> tuple[Bench, 
                 raise UserError(f"the worker on {platform.node()} does not see {folder}")
             while len(_opened) >= _OPENED_AT_ONCE:
                 _opened.pop(next(iter(_opened)))
-            bench = Bench(study)
-            _opened[key] = bench, Store(study, bench, folder)
+            evaluator = StudyEvaluator(study)
+            _opened[key] = evaluator, Store(study, evaluator, folder)
         return _opened[key]

@@ -52,7 +52,7 @@ class DesignPoints:
 
 
 @dataclass(frozen=True)
-class Lanes:
+class RunParameters:
     """What one model holds in a series of runs, one row each.
 
     Attributes:
@@ -180,7 +180,9 @@ def _nominal_and_edges(
     return values
 
 
-def lanes(spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]) -> Lanes:
+def run_parameters(
+    spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]
+) -> RunParameters:
     """Return what a model holds at given points of a design.
 
     Args:
@@ -205,24 +207,24 @@ def lanes(spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"],
             varied[factor.parameter] = values[:, column]
     for name, changed in settled(spec.vehicle, spec.values, varied).items():
         parameters[:, names.index(name)] = changed
-    return Lanes(parameters, process, measurement)
+    return RunParameters(parameters, process, measurement)
 
 
-def scale_noise(held: Lanes, belief: ModelSpec, factors: Mapping[str, float]) -> Lanes:
+def scale_noise(believed: RunParameters, belief: ModelSpec, factors: Mapping[str, float]) -> RunParameters:
     """Return what one estimator believes after tuning: variances multiplied by the factor of their group.
 
     Args:
-        held: What the belief holds.
+        believed: What the belief holds.
         belief: The belief; its unknown inputs are a group of their own.
         factors: By ``NOISE_GROUPS``; a group that is absent stays as it is.
     """
     if not factors:
-        return held
+        return believed
     groups = ["unknown_inputs" if s in belief.unknown_inputs else "process" for s in belief.model().states]
-    return Lanes(
-        held.values,
-        held.process_noise * np.array([factors.get(group, 1.0) for group in groups]),
-        held.measurement_noise * factors.get("measurement", 1.0),
+    return RunParameters(
+        believed.values,
+        believed.process_noise * np.array([factors.get(group, 1.0) for group in groups]),
+        believed.measurement_noise * factors.get("measurement", 1.0),
     )
 
 

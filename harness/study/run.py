@@ -32,7 +32,8 @@ from rich.text import Text
 from harness.config import Study
 from harness.study.checksums import described
 from harness.study.design import Unit, units
-from harness.study.evaluate import Bench
+from harness.study.evaluate import StudyEvaluator
+from harness.study.histories import histories
 from harness.study.store import Store
 
 if TYPE_CHECKING:
@@ -81,8 +82,8 @@ def run_study(
     started = datetime.now(UTC)
     begin = time.perf_counter()
     with console.status("building models and drives"):
-        bench = Bench(study)
-        store = Store(study, bench, out, mend=True)
+        evaluator = StudyEvaluator(study)
+        store = Store(study, evaluator, out, mend=True)
     if store.mended:
         console.print(
             Text(f"{store.path}: {described(store.mended)}; what is lost is computed again", style="yellow"),
@@ -94,9 +95,9 @@ def run_study(
     if left < total:
         console.print(f"{total - left} of {total} runs are in {store.path} already")
     if todo:
-        _warm_up(bench, console)
+        _warm_up(evaluator, console)
         compiled = time.perf_counter()
-        workers = _evaluate(bench, store, todo, total, jobs or joblib.cpu_count(), console, client)
+        workers = _evaluate(evaluator, store, todo, total, jobs or joblib.cpu_count(), console, client)
         seconds = time.perf_counter() - compiled
         record = {
             "started": started.isoformat(timespec="seconds"),
@@ -111,23 +112,29 @@ def run_study(
             record["peak_memory_mib"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
         (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n")
     if todo or not store.has_histories:
-        store.write_histories(bench.histories())
+        store.write_histories(histories(evaluator))
     return out
 
 
-def _warm_up(bench: Bench, console: Console) -> None:
+def _warm_up(evaluator: StudyEvaluator, console: Console) -> None:
     with console.status("compiling kernels (only the first start takes long)") as status:
-        for i in range(bench.kernels):
-            status.update(f"compiled {bench.warm_up(i)}; {bench.kernels - 1 - i} to go")
+        for i in range(evaluator.kernels):
+            status.update(f"compiled {evaluator.warm_up(i)}; {evaluator.kernels - 1 - i} to go")
 
 
 def _evaluate(
-    bench: Bench, store: Store, todo: Sequence[Unit], total: int, jobs: int, console: Console, client: Client | None
+    evaluator: StudyEvaluator,
+    store: Store,
+    todo: Sequence[Unit],
+    total: int,
+    jobs: int,
+    console: Console,
+    client: Client | None,
 ) -> int:
     """Evaluate units in threads or on a cluster, show progress, and return how many were at work at a time."""
-    study, left = bench.study, sum(u.runs(bench.study) for u in todo)
+    study, left = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
     if client is None:
-        finished = _in_threads(bench, store, todo, jobs)
+        finished = _in_threads(evaluator, store, todo, jobs)
     else:
         from harness.study import cluster
 
@@ -145,11 +152,11 @@ def _evaluate(
     return jobs
 
 
-def _in_threads(bench: Bench, store: Store, todo: Sequence[Unit], jobs: int) -> Iterator[Unit]:
+def _in_threads(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], jobs: int) -> Iterator[Unit]:
     """Evaluate units in threads; return each when it is in the store."""
 
     def work(unit: Unit) -> Unit:
-        store.write(unit, bench.evaluate(unit))
+        store.write(unit, evaluator.evaluate(unit))
         return unit
 
     parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1)

@@ -27,7 +27,7 @@ from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.checksums import HISTORY, Fault
 from harness.study.design import Unit, points, samples_per_unit
-from harness.study.evaluate import Bench
+from harness.study.evaluate import StudyEvaluator
 from harness.study.provenance import code_state, commit, processor
 from harness.study.scores import MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
 
@@ -39,7 +39,7 @@ class Store:
 
     Args:
         study: The study.
-        bench: Its compiled models (for the dimensions of state and output).
+        evaluator: Its compiled models (for the dimensions of state and output).
         folder: Result folder; created if need be.
         mend: Whether to look for files that are missing or damaged, and to forget the units that they belong to. Not
             while others write.
@@ -51,7 +51,7 @@ class Store:
         UserError: If the folder holds another study's result, or this study's computed by other code.
     """
 
-    def __init__(self, study: Study, bench: Bench, folder: Path, mend: bool = False) -> None:
+    def __init__(self, study: Study, evaluator: StudyEvaluator, folder: Path, mend: bool = False) -> None:
         self.study, self.folder, self.path = study, folder, folder / STORE
         self._attributes = _root_attributes(study)
         self.mended: list[Fault] = []
@@ -59,13 +59,13 @@ class Store:
             self._check_same_study()
             self._renew_words()
             if mend:
-                self._mend(bench)
+                self._mend(evaluator)
         else:
             try:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
-            self._create(bench, self.path)
+            self._create(evaluator, self.path)
         groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
         self._arrays: list[dict[str, Any]] = [dict(group.arrays()) for group in groups]
         sums: Any = zarr.open_group(str(self.path), path=checksums.GROUP, mode="r+")
@@ -101,7 +101,7 @@ class Store:
             history.to_zarr(self.path, group=name, mode="w", consolidated=False, zarr_format=3)
         group.attrs.update({"files": checksums.of_files(self.path, HISTORY), "runs": len(histories)})
 
-    def _mend(self, bench: Bench) -> None:
+    def _mend(self, evaluator: StudyEvaluator) -> None:
         """Put back what an empty store has, and make the units pending that have lost something else."""
         self.mended = checksums.faults(self.path)
         if not self.mended:
@@ -109,7 +109,7 @@ class Store:
         empty = self.folder / (STORE + ".empty")
         shutil.rmtree(empty, ignore_errors=True)
         try:
-            self._create(bench, empty)
+            self._create(evaluator, empty)
             for file in (p for p in empty.rglob("*") if p.is_file() and p.parent != empty):
                 there = self.path / file.relative_to(empty)
                 if checksums.digest(there) != checksums.digest(file):
@@ -118,7 +118,7 @@ class Store:
             shutil.rmtree(empty)
             lost = checksums.faults(self.path)
             for unit in dict.fromkeys(fault.unit for fault in lost if fault.unit is not None):
-                self._forget(bench, unit)
+                self._forget(evaluator, unit)
             if any(fault.unit is None for fault in lost):
                 shutil.rmtree(self.path / HISTORY, ignore_errors=True)
         except OSError as error:
@@ -126,11 +126,12 @@ class Store:
                 f"{self.path}: {checksums.described(self.mended)}, and it cannot be mended: {error.strerror or error}"
             ) from error
 
-    def _forget(self, bench: Bench, place: checksums.Place) -> None:
+    def _forget(self, evaluator: StudyEvaluator, place: checksums.Place) -> None:
         """Delete the chunks of a unit, that of the status first."""
-        dims = dict(zarr.open_group(str(self.path), path=checksums.GROUP, mode="r")[place[0]].attrs["arrays"])
+        sums: Any = zarr.open_group(str(self.path), path=checksums.GROUP, mode="r")
+        dims = dict(sums[place[0]].attrs["arrays"])
         names = [d.name for d in self.study.designs]
-        if bench.windows(names.index(place[0]), place[3]) is None:
+        if evaluator.windows.count(names.index(place[0]), place[3]) is None:
             dims.pop(OVER_TIME, None)  # another drive's
         files = checksums.chunk_files(dims, place)
         for name in sorted(files, key=lambda name: name != STATUS):
@@ -160,7 +161,7 @@ class Store:
         if words:
             zarr.open_group(str(self.path), mode="r+").attrs.update(words)
 
-    def _create(self, bench: Bench, path: Path) -> None:
+    def _create(self, evaluator: StudyEvaluator, path: Path) -> None:
         # A half-created store would look like a whole one, so it is made elsewhere and moved into place.
         temporary = path.with_name(path.name + ".new")
         if temporary.exists():
@@ -168,7 +169,7 @@ class Store:
         root = zarr.open_group(str(temporary), mode="w", zarr_format=3)
         root.attrs.update(self._attributes)
         for design in self.study.designs:
-            dataset = _empty(self.study, design, bench)
+            dataset = _empty(self.study, design, evaluator)
             scores = {name: array for name, array in dataset.data_vars.items() if array.ndim > 2}
             encoding = {
                 name: {"chunks": _chunks(design, array), "fill_value": PENDING if name == STATUS else np.nan}
@@ -189,7 +190,7 @@ def _chunks(design: DesignSpec, array: xr.DataArray) -> tuple[int, ...]:
     return tuple(min(own.get(str(dim), size), size) for dim, size in array.sizes.items())
 
 
-def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
+def _empty(study: Study, design: DesignSpec, evaluator: StudyEvaluator) -> xr.Dataset:
     """Return a design's dataset with every score pending."""
     table = points(study, design)
     sizes = (design.bands, design.samples, len(study.drives), design.repeats, len(study.estimators))
@@ -207,7 +208,8 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         unit = "s" if name == "time_of_divergence" else "1"
         variables[name] = (dims, np.full(sizes, np.nan), {"long_name": MEANINGS[name], "units": unit})
     status = np.full(sizes, PENDING, dtype=np.int8)
-    kept = [w for d in range(len(study.drives)) if (w := bench.windows(study.designs.index(design), d)) is not None]
+    index, drives = study.designs.index(design), range(len(study.drives))
+    kept = [w for d in drives if (w := evaluator.windows.count(index, d)) is not None]
     if kept:
         without_drive = (*sizes[:2], *sizes[3:], len(targets), kept[0])
         variables[OVER_TIME] = (
@@ -239,12 +241,12 @@ def _empty(study: Study, design: DesignSpec, bench: Bench) -> xr.Dataset:
         "target": _text(targets),
         "band_label": ("band", _text(table.band_labels)),
         "target_unit": ("target", _text([SIGNALS[t].unit for t in targets])),
-        "duration": ("drive", [float(r.profile.time[-1]) for r in bench.roads], {"units": "s"}),
+        "duration": ("drive", [float(d.profile.time[-1]) for d in evaluator.compiled.drives], {"units": "s"}),
     }
     attributes = {
         "factors": json.dumps(factors),
-        "state_dimension": bench.belief.nx,
-        "output_dimension": bench.belief.ny,
+        "state_dimension": evaluator.compiled.belief.nx,
+        "output_dimension": evaluator.compiled.belief.ny,
         "sampling": design.sampling,
         "base_samples": design.base_samples,
         "samples": design.samples,

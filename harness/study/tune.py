@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from harness.common.errors import UserError
+from harness.common.files import toml_text, write_files
 from harness.config import NOISE_GROUPS, DesignSpec, Study
 from harness.engine.simd.lanes import LANES
-from harness.study.design import Lanes, Unit, scale_noise
-from harness.study.evaluate import Bench, Case
+from harness.study.design import RunParameters, Unit, scale_noise
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 
 DECADES = 2.0
 """Factors are searched between 10 to the power of minus and plus this."""
@@ -68,22 +70,22 @@ def tune(
         raise UserError(f"a budget of {budget} candidates is too small to search three factors; give {2 * population}")
     nominal = DesignSpec("tuning", (), repeats=repeats)
     bare = tuple(dataclasses.replace(e, noise={}) for e in study.estimators)
-    bench = Bench(dataclasses.replace(study, designs=(nominal,), history=(), estimators=bare))
-    if not any(e.has_covariance for e in bench.estimators):
+    evaluator = StudyEvaluator(dataclasses.replace(study, designs=(nominal,), history=(), estimators=bare))
+    if not any(e.has_covariance for e in evaluator.compiled.estimators):
         raise UserError(f"{study.path}: no estimator of this study states a likelihood, so there is nothing to tune")
     runs = [
-        (drive, bench.simulate(Unit(0, 0, drive, 0, 1), [Case(0, _TRAINING_REPEAT + r)]))
+        (drive, evaluator.simulate(Unit(0, 0, drive, 0, 1), [Case(0, _TRAINING_REPEAT + r)]))
         for drive in range(len(study.drives))
         for r in range(repeats)
     ]
     found = {}
     for index, spec in enumerate(study.estimators):
-        if not bench.estimators[index].has_covariance:
+        if not evaluator.compiled.estimators[index].has_covariance:
             continue
         progress(spec.name)
 
         def loss(exponents: Floats, index: int = index) -> Floats:
-            return np.array(_losses(bench, index, runs, np.atleast_2d(exponents.T)))
+            return np.array(_losses(evaluator, index, runs, np.atleast_2d(exponents.T)))
 
         before = -float(loss(np.zeros((len(NOISE_GROUPS), 1)))[0])
         answer = optimize.differential_evolution(
@@ -103,7 +105,7 @@ def tune(
     return found
 
 
-def _losses(bench: Bench, index: int, runs: list[tuple[int, Any]], exponents: Floats) -> list[float]:
+def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], exponents: Floats) -> list[float]:
     """Return minus the log-likelihood of each candidate ``(candidates, groups)``; a diverged one is worst."""
     total = np.zeros(len(exponents))
     for start in range(0, len(exponents), LANES):
@@ -111,36 +113,36 @@ def _losses(bench: Bench, index: int, runs: list[tuple[int, Any]], exponents: Fl
         filled = np.vstack([group, np.repeat(group[-1:], LANES - len(group), axis=0)])
         for drive, batch in runs:
             unit, case = Unit(0, 0, drive, 0, 1), [Case(0, 0)]
-            held = bench.held(unit, case, "belief")
-            rows = [
-                scale_noise(held, bench.study.belief, dict(zip(NOISE_GROUPS, 10.0**row, strict=True))) for row in filled
-            ]
-            candidates = Lanes(
-                held.values,
+            believed, spec = evaluator.parameters(unit, case, "belief"), evaluator.study.belief
+            rows = [scale_noise(believed, spec, dict(zip(NOISE_GROUPS, 10.0**row, strict=True))) for row in filled]
+            candidates = RunParameters(
+                believed.values,
                 np.stack([r.process_noise[k] for k, r in enumerate(rows)]),
                 np.stack([r.measurement_noise[k] for k, r in enumerate(rows)]),
             )
-            scores = bench.estimate(index, unit, case, batch, candidates)
+            scores = evaluator.estimate(index, unit, case, batch, candidates)
             lost = ~np.isfinite(scores.log_likelihood) | (scores.diverged_at < len(batch.truth))
             total[start : start + len(group)] -= np.where(lost, -1e12, scores.log_likelihood)[: len(group)]
     return [float(t) for t in total]
 
 
 def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dict[str, Tuning]) -> None:
-    """Write what was found, with how, as a file that a study names by ``tuning``."""
-    lines = [
-        f"# Written by: harness tune {study.path.name} --budget {budget} --repeats {repeats}",
-        'rule = "largest likelihood of the innovations on the training drives"',
-        f"drives = [{', '.join(repr(d.name).replace(chr(39), chr(34)) for d in study.drives)}]",
-        f"budget = {budget}",
-        f"repeats = {repeats}",
-        f"seed = {study.seed}",
-    ]
-    for name, tuning in found.items():
-        lines += ["", f'[estimator."{name}"]', f"# log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after"]
-        lines += [f"{group} = {tuning.factors[group]!r}" for group in NOISE_GROUPS]
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n".join(lines) + "\n")
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror}") from error
+    """Write what was found, with how, as a file that a study names by ``tuning``.
+
+    Raises:
+        UserError: If it cannot be written.
+    """
+    content = {
+        "rule": "largest likelihood of the innovations on the training drives",
+        "drives": [d.name for d in study.drives],
+        "budget": budget,
+        "repeats": repeats,
+        "seed": study.seed,
+        "estimator": {name: {g: tuning.factors[g] for g in NOISE_GROUPS} for name, tuning in found.items()},
+    }
+    heading = f"Written by: harness tune {study.path.name} --budget {budget} --repeats {repeats}"
+    gains = {
+        ("estimator", name): f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after"
+        for name, tuning in found.items()
+    }
+    write_files(path.parent, {path.name: toml_text(content, heading, gains)})

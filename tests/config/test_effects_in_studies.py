@@ -130,7 +130,8 @@ def test_a_set_that_belongs_to_another_tyre_or_vehicle_is_refused(found):
 
 def test_a_model_written_as_a_parameter_file_is_that_model_again(tmp_path):
     spec = plant(["kingpin_friction"], kingpin_friction="5 kN*m", kingpin_friction_rate=0.01, trailer_mass="20 t")
-    (tmp_path / "own.toml").write_text(set_text(spec, "a test", {"kingpin_friction": "  # N*m"}))
+    (tmp_path / "own.toml").write_text(set_text(spec, "a test", {"kingpin_friction": "N*m +- 3"}))
+    assert "kingpin_friction = 5000.0 # N*m +- 3\n" in (tmp_path / "own.toml").read_text()
     table = {"vehicle": "semitrailer", "parameters": str(tmp_path / "own.toml")}
     again = resolve_single({**table, "sensors": "test_vehicle"}, "test")
     assert (again.tyre, again.effects, again.values) == (spec.tyre, spec.effects, spec.values)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from harness.common import registry
-from harness.config import load_study, study_schema, write_schema
+from harness.config import build_study, load_study, study_schema, write_schema
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,6 +20,9 @@ def test_studies_of_the_project_load(path):
     study = load_study(path)
     assert study.name == path.stem
     assert study.title.endswith("?")
+    built = build_study(tomllib.loads(study.text), path)
+    assert (built.hash, built.plant, built.designs) == (study.hash, study.plant, study.designs)
+    assert build_study(tomllib.loads(built.text), path).hash == study.hash
 
 
 def test_mass_study_is_that_of_the_thesis():

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from harness.common import registry
 from harness.common.errors import UserError
+from harness.config import StudyFile, build_study
 from support.small_study import STUDY
 
 SET = registry.load("harness.models.parameters", "ziaukas_2023")
@@ -305,3 +308,39 @@ def test_effects_are_neutral_unless_stated_and_the_belief_may_lack_them(load, tm
     assert "push" not in missing.belief.model().parameter_names
     with pytest.raises(UserError, match=r"plant\.effects\[1\]: effect 'test_push' is named twice"):
         load(('sensors = "series"', 'sensors = "series"\neffects = ["test_push", "test_push"]'))
+
+
+def test_a_study_built_in_python_is_the_one_of_its_file(load):
+    from_file = load()
+    content = tomllib.loads(STUDY)
+    built = build_study(content, from_file.path)
+    assert dataclasses.replace(built, text="") == dataclasses.replace(from_file, text="")
+    assert load(text=built.text).hash == from_file.hash
+    assert build_study(StudyFile.model_validate(content)).text == built.text
+    assert content == tomllib.loads(STUDY)
+
+
+def test_a_study_built_in_python_takes_numbers_of_numpy_and_says_only_what_was_stated():
+    content = tomllib.loads(STUDY)
+    content["design"][0]["factor"][0]["levels"] = list(np.linspace(8e3, 32e3, 3))
+    built = build_study(content)
+    assert built.designs[0].factors[0].levels == (8e3, 20e3, 32e3)
+    assert "levels = [8000.0, 20000.0, 32000.0]" in built.text
+    assert "limits" not in built.text
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sed": 1}, "my study: sed: unknown key 'sed'; closest: seed"),
+        ({"targets": ["speeed"]}, r"my study: targets\[0\]: .*'speeed'"),
+        ({"drive": [{"name": "a", "kind": "sine", "speed": object()}]}, "my study: holds what no study file can hold"),
+    ],
+)
+def test_a_study_built_in_python_is_refused_like_a_file(change, message):
+    with pytest.raises(UserError, match=message):
+        build_study(tomllib.loads(STUDY) | change, "my study")
+
+
+def test_a_study_may_begin_with_a_byte_order_mark(load):
+    assert load(text="\ufeff" + STUDY).hash == load().hash

@@ -84,7 +84,7 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
     passing = candidate("payload_shift", 9700.0, 0.06, 6000.0)
     with_it = with_further(found, decide((passing,), delay.held_out, room=1))
     assert with_it.added is delay
-    assert with_it.reason == "passes all three judges together with payload shift"
+    assert with_it.reason == "meets all three criteria together with payload shift"
     assert decide((many, delay), before, room=1).hopeful is None  # no room for a further one
     assert decide((passing,), delay.held_out, room=0).added is None
     for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
@@ -252,10 +252,10 @@ def test_the_answer_tells_what_becomes_of_the_error():
         excesses = (np.array([before]), np.array([after]))
         return gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in excesses))
 
-    assert said(4.0, 1.0) == " The held-out error beyond the noise of the sensors falls by 50 %."
-    assert said(4.0, 4.0) == said(0.0, 0.0) == " The held-out error does not fall."
-    assert said(np.inf, 4.0).endswith("left the range in which it holds on the held-out drives; it no longer does.")
-    assert said(np.inf, np.inf).endswith("; it still does.")
+    assert said(4.0, 1.0) == " The simulation error on the held-out drives, beyond the sensor noise, falls by 50 %."
+    assert said(4.0, 4.0) == said(0.0, 0.0) == " The simulation error on the held-out drives does not fall."
+    assert said(np.inf, 4.0).endswith("leaves the model's range; that of the final model stays within it.")
+    assert said(np.inf, np.inf).endswith("; that of the final model does so too.")
 
 
 def test_a_model_that_left_its_range_makes_nothing_little():

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.config import load_study, read_study, resolve_single
+from harness.config import resolve_single
 from harness.config.parameter_set import set_text
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.result import study_gain as stage
@@ -97,12 +96,6 @@ def test_a_study_of_another_vehicle_or_tyre_is_refused(what, value, models):
     with pytest.raises(UserError, match=f"plant.{what} is '.*', that of the traced model '{value}'"):
         stage.refuse_study(MASS, dataclasses.replace(models["nominal"], **{what: value}))
     stage.refuse_study(MASS, models["nominal"])
-
-
-def test_a_study_file_survives_being_written_again():
-    content = tomllib.loads(MASS.read_text())
-    assert tomllib.loads(stage._toml(content)) == content
-    assert read_study(stage._toml(content), MASS).hash == load_study(MASS).hash
 
 
 @pytest.fixture

@@ -150,7 +150,7 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole)
     assert found(many, mass=1.75, yaw_inertia=0.57) == []
     wrong = {"mass": 1.1, "yaw_inertia": 0.5, "cog_to_front_axle": 2.5}
     assert found(many, **wrong) == [
-        "stated values would be wrong by factors that nobody believes: CoG to front axle 2.5, yaw inertia 0.5"
+        "stated values would be wrong by implausible factors: CoG to front axle 2.5, yaw inertia 0.5"
     ]
     mass = next(h for h in hypotheses(whole, FREE) if h.name == "mass")
     assert found(mass, mass=2.5) == []
@@ -285,7 +285,7 @@ def test_a_drive_that_is_too_calm_says_what_to_drive(tmp_path):
     result = traced(tmp_path, calm)
     assert result.exit_code == 2
     assert "drive_1.csv: for 95 % of the time the lateral acceleration" in " ".join(result.output.split())
-    assert "too calm to decide what is missing; drive quick steering" in " ".join(result.output.split())
+    assert "too little excitation to identify what is missing; drive quick steering" in " ".join(result.output.split())
 
 
 def test_a_wrong_sign_and_spikes_are_reported_with_the_evidence(tmp_path):

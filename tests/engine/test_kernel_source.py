@@ -220,7 +220,7 @@ def test_renaming_modules_changes_nothing_but_import_statements(tmp_path):
     assert not any(re.search(r"^from harness\.lanes import", p.read_text(), re.MULTILINE) for p in copy.rglob("*.py"))
 
     def run(root, script):
-        path = tmp_path / f"{root.name}.py"
+        path = tmp_path / f"run_{root.name}.py"
         path.write_text(script)
         environment = {"PYTHONPATH": str(root), "HARNESS_CACHE": str(tmp_path / "cache"), "PATH": "/usr/bin:/bin"}
         done = subprocess.run(

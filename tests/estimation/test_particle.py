@@ -14,7 +14,7 @@ from harness.engine.simd.random import generator_words
 from harness.estimation.contract import Estimator
 from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
-from harness.study.evaluate import Bench, Case
+from harness.study.run_noise import Case, RunNoise
 from support.linear_filter import P0, STEP, Q, R, drive_linear, textbook
 from support.small_vehicles import linear
 
@@ -141,10 +141,9 @@ def test_a_run_draws_the_same_alone_or_in_a_batch(compiled):
 
 
 def test_seeds_tell_runs_repeats_and_estimators_apart():
-    bench = object.__new__(Bench)
-    bench.study = SimpleNamespace(seed=0, designs=[SimpleNamespace(common_noise=False)])
+    noise = RunNoise(SimpleNamespace(seed=0, designs=[SimpleNamespace(common_noise=False)]))
     unit, cases = Unit(0, 1, 2, 0, 2), [Case(0, 0), Case(0, 1), Case(1, 0)]
-    states = lambda *a: [tuple(s.generate_state(2)) for s in bench._seeds(*a)]  # noqa: E731
+    states = lambda *a: [tuple(s.generate_state(2)) for s in noise.seeds(*a)]  # noqa: E731
     one, other = states(unit, cases, "PF"), states(unit, cases, "PF 1000")
     assert len(one) == LANES
     assert len({*one, *other}) == 2 * len(cases)

@@ -156,3 +156,51 @@ def test_wheels_turned_across_are_refused_whatever_the_limit():
     options = {"amplitude": "1500 deg", "speed": 0.5, "lateral_acceleration_limit": 20}
     with pytest.raises(ModelError, match="turns the road wheels to 100 deg"):
         build_drive("step", options, context)
+
+
+# --- the manoeuvres of the NHTSA
+
+
+def manoeuvre(kind: str, **options):
+    return build_drive(kind, options | {"rounding": 0.01, "lateral_acceleration_limit": 200}, DriveContext(2.58, 16.0))
+
+
+def test_sine_with_dwell_as_prescribed():
+    profile = manoeuvre("sine_with_dwell", lead_in=1.0, amplitude="270 deg")
+    angle = np.degrees(profile.steering_wheel_angle)
+    period = 1 / 0.7
+    quarter, dwelling = (
+        100 + round(25 * period),
+        (profile.time > 1.02 + 0.75 * period) & (profile.time < 1 + 0.75 * period + 0.5),
+    )
+    assert angle.max() == pytest.approx(270, rel=1e-3)
+    assert angle.argmax() == pytest.approx(quarter, abs=1)
+    assert angle[dwelling] == pytest.approx(-270, rel=1e-6)
+    assert np.abs(angle[profile.time > 1.02 + period + 0.5]).max() == pytest.approx(0, abs=1e-9)
+    assert profile.speed == pytest.approx(80 / 3.6)
+
+
+def test_fishhook_as_prescribed():
+    profile = manoeuvre("fishhook", lead_in=1.0, amplitude="240 deg")
+    angle, time = np.degrees(profile.steering_wheel_angle), profile.time
+    rate = np.diff(angle) / 0.01
+    assert angle.max() == pytest.approx(240)
+    assert np.abs(rate).max() == pytest.approx(720, rel=1e-6)
+    assert (angle > 239.9).sum() * 0.01 == pytest.approx(0.25, abs=0.03)
+    assert angle[(time > 2.3) & (time < 5.2)] == pytest.approx(-240)
+    assert np.abs(angle[time > 7.4]).max() < 1e-9
+    assert profile.speed == pytest.approx(25.0)
+
+
+def test_j_turn_as_prescribed():
+    profile = manoeuvre("j_turn", lead_in=1.0, amplitude="-200 deg")
+    angle, time = np.degrees(profile.steering_wheel_angle), profile.time
+    assert (np.diff(angle) / 0.01).min() == pytest.approx(-1000, rel=1e-6)
+    assert angle[(time > 1.25) & (time < 5.1)] == pytest.approx(-200)
+    assert np.abs(angle[time > 7.3]).max() < 1e-9
+    assert profile.speed == pytest.approx(80 / 3.6)
+
+
+def test_an_amplitude_of_zero_goes_straight():
+    for kind in ("sine_with_dwell", "fishhook", "j_turn"):
+        assert not manoeuvre(kind, amplitude=0.0).steering_wheel_angle.any()

@@ -11,7 +11,7 @@ from SALib.util import scale_samples
 from scipy.stats import qmc
 
 from harness.config import load_study
-from harness.study.design import Unit, lanes, points, samples_per_unit, unit_box, units
+from harness.study.design import Unit, points, run_parameters, samples_per_unit, unit_box, units
 from support.small_study import EKF, SEMITRAILER
 
 STUDY = f"""\
@@ -137,7 +137,7 @@ def test_points_do_not_depend_on_estimators_or_seed(study, tmp_path):
 def test_nominal_design_has_one_point_without_factors(study):
     found = points(study, study.design("nominal"))
     assert found.values.shape == (1, 1, 0)
-    held = lanes(study.plant, study.design("nominal"), "plant", found.values[0])
+    held = run_parameters(study.plant, study.design("nominal"), "plant", found.values[0])
     np.testing.assert_array_equal(held.values[0], list(study.plant.values.values()))
 
 
@@ -156,8 +156,8 @@ def test_lanes_replace_values_and_scale_noise_on_the_side_that_varies(study):
         "friction",
         "belief.trailer_mass",
     )
-    plant = lanes(study.plant, design, "plant", found.values[1])
-    belief = lanes(study.belief, design, "belief", found.values[1])
+    plant = run_parameters(study.plant, design, "plant", found.values[1])
+    belief = run_parameters(study.belief, design, "belief", found.values[1])
 
     def of(spec, held, name):
         return held.values[0, spec.model().parameter_names.index(name)]

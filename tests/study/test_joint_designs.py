@@ -9,9 +9,10 @@ import zarr
 
 from harness.common.errors import UserError
 from harness.config import load_study
-from harness.study.design import Unit, lanes, points, saltelli_points
-from harness.study.evaluate import Bench, Case
+from harness.study.design import Unit, points, run_parameters, saltelli_points
+from harness.study.evaluate import StudyEvaluator
 from harness.study.run import run_study
+from harness.study.run_noise import Case
 from harness.study.scores import OVER_TIME
 from harness.study.store import STORE
 from support.joint_study import HEAD, JOINT, LIMITS, NESTED, OVER
@@ -74,7 +75,7 @@ def test_mass_cog_and_inertia_follow_from_the_load(load):
     study = load(LOAD)
     design = study.designs[0]
     values = points(study, design).values[0]
-    held = lanes(study.plant, design, "plant", values)
+    held = run_parameters(study.plant, design, "plant", values)
     names = study.plant.model().parameter_names
     mass, cog, scale = (
         held.values[:, names.index(n)] for n in ("trailer_mass", "trailer_cog_from_rear", "trailer_inertia_scale")
@@ -85,9 +86,11 @@ def test_mass_cog_and_inertia_follow_from_the_load(load):
     forward = values[:, 1] > 6.2
     assert np.corrcoef(mass[forward], cog[forward])[0, 1] > 0.3
     nominal = {f.parameter: f.nominal for f in design.factors}
-    stated = lanes(study.plant, design, "plant", np.array([[nominal["payload_mass"], nominal["payload_from_rear"]]]))
+    stated = run_parameters(
+        study.plant, design, "plant", np.array([[nominal["payload_mass"], nominal["payload_from_rear"]]])
+    )
     np.testing.assert_allclose(stated.values[0], [study.plant.values[n] for n in names], rtol=1e-12)
-    believed = lanes(study.belief, design, "belief", values)
+    believed = run_parameters(study.belief, design, "belief", values)
     assert (np.ptp(believed.values, axis=0) == 0.0).all()
 
 
@@ -154,18 +157,18 @@ def joint(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.study.provenance.engine_hash", lambda study: "this one")
         run_study(study, folder / "out", jobs=2)
-        yield study, Bench(study), folder / "out"
+        yield study, StudyEvaluator(study), folder / "out"
 
 
 def test_all_points_share_the_noise_of_a_drive(joint):
-    _, bench, _ = joint
+    _, evaluator, _ = joint
     unit = Unit(0, 0, 0, 0, 3)
-    batch = bench.simulate(unit, [Case(s, 0) for s in range(3)])
-    noise = [batch.measurements[:, 0, lane] - batch.truth[:, bench.plant.signal_names.index("yaw_rate_trailer"), lane]
-             for lane in range(3)]  # fmt: skip
+    batch = evaluator.simulate(unit, [Case(s, 0) for s in range(3)])
+    place = evaluator.compiled.plant.signal_names.index("yaw_rate_trailer")
+    noise = [batch.measurements[:, 0, lane] - batch.truth[:, place, lane] for lane in range(3)]
     np.testing.assert_allclose(noise[0], noise[1], atol=1e-12)
     np.testing.assert_allclose(noise[0], noise[2], atol=1e-12)
-    other = bench.simulate(Unit(0, 0, 1, 0, 1), [Case(0, 0)])
+    other = evaluator.simulate(Unit(0, 0, 1, 0, 1), [Case(0, 0)])
     assert np.abs(other.measurements - batch.measurements).max() > 1e-3
 
 
@@ -186,7 +189,7 @@ def test_new_limits_and_title_reach_the_store_without_a_new_run(joint, monkeypat
     path.write_text(path.read_text().replace("title = ", 'title = "Renamed. " #') + LIMITS)
     renewed = load_study(path)
     assert renewed.hash == study.hash
-    monkeypatch.setattr(Bench, "evaluate", lambda self, unit: pytest.fail("a finished run was repeated"))
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: pytest.fail("a finished run was repeated"))
     run_study(renewed, folder, jobs=1)
     attributes = zarr.open_group(str(folder / STORE), mode="r").attrs
     assert attributes["title"] == "Renamed. "

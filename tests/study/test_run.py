@@ -15,11 +15,13 @@ from harness.common.errors import UserError
 from harness.config import load_study
 from harness.reporting.document import Sheet
 from harness.study.design import Unit, units
-from harness.study.evaluate import Bench, Case
+from harness.study.evaluate import StudyEvaluator
+from harness.study.histories import histories
 from harness.study.report.analysis import Analysis
 from harness.study.report.sections import made
 from harness.study.results import read
 from harness.study.run import run_study
+from harness.study.run_noise import Case
 from harness.study.scores import (
     ESTIMATOR_DIVERGED,
     OK,
@@ -45,8 +47,8 @@ def study(study_file):
 
 
 @pytest.fixture(scope="module")
-def bench(study):
-    return Bench(study)
+def evaluator(study):
+    return StudyEvaluator(study)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -93,7 +95,7 @@ def test_two_workers_write_the_same_bits(study, finished, tmp_path):
 
 
 def test_an_interrupted_run_is_continued_to_the_same_bits(study, finished, tmp_path, monkeypatch):
-    real, seen = Bench.evaluate, []
+    real, seen = StudyEvaluator.evaluate, []
 
     def interrupted(self, unit):
         if len(seen) == 3:
@@ -101,7 +103,7 @@ def test_an_interrupted_run_is_continued_to_the_same_bits(study, finished, tmp_p
         seen.append(unit)
         return real(self, unit)
 
-    monkeypatch.setattr(Bench, "evaluate", interrupted)
+    monkeypatch.setattr(StudyEvaluator, "evaluate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_study(study, tmp_path / "cut", jobs=1)
     level = xr.open_zarr(tmp_path / "cut" / STORE, group="level", consolidated=False)
@@ -109,14 +111,14 @@ def test_an_interrupted_run_is_continued_to_the_same_bits(study, finished, tmp_p
     assert (level.status == OK).any()
     done_before = list(seen)
     seen.clear()
-    monkeypatch.setattr(Bench, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
     run_study(study, tmp_path / "cut", jobs=2)
     assert bits(tmp_path / "cut") == bits(finished)
     assert not set(seen) & set(done_before)
 
 
 def test_a_finished_study_computes_nothing_again(study, finished, monkeypatch):
-    monkeypatch.setattr(Bench, "evaluate", lambda *_: pytest.fail("evaluated again"))
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda *_: pytest.fail("evaluated again"))
     before = bits(finished)
     run_study(study, finished, jobs=1)
     assert bits(finished) == before
@@ -138,7 +140,7 @@ DAMAGES = {
     "band/status/c/0/0/1/0/0": (_overwrite, "is damaged", 1),
     "checksums/level/c/0/0/0/0": (Path.unlink, "is missing", 1),
     "checksums/band/c/0/0/0/0": (lambda file: file.write_bytes(b"x"), "is damaged", 1),
-    "level/bias": (shutil.rmtree, "level/bias/zarr.json is missing, 4 more", 4),
+    "level/bias": (shutil.rmtree, "level/bias/zarr.json is missing (and 4 more)", 4),
     "band": (shutil.rmtree, "is missing", 2),
     "checksums": (shutil.rmtree, "checksums/level is missing", 6),
     "band/rmse/zarr.json": (Path.unlink, "is missing", 0),
@@ -170,8 +172,8 @@ def test_a_store_that_has_lost_something_is_refused_in_one_line(copy, place):
 def test_what_is_lost_is_computed_again_and_nothing_else(study, finished, copy, monkeypatch, places):
     for place in places:
         DAMAGES[place][0](copy / STORE / place)
-    real, seen, console = Bench.evaluate, [], Console(file=io.StringIO(), width=400)
-    monkeypatch.setattr(Bench, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
+    real, seen, console = StudyEvaluator.evaluate, [], Console(file=io.StringIO(), width=400)
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
     run_study(study, copy, jobs=1, console=console)
     assert len(seen) == sum(DAMAGES[place][2] for place in places)
     assert "; what is lost is computed again" in console.file.getvalue()
@@ -218,19 +220,20 @@ def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
         run_study(study, finished, jobs=1)
 
 
-def test_levels_share_their_noise_and_runs_do_not(bench, study):
+def test_levels_share_their_noise_and_runs_do_not(evaluator, study):
     cases = [Case(0, r) for r in range(study.designs[0].repeats)]
-    light = bench.simulate(Unit(0, 0, 0, 0, 1), cases)
-    heavy = bench.simulate(Unit(0, 1, 0, 0, 1), cases)
-    light_noise = light.measurements[:, 0] - light.truth[:, bench.plant.signal_names.index("yaw_rate_trailer")]
-    heavy_noise = heavy.measurements[:, 0] - heavy.truth[:, bench.plant.signal_names.index("yaw_rate_trailer")]
+    place = evaluator.compiled.plant.signal_names.index("yaw_rate_trailer")
+    light = evaluator.simulate(Unit(0, 0, 0, 0, 1), cases)
+    heavy = evaluator.simulate(Unit(0, 1, 0, 0, 1), cases)
+    light_noise = light.measurements[:, 0] - light.truth[:, place]
+    heavy_noise = heavy.measurements[:, 0] - heavy.truth[:, place]
     np.testing.assert_allclose(light_noise, heavy_noise, atol=1e-12)
     assert np.abs(np.corrcoef(light_noise[:, :5].T) - np.eye(5)).max() < 0.1
 
 
-def test_scores_are_what_the_kept_estimates_say(bench, study, finished):
+def test_scores_are_what_the_kept_estimates_say(evaluator, study, finished):
     """RMSE, bias and maximum error of the store, recomputed from the history of the same run."""
-    history = bench.histories()[0]
+    history = histories(evaluator)[0]
     level = xr.open_zarr(finished / STORE, group="level", consolidated=False)
     for target in study.targets:
         error = (history.estimate.sel(target=target, estimator="EKF") - history.truth.sel(target=target)).values[1:]
@@ -240,18 +243,18 @@ def test_scores_are_what_the_kept_estimates_say(bench, study, finished):
         np.testing.assert_allclose(stored.max_error, np.abs(error).max(), rtol=1e-12)
 
 
-def test_each_history_is_stored_with_its_own_signals(study, bench, finished):
+def test_each_history_is_stored_with_its_own_signals(study, evaluator, finished):
     light, matched = (xr.open_zarr(finished / STORE, group=f"history/{i}", consolidated=False) for i in (0, 1))
     assert light.target.values.tolist() == [*study.targets, "steering_wheel_angle"]
     assert matched.target.values.tolist() == [*light.target.values, "yaw_rate_tractor"]
     assert (light.attrs["name"], matched.attrs["name"]) == ("", "as believed")
     drawn = matched.sel(target="yaw_rate_tractor", estimator="EKF")
     assert np.corrcoef(drawn.estimate[500:], drawn.truth[500:])[0, 1] > 0.9
-    missing = Store(study, bench, finished)
+    missing = Store(study, evaluator, finished)
     assert missing.has_histories
     zarr.open_group(finished / STORE, path="history").attrs["runs"] = 1  # as if the writing had been interrupted
     assert not missing.has_histories
-    missing.write_histories(bench.histories())
+    missing.write_histories(histories(evaluator))
     assert missing.has_histories
 
 
@@ -285,14 +288,14 @@ def test_a_plant_that_leaves_its_range_is_a_result_with_a_time(tmp_path):
     path = tmp_path / "wild.toml"
     path.write_text(wild)
     study = load_study(path)
-    bench = Bench(study)
-    result = bench.evaluate(units(study, study.designs[0])[0])
+    evaluator = StudyEvaluator(study)
+    result = evaluator.evaluate(units(study, study.designs[0])[0])
     left = result["status"] != OK
     assert left.any()
     assert set(np.unique(result["status"][left])) <= {ESTIMATOR_DIVERGED, PLANT_DIVERGED}
     assert np.isfinite(result["time_of_divergence"][left]).all()
     assert (result["time_of_divergence"][left] < 20).all()
-    drawn, end = bench.histories()[0], result["time_of_divergence"][0, 0, 0]  # the first run of the unit
+    drawn, end = histories(evaluator)[0], result["time_of_divergence"][0, 0, 0]  # the first run of the unit
     assert left[0, 0, 0]
     assert drawn["estimate"].where(drawn["time"] < end - 1e-9, drop=True).notnull().all()
     assert drawn["estimate"].where(drawn["time"] > end - 1e-9, drop=True).isnull().all()
@@ -331,7 +334,7 @@ def test_a_matched_filter_is_consistent():
     assert bound(runs * 3, 0.025) < np.mean(nees) * runs < bound(runs * 3, 0.975)
 
 
-def test_store_is_refused_where_the_folder_cannot_be_made(study, bench, tmp_path):
+def test_store_is_refused_where_the_folder_cannot_be_made(study, evaluator, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot create"):
-        Store(study, bench, tmp_path / "file" / "deeper")
+        Store(study, evaluator, tmp_path / "file" / "deeper")

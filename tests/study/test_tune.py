@@ -1,6 +1,7 @@
 """Tuning: it finds the noise that was there, treats all estimators alike, and a study takes its result."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 from harness.common.errors import UserError
 from harness.config import load_drives, load_study
 from harness.study.design import Unit, scale_noise
-from harness.study.evaluate import Bench, Case
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 from harness.study.tune import tune, write_tuning
 from support.small_study import EKF, SEMITRAILER
 
@@ -53,24 +55,27 @@ def test_is_reproducible(study, found):
 
 def test_a_study_takes_the_file_and_its_estimator_the_factors(study, found, tmp_path):
     write_tuning(tmp_path / "noise.toml", study, 144, 1, found)
+    written = (tmp_path / "noise.toml").read_text()
+    assert written.startswith("# Written by: harness tune ")
+    assert re.search(r"^\[estimator\.EKF\] # log-likelihood \S+ before, \S+ after$", written, re.MULTILINE)
     path = tmp_path / "tuned.toml"
     path.write_text(STUDY.replace("seed = 4", 'seed = 4\ntuning = "noise.toml"'))
     tuned = load_study(path)
     assert tuned.estimators[0].noise == found["EKF"].factors
     assert "weave" in tuned.tuning
     assert tuned.hash != study.hash
-    bench, unit, case = Bench(tuned), Unit(0, 0, 0, 0, 1), [Case(0, 0)]
-    batch, held = bench.simulate(unit, case, 500), bench.held(unit, case, "belief")
-    by_file = bench.estimate(0, unit, case, batch, held)
+    evaluator, unit, case = StudyEvaluator(tuned), Unit(0, 0, 0, 0, 1), [Case(0, 0)]
+    batch, held = evaluator.simulate(unit, case, 500), evaluator.parameters(unit, case, "belief")
+    by_file = evaluator.estimate(0, unit, case, batch, held)
     plain = dataclasses.replace(tuned.estimators[0], noise={})
-    bare = Bench(dataclasses.replace(tuned, estimators=(plain,)))
+    bare = StudyEvaluator(dataclasses.replace(tuned, estimators=(plain,)))
     by_hand = bare.estimate(0, unit, case, batch, scale_noise(held, tuned.belief, found["EKF"].factors))
     np.testing.assert_array_equal(by_file.log_likelihood, by_hand.log_likelihood)
 
 
 def test_groups_are_scaled_apart(study):
-    bench = Bench(study)
-    held = bench.held(Unit(0, 0, 0, 0, 1), [Case(0, 0)], "belief")
+    evaluator = StudyEvaluator(study)
+    held = evaluator.parameters(Unit(0, 0, 0, 0, 1), [Case(0, 0)], "belief")
     scaled = scale_noise(held, study.belief, {"process": 2.0, "unknown_inputs": 3.0, "measurement": 5.0})
     np.testing.assert_allclose(scaled.process_noise / held.process_noise, [[2.0] * 10 + [3.0]] * len(held.values))
     np.testing.assert_allclose(scaled.measurement_noise, 5 * held.measurement_noise)

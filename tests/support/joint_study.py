@@ -61,10 +61,11 @@ def scores(study):
 
     In the nested boxes the error grows with the mass from 1 deg to 3 deg at the heavy edge.
     """
-    road = SimpleNamespace(profile=SimpleNamespace(time=np.arange(0.0, 20.01, 0.01)))
-    windows = lambda design, drive: WINDOWS if (design, drive) == (0, 0) else None  # noqa: E731
-    bench = SimpleNamespace(belief=SimpleNamespace(nx=11, ny=1), roads=[road, road], windows=windows)
-    joint, nested = (_empty(study, d, bench) for d in study.designs)
+    drive = SimpleNamespace(profile=SimpleNamespace(time=np.arange(0.0, 20.01, 0.01)))
+    windows = SimpleNamespace(count=lambda design, drive: WINDOWS if (design, drive) == (0, 0) else None)
+    compiled = SimpleNamespace(belief=SimpleNamespace(nx=11, ny=1), drives=[drive, drive])
+    evaluator = SimpleNamespace(compiled=compiled, windows=windows)
+    joint, nested = (_empty(study, d, evaluator) for d in study.designs)
     shape = (1, 1, 1, 1, 1)
     mass, friction, _ = (
         (v - v.mean()) / (12**-0.5 * (v.max() - v.min())) for v in points(study, study.designs[0]).values[0].T

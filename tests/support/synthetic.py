@@ -57,36 +57,16 @@ def design(
     """
     rng = np.random.default_rng(seed)
     targets = TARGETS if targets is None else targets
-    shape = (len(levels), samples, len(drives), repeats, len(estimators))
     spread = np.linspace(-band, band, samples) if samples > 1 else np.zeros(1)
     mass = 1000.0 * np.array(levels)[:, None] * (1.0 + spread[None, :])
-    mismatch = np.abs(mass / 1000.0 / NOMINAL - 1.0)[:, :, None, None, None]
-    drive = np.array([0.5, 0.8, 1.0, 1.4, 2.0, 3.0])[: len(drives)][None, None, :, None, None]
-    worse = 1.0 + 0.03 * np.arange(len(estimators))
-    common = np.exp(0.10 * rng.normal(size=(*shape[:-1], 1)))
-    size = drive * (1.0 + 6.0 * mismatch) * common * worse * np.exp(0.02 * rng.normal(size=shape))
-    scale = np.array([typical for _, typical in targets.values()])
-    fates = np.zeros(shape, dtype=np.int8)
+    fates = np.zeros((len(levels), samples, len(drives), repeats, len(estimators)), dtype=np.int8)
     if status is not None:
         status(fates)
-    rmse = size[..., None] * scale
+    scale = np.array([typical for _, typical in targets.values()])
     blind = np.isin(np.array(estimators), list(without_covariance))
-    nees = 11 * (1.0 + 20 * mismatch**2) * (1 + 0.05 * rng.normal(size=shape))
-    nis = (1.0 + 2 * mismatch**2) * (1 + 0.01 * rng.normal(size=shape))
-    inside = np.broadcast_to(0.95 / (1.0 + mismatch), shape)
-    scores = {
-        "nees": np.where(blind, np.nan, nees),
-        "nis": np.where(blind, np.nan, nis),
-        "nees_inside": np.where(blind, np.nan, inside),
-        "nis_inside": np.where(blind, np.nan, inside),
-        "repairs": np.zeros(shape, dtype=np.int32),
-        "log_likelihood": rng.normal(1e4, 10, shape),
-        "updates": np.full(shape, 9000.0),
-        "time_of_divergence": np.where((fates == 1) | (fates == 2), 12.5, np.nan),
-        "status": fates,
-    }
+    scores = _scores(rng, np.abs(mass / 1000.0 / NOMINAL - 1.0), fates, scale, blind)
     data = xr.Dataset(
-        {name: (RUN_DIMS, values) for name, values in scores.items()},
+        {name: ((*RUN_DIMS, "target")[: values.ndim], values) for name, values in scores.items()},
         coords={
             "drive": _text(drives),
             "estimator": _text(estimators),
@@ -99,8 +79,6 @@ def design(
             "duration": ("drive", np.full(len(drives), 90.0)),
         },
     )
-    for name, values in {"rmse": rmse, "bias": 0.1 * rmse, "max_error": 3.0 * rmse}.items():
-        data[name] = ((*RUN_DIMS, "target"), values)
     data["factor_trailer_mass"] = (("band", "sample"), mass)
     ends = {"lower": mass.min(axis=1).tolist(), "upper": mass.max(axis=1).tolist()}
     factor = {"name": "trailer_mass", "of": "plant", "unit": "t", "nominal": 1000 * NOMINAL, **ends}
@@ -112,6 +90,43 @@ def design(
         "repeats": repeats,
     }
     return data
+
+
+def _scores(
+    rng: np.random.Generator, mismatch: np.ndarray, fates: np.ndarray, scale: np.ndarray, blind: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Every score by name, of the dims of a run, then of the target.
+
+    Args:
+        rng: Where the numbers come from.
+        mismatch: Distance of the mass from what is believed, as a share of that, ``(band, sample)``.
+        fates: The status of every run.
+        scale: Typical RMSE of each target.
+        blind: Estimators whose NEES and NIS are NaN.
+    """
+    shape, mismatch = fates.shape, mismatch[:, :, None, None, None]
+    drive = np.array([0.5, 0.8, 1.0, 1.4, 2.0, 3.0])[: shape[2]][None, None, :, None, None]
+    worse = 1.0 + 0.03 * np.arange(shape[4])
+    common = np.exp(0.10 * rng.normal(size=(*shape[:-1], 1)))
+    size = drive * (1.0 + 6.0 * mismatch) * common * worse * np.exp(0.02 * rng.normal(size=shape))
+    rmse = size[..., None] * scale
+    nees = 11 * (1.0 + 20 * mismatch**2) * (1 + 0.05 * rng.normal(size=shape))
+    nis = (1.0 + 2 * mismatch**2) * (1 + 0.01 * rng.normal(size=shape))
+    inside = np.broadcast_to(0.95 / (1.0 + mismatch), shape)
+    return {
+        "nees": np.where(blind, np.nan, nees),
+        "nis": np.where(blind, np.nan, nis),
+        "nees_inside": np.where(blind, np.nan, inside),
+        "nis_inside": np.where(blind, np.nan, inside),
+        "repairs": np.zeros(shape, dtype=np.int32),
+        "log_likelihood": rng.normal(1e4, 10, shape),
+        "updates": np.full(shape, 9000.0),
+        "time_of_divergence": np.where((fates == 1) | (fates == 2), 12.5, np.nan),
+        "status": fates,
+        "rmse": rmse,
+        "bias": 0.1 * rmse,
+        "max_error": 3.0 * rmse,
+    }
 
 
 def history(

@@ -1,4 +1,4 @@
-"""What is another one in changed drives, in words, as a table and as ``changed.json``."""
+"""Which parameter changed between drives: in words, as a table and as ``changed.json``."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def answer(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
     if found is not None:
         sentences = [
             _sentence(found.parameter.name, found.stated, found.value, found.std, found.parameter.unit),
-            f"Of all parameters alone it explains these drives best.{gap(changes.before, found.held_out)}",
+            f"Of all single parameters it explains these drives best.{gap(changes.before, found.held_out)}",
         ]
     for h in added:
         if h.name == ALL_PARAMETERS:
-            sentences.append("Further parameters changed, which these drives cannot tell apart.")
+            sentences.append("Further parameters changed, which these drives cannot distinguish.")
         elif h.kind == "effect":
-            sentences.append(f"{_capital(h.name.replace('@', ' of '))} came in.")
+            sentences.append(f"{_capital(h.name.replace('@', ' of '))} was added.")
         else:
             v = outcome.values[h.name][0]
             sentences.append(_sentence(h.name, before.values[h.name], v.value, v.std, v.unit))
@@ -60,10 +60,10 @@ def table(changes: Changes) -> Sheet:
     """Return the parameters as a table, the likeliest change first."""
     header = ["parameter", "unit", "before", "now", "std. error", "gain in BIC", "held-out excess"]
     caption = (
-        "Every parameter refitted alone, the likeliest first. Held-out excess: mean square of the error of the model "
-        "alone over that of the sensors' noise, less one, summed over the outputs; "
-        f"{style.number(changes.before.excess)} as it was before. The trace starts from the first if that passes the "
-        "judges of an addition, otherwise from the model as it was before."
+        "Every parameter refitted alone, the likeliest first. Held-out excess: mean square of the simulation "
+        "error over the variance of the sensor noise, less one, summed over the outputs; "
+        f"{style.number(changes.before.excess)} as it was before. The trace starts from the first if that meets the "
+        "criteria of an addition, otherwise from the model as it was before."
     )
     return Sheet(header, [_row(c) for c in changes.tried[:_SHOWN]], caption, left=2)
 

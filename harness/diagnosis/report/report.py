@@ -53,21 +53,21 @@ def document(
     """
     blocks: list[Block] = [
         *summary.blocks(outcome, answer),
-        Section(lambda: _errors(outcome), "How large is the error of the model alone?"),
+        Section(lambda: _errors(outcome), "How large is the simulation error?"),
         Section(lambda: _estimators(outcome), "How large are the errors of the estimators?"),
         *evidence,
         Section(lambda: _found(outcome), "How large is it?"),
-        Section(lambda: residual_sections.unnamed(outcome), "What is missing without a name?"),
-        Section(lambda: study_gain.blocks(outcome.worth), "What is the amendment worth?"),
+        Section(lambda: residual_sections.unnamed(outcome), "Which disturbance is not in the library?"),
+        Section(lambda: study_gain.blocks(outcome.worth), "What does the amendment gain in a study?"),
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
         Section(lambda: _rounds(outcome), "What else was tried?"),
         _SETTLED,
-        Section(lambda: _residual(outcome), "Is anything left that could be predicted?"),
+        Section(lambda: _residual(outcome), "Are the innovations white?"),
         Section(lambda: residual_sections.innovations(outcome), "What do the innovations depend on?"),
         _SETTLED,
-        Section(lambda: _over_time(outcome), "Does the model alone follow the drives?"),
+        Section(lambda: _over_time(outcome), "Does the simulation follow the drives?"),
         _SETTLED,
-        Section(lambda: _excitation(outcome), "What could these drives have shown?"),
+        Section(lambda: _excitation(outcome), "Which effects could these drives have shown?"),
         Section(lambda: _made(outcome, command), "How was it made?"),
     ]
     vehicle = words(outcome.trace.fitting.whole.spec.vehicle)
@@ -82,10 +82,10 @@ def _errors(outcome: Outcome) -> list[Block]:
         numbers = (noise[a], before.error[a], after.error[a])
         rows.append([q.words, q.unit, *(style.number(q.scale * v) for v in numbers)])
     caption = (
-        "Root mean square error of the model alone on drives that were never fitted. Before: the nominal model, its "
-        "own parameters refitted. After: the amended one. No model does better than the noise of the sensor."
+        "Simulation error (root mean square) on the held-out drives, out of sample. Before: the nominal model, its own "
+        "parameters refitted. After: the amended one. No model is expected to fall below the sensor noise."
     )
-    return [Sheet(["output", "unit", "noise of the sensor", "before", "after"], rows, caption, left=2)]
+    return [Sheet(["output", "unit", "sensor noise", "before", "after"], rows, caption, left=2)]
 
 
 def _estimators(outcome: Outcome) -> list[Block]:
@@ -99,7 +99,7 @@ def _estimators(outcome: Outcome) -> list[Block]:
             rows.append([e.kind.upper(), q.words, q.unit, *numbers])
     caption = (
         "Estimators on the held-out drives: root mean square error of each output, estimated from the other "
-        "measurements alone, with the nominal and with the amended model. The sensor's own noise is part of it. A "
+        "measurements alone, with the nominal and with the amended model. It includes the sensor's own noise. A "
         "dash: diverged."
     )
     return [Sheet(["estimator", "target", "unit", "before", "after"], rows, caption, left=3)]
@@ -124,7 +124,8 @@ def _found(outcome: Outcome) -> list[Block]:
     if rows:
         blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
     else:
-        blocks.append(Prose(plain("Many parameters moved together, none of them by more than three standard errors.")))
+        said = "Many parameters changed together, none of them by more than three standard errors."
+        blocks.append(Prose(plain(said)))
     for h in (h for h in outcome.added if h.kind == "effect"):
         for port, text in equation(h, outcome).items():
             before, after = (_breakable(text[k]) for k in ("before", "after"))
@@ -143,9 +144,9 @@ def _rounds(outcome: Outcome) -> list[Block]:
         Prose(
             plain(
                 "Every effect of the library at every place, and every parameter that was held fixed. The score test "
-                "promises a gain for each; the best few are fitted jointly with the nominal parameters. An addition "
+                "predicts a gain for each; the best few are fitted jointly with the nominal parameters. An addition "
                 f"needs {BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out "
-                f"drives, and {style.percent(ERROR_NEEDED)} less free-running error there beyond the noise."
+                f"drives, and {style.percent(ERROR_NEEDED)} less simulation error there beyond the sensor noise."
             )
         ),
     ]
@@ -173,14 +174,14 @@ def _fitted(fitted: list[Candidate], likelihood: float, excess: float, number: i
     ]
     header = ["hypothesis", "gain in BIC", "held-out log-likelihood", "excess before", "after"]
     caption = (
-        f"Round {number}: hypotheses that were fitted. Excess: mean square of the free-running error on the held-out "
-        "drives over the sensors' noise, less one, summed over the outputs."
+        f"Round {number}: hypotheses that were fitted. Excess: mean square of the simulation error on the held-out "
+        "drives over the variance of the sensor noise, less one, summed over the outputs."
     )
     return Sheet(header, rows, caption)
 
 
 def _excitation(outcome: Outcome) -> list[Block]:
-    """Say what these drives could show at all: the Fisher detection limit of every effect, three standard errors."""
+    """Return the detection limit of every effect by its Fisher information, three standard errors."""
     rows, hidden = [], []
     parameters = {p.name: p for p in outcome.trace.fitting.whole.model.parameters}
     for c in sorted(outcome.trace.rounds[0].candidates, key=lambda c: c.hypothesis.name):
@@ -192,10 +193,10 @@ def _excitation(outcome: Outcome) -> list[Block]:
         for name, error in zip(c.hypothesis.amplitudes, c.score.error, strict=True):
             least, unit = scaled(name, 3 * error, parameters[name].unit)
             rows.append([called(c.hypothesis.name), words(name), unit, style.number(least)])
-    said = f"These drives cannot show at all: {', '.join(hidden)}." if hidden else "These drives show every effect."
-    caption = "Smallest size that these drives would show with three standard errors, everything fitted adjusting."
+    said = f"Not excited by these drives: {', '.join(hidden)}." if hidden else "These drives excite every effect."
+    caption = "Smallest size that these drives show with three standard errors, all fitted parameters free."
     return [
-        Heading("What could these drives have shown?"),
+        Heading("Which effects could these drives have shown?"),
         Prose(plain(said)),
         Sheet(["effect", "parameter", "unit", "detectable"], rows, caption, left=3),
     ]
@@ -205,27 +206,27 @@ def _residual(outcome: Outcome) -> list[Block]:
     outputs = list(outcome.trace.fitting.whole.model.outputs)
     rows, coloured = [], []
     if not outcome.judged:
-        return [Heading("Is anything left that could be predicted?"), Prose(plain("It could not be tested."))]
+        return [Heading("Are the innovations white?"), Prose(plain("It could not be tested."))]
     for j in outcome.judged:
         for name, w in zip(outputs, j.whiteness, strict=True):
             tests = [style.probability(w.ljung_box), style.probability(w.periodogram)]
             rows.append([j.drive.name, words(name), style.number(w.variance), *tests])
             if min(w.ljung_box, w.periodogram) < COLOURED:
                 coloured.append(f"{words(name)} of {j.drive.name}")
-    said = "Nothing that the tests can see." if not coloured else f"Yes, in {', '.join(coloured)}."
+    said = "Yes: no test rejects it." if not coloured else f"No: those of {', '.join(coloured)} are coloured."
     return [
-        Heading("Is anything left that could be predicted?"),
+        Heading("Are the innovations white?"),
         Prose(strong(said)),
         Drawing(
             lambda: fit_figures.periodograms(list(outcome.judged), outputs),
             "Cumulative periodogram of the whitened innovations of the final model, less that of white noise, with the "
-            "band in which white noise stays 95 times of 100.",
+            "95 % band of white noise.",
             "Cumulative share of power over frequency for each output, less that of white noise.",
         ),
         Sheet(
             ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"],
             rows,
-            "Whitened innovations of the final model; of the right model they have the variance 1 and are white.",
+            "Whitened innovations of the final model; those of a correct model are white with variance 1.",
             left=2,
         ),
     ]
@@ -234,11 +235,11 @@ def _residual(outcome: Outcome) -> list[Block]:
 def _over_time(outcome: Outcome) -> list[Block]:
     outputs = list(outcome.trace.fitting.whole.model.outputs)
     return [
-        Heading("Does the model alone follow the drives?"),
+        Heading("Does the simulation follow the drives?"),
         *(
             Drawing(
                 partial(fit_figures.over_time, j, outputs),
-                f"{j.drive.name}, never fitted: measured, and the model alone before and after.",
+                f"{j.drive.name}, held out: measured, and simulated before and after.",
                 f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
             )
             for j in outcome.judged
@@ -252,6 +253,7 @@ def _made(outcome: Outcome, command: str) -> list[Block]:
     text = (
         f"{len(trace.rounds[0].candidates)} hypotheses, {len(trace.fitting.drives)} fitted and "
         f"{len(trace.held_out.drives)} held-out drives, {trace.fitting.samples} fitted values. Nominal parameters "
-        f"refitted: {', '.join(words(n) for n in trace.free)}. Responses with a cosine above {ALIKE:g} count as alike."
+        f"refitted: {', '.join(words(n) for n in trace.free)}. Hypotheses count as hardly "
+        f"distinguishable if the cosine of their responses exceeds {ALIKE:g}."
     )
     return [Heading("How was it made?"), Prose(plain(text)), Listing(command, "sh")]

@@ -1,4 +1,4 @@
-"""Figures of where a model lacks something and of what its innovations hang on, as SVG in the look of all reports."""
+"""Figures of where a model lacks something and of what its innovations depend on, as SVG in the look of all reports."""
 
 from __future__ import annotations
 
@@ -86,12 +86,12 @@ def nis(names: Sequence[str], found: Sequence[Consistency]) -> bytes:
             axes.set_ylim(0.0, max(1.6, 1.05 * most))
             axes.grid(True)
         panels[-1].set_xlabel("time in s")
-        style.head(fig, "Are the innovations as large as the filter says?")
+        style.head(fig, "Are the innovations as large as the filter states?")
         return style.svg(fig)
 
 
 def correlations(found: CrossCorrelation, outputs: Sequence[str], drivers: Sequence[Driver]) -> bytes:
-    """Return the correlation of every innovation with the past of the signals that it hangs on most."""
+    """Return the correlation of every innovation with the past of the signals of the largest correlations."""
     strength = np.abs(found.values / found.band[:, None]).max(axis=(0, 1))
     drawn = np.argsort(-strength)[:DRAWN]
     chosen = style.looks([drivers[j].name for j in drawn])
@@ -107,12 +107,12 @@ def correlations(found: CrossCorrelation, outputs: Sequence[str], drivers: Seque
             axes.set_ylim(-reach, reach)
             axes.set_ylabel(words(name).replace(" ", "\n", 1))
             axes.grid(True)
-        panels[-1].set_xlabel("by how much the signal is earlier, in s")
+        panels[-1].set_xlabel("lag of the innovation behind the signal in s")
         handles = [
             Line2D([], [], color=chosen[d.name].line, ls=chosen[d.name].dashes, label=d.words)
             for d in (drivers[j] for j in drawn)
         ]
-        style.head(fig, "Do the innovations hang on the past?", handles)
+        style.head(fig, "Are the innovations correlated with the past?", handles)
         return style.svg(fig)
 
 
@@ -137,12 +137,12 @@ def curves(pinpoint: Pinpoint, found: Sequence[Curve]) -> bytes:
             Line2D([], [], color=_AFTER.line, label="curve with 95 % band"),
             Line2D([], [], color=style.MEASURED, ls="", marker="o", ms=3.5, label="smoothed disturbance, mean"),
         ]
-        style.head(fig, "What does the missing effect hang on?", handles)
+        style.head(fig, "What does the missing effect depend on?", handles)
         return style.svg(fig)
 
 
 def spectra(found: Sequence[Turning]) -> bytes:
-    """Return what a disturbance gains that comes back after a distance, over that distance, a panel for each taken."""
+    """Return the gain of disturbances that are periodic in the distance driven, over the wavelength, a panel each."""
     with style.drawing():
         fig = style.figure(0.9 + 1.9 * len(found))
         panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
@@ -161,8 +161,8 @@ def spectra(found: Sequence[Turning]) -> bytes:
             axes.set_xticks([0.5, 1.0, 2.0, 5.0, 10.0])
             axes.set_xlim(*WAVELENGTHS)
             axes.grid(True)
-        panels[-1].set_xlabel("distance driven until it comes back, in m")
-        style.head(fig, "What turns?")
+        panels[-1].set_xlabel("wavelength in m driven")
+        style.head(fig, "What is periodic in the distance driven?")
         return style.svg(fig)
 
 

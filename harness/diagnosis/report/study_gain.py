@@ -20,7 +20,7 @@ def blocks(worth: Worth | str | None) -> list[Block]:
     """Return the section: in a sentence, as box plots and as a table; nothing where no study was asked for."""
     if worth is None:
         return []
-    heading = Heading("What is the amendment worth?")
+    heading = Heading("What does the amendment gain in a study?")
     if isinstance(worth, str):
         return [heading, Prose(plain(worth))]
     analysis = _analysis(worth)
@@ -70,12 +70,12 @@ def _explain(worth: Worth) -> str:
     design = worth.nominal
     text = (
         f"“{worth.title}” ({worth.study}, design “{design.name}”), run again with the amended model as the plant: "
-        f"{len(design.drives)} drives, {design.planned} runs per level and estimator. Both beliefs met the same drives "
-        "and the same noise, and each holds the noise that was fitted with it."
+        f"{len(design.drives)} drives, {design.planned} runs per level and estimator. Both beliefs are run on the same "
+        "drives and noise, each with the noise variances that were fitted with it."
     )
     if worth.moments:
         begins = listed([f"{words(n)} {t:g} s" for n, t in worth.moments.items()])
-        text += f" What changes does so at one time in every drive, which the amended belief knows: {begins}."
+        text += f" Changes begin at the same time in every drive, known to the amended belief: {begins}."
     return text
 
 

@@ -1,4 +1,4 @@
-"""The head of a trace's report: verdict, effect, size, certainty and improvement in one table."""
+"""The head of a trace's report: verdict, effect, size, uncertainty and improvement in one table."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ Floats = NDArray[np.float64]
 
 _MEANING = {
     "adequate": "adequate: nothing is missing that these drives can show",
-    "amended": "amended: what is missing has a name, and holds on the drives kept aside",
+    "amended": "amended: what is missing has a name, and is confirmed by the held-out drives",
     "unresolved": "unresolved: something is missing that no effect of the library explains",
 }
 
-_NAMELESS = "amended: what is missing has no name, but what it does is known and holds on the drives kept aside"
+_NAMELESS = "amended: what is missing has no name, but its effect is known and is confirmed by the held-out drives"
 
 
 def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
@@ -48,7 +48,7 @@ def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
         ]
     if outcome.notes:
         found += [
-            Prose(plain("These are odd about the recordings, and may look like a missing effect:")),
+            Prose(plain("These irregularities of the recordings may look like a missing effect:")),
             Bullets([plain(note) for note in outcome.notes]),
         ]
     return [*found, Section(lambda: _search(outcome), "How did the search go?")]
@@ -63,7 +63,7 @@ def _table(outcome: Outcome) -> Sheet:
     rows = [["verdict", _NAMELESS if nameless else _MEANING[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.added]
     if outcome.where.unnamed is not None:
-        rows += [["what", f"without a name: {text}"] for text in unnamed_words(outcome.where.unnamed)]
+        rows += [["what", f"not in the library: {text}"] for text in unnamed_words(outcome.where.unnamed)]
     rows += [["how large", line] for line in _sizes(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]
@@ -103,7 +103,7 @@ def scaled(name: str, value: float, unit: str) -> tuple[float, str]:
 
 
 def _certainty(outcome: Outcome) -> list[str]:
-    """Return what speaks for each addition, and what these drives hardly tell from it."""
+    """Return the evidence for each addition, and what these drives hardly distinguish from it."""
     found = []
     for r in outcome.trace.rounds:
         if r.added is None or r.added.held_out is None or r.added.hypothesis not in outcome.trace.added:
@@ -111,40 +111,40 @@ def _certainty(outcome: Outcome) -> list[str]:
         gain = r.added.held_out.log_likelihood - r.before.log_likelihood
         text = (
             f"{called(r.added.hypothesis.name)}: {style.number(r.added.bic)} units of BIC on the fitted drives "
-            f"({BIC_NEEDED:.0f} needed), log-likelihood {style.number(gain)} higher on those kept aside"
+            f"({BIC_NEEDED:.0f} needed), log-likelihood {style.number(gain)} higher on the held-out drives"
         )
         if r is not outcome.trace.rounds[0]:
             text += ", both over the model with what earlier rounds had added"
         others = [called(n) for n in r.confusable[1:]]
-        found.append(f"{text}; hardly told from {listed(others)}" if others else text)
+        found.append(f"{text}; hardly distinguishable from {listed(others)}" if others else text)
     if instead := _in_place(outcome.trace):
         names = listed([called(h.name) for h in outcome.trace.dropped])
         found += [
             f"{called(h.name)}: explains as much as {names}, to {BIC_NEEDED:.0f} units of BIC on the fitted drives, "
-            "and takes its place; these drives hardly tell them apart"
+            "and takes its place; these drives hardly distinguish them"
             for h in instead
         ]
     if (process := outcome.where.wandering) is not None:
         found.append(
             f"{called(process.hypothesis.name)}: log-likelihood of a filter with it {style.number(process.gain)} "
-            f"higher on the fitted drives, {style.number(process.held_out_gain)} on those kept aside, where it leaves "
-            f"{'white noise' if process.white else 'next to white noise'}"
+            f"higher on the fitted drives, {style.number(process.held_out_gain)} on the held-out drives, where it "
+            f"leaves {'white' if process.white else 'almost white'} innovations"
         )
     return found
 
 
 def _improvements(outcome: Outcome) -> list[str]:
-    """Return how far the model alone, and the estimators, come closer to the held-out drives."""
+    """Return how far the errors of simulation and estimators fall on the held-out drives."""
     trace, found = outcome.trace, []
     if not outcome.added and outcome.where.unnamed is None:
         return []
     outputs, after_all = list(trace.fitting.whole.model.outputs), outcome.after.error
     fall = _fall(trace.before.error, after_all)
-    foretold = trace.added or outcome.where.unnamed is not None  # what a random process does, nothing foretells
+    foretold = trace.added or outcome.where.unnamed is not None  # no simulation predicts a random process
     for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2] if foretold else ():
         q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
         before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], after_all[a], noise))
-        found.append(f"model alone, {q.words}: RMSE {before} to {after} {q.unit} (noise of the sensor {floor})")
+        found.append(f"simulation, {q.words}: RMSE {before} to {after} {q.unit} (sensor noise {floor})")
     for e in outcome.estimators:
         gained = _fall(e.before, e.after)
         a = int(np.argmax(np.where(np.isfinite(e.after) & ~np.isnan(gained), gained, -np.inf)))
@@ -175,7 +175,7 @@ def _rounds(outcome: Outcome) -> list[str]:
         if instead := [called(h.name) for h in _in_place(outcome.trace)]:
             sentences.append(f"A wrong {listed(instead)} explains as much as {names}, and takes its place.")
         else:
-            sentences.append(f"Later additions made {names} superfluous.")
+            sentences.append(f"Later additions made {names} redundant.")
     return sentences
 
 

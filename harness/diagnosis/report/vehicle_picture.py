@@ -1,4 +1,4 @@
-"""A vehicle from above, with the entries of a disturbance where they act, as large as what they explain.
+"""A vehicle from above, with the disturbance inputs where they act and their gain as the area of a mark.
 
 Where axles and kingpin stand follows from the equations: the slip angle of an axle that is ``x`` ahead of the CoG reads
 ``v_y + x * yaw_rate``, so ``x`` is the ratio of its slopes.
@@ -23,10 +23,10 @@ from harness.models.assembly.placement import Layout, suffix
 from harness.reporting import style
 
 NUMBERED = 8
-"""Entries that carry their rank."""
+"""Inputs that carry their rank."""
 
 _SPEED = 15.0
-"""m/s at which slopes are taken; what they are does not depend on it."""
+"""m/s at which slopes are taken; they do not depend on it."""
 
 _OVERHANG = 1.0
 """m of a body beyond its first and last axle."""
@@ -54,7 +54,7 @@ class Plan:
     layout: Layout
 
     def of(self, channel: Channel) -> float:
-        """Return where an entry acts; what acts on all bodies stands in the middle of them."""
+        """Return where an input acts; what acts on all bodies is drawn in the middle of them."""
         places = [self._place(p.removeprefix("sensor_")) for p in channel.ports]
         return float(np.mean(places))
 
@@ -103,7 +103,7 @@ def plan_of(whole: Whole) -> Plan | None:
 
 
 def row_of(channel: Channel) -> str:
-    """Return the row of the picture in which an entry stands."""
+    """Return the row of the picture in which an input is drawn."""
     if channel.kind != "port":
         return channel.kind
     if "_axle_" in channel.ports[0] or channel.name == "road_wheel_angle":
@@ -112,7 +112,7 @@ def row_of(channel: Channel) -> str:
 
 
 def picture(plan: Plan, suspects: Sequence[Suspect]) -> bytes:
-    """Return the vehicle from above with a mark per entry, its area as large as the gain in likelihood."""
+    """Return the vehicle from above with a mark per input, its area proportional to the gain in likelihood."""
     look = style.looks(["gain"])["gain"]
     with style.drawing():
         fig = style.figure(4.2)

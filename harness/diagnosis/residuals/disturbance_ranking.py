@@ -1,10 +1,9 @@
-"""Where is something missing? What an unknown, slowly varying disturbance would explain, entry by entry.
+"""Where is something missing? The gain of an unknown, slowly varying disturbance at each input in turn.
 
 A Gauss-Markov disturbance is put into each equation, each published force or angle and each sensor in turn; its
-variance and, for the entries that come first, its time constant are the likeliest of a grid. What it gains in
-likelihood ranks the entries, and smoothed over the drive it shows what is missing (Kristensen, Madsen and Joergensen
-2004). It is a hint and not a verdict: an entry that is not in the list, or that acts like another one, puts the blame
-on its neighbour.
+variance and, for the inputs of the largest gain, its time constant are the likeliest of a grid. The inputs are ranked
+by the gain in likelihood, and the smoothed disturbance shows what is missing (Kristensen, Madsen and Joergensen 2004).
+The ranking is a hint and not a verdict: what enters elsewhere is attributed to the input of the most similar effect.
 """
 
 from __future__ import annotations
@@ -23,24 +22,24 @@ from harness.engine.simd.lanes import LANES
 Floats = NDArray[np.float64]
 
 FIRST = 3.0
-"""Time constant in s with which every entry is tried."""
+"""Time constant in s with which every input is tried."""
 
 FURTHER = (0.3, 30.0)
-"""s; from a quick manoeuvre to a stretch of road: tried for the entries that come first."""
+"""s; from a quick manoeuvre to a stretch of road: tried for the inputs of the largest gain."""
 
 _REFINED = 10
-"""So many of them; what comes behind is where nothing is missing."""
+"""Number of these inputs."""
 
 _DEVIATIONS = np.geomspace(0.3, 1e3, LANES)
-"""Standard deviations that are tried, over the one that the drives would just show within a time constant."""
+"""Standard deviations that are tried, over the detection limit of the drives within a time constant."""
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """An entry with what a disturbance there explains.
+    """An input with what a disturbance there explains.
 
     Attributes:
-        channel: The entry.
+        channel: The input.
         gain: In log-likelihood over all drives, at the best of the grid; 0 if none gains.
         time_constant: In s, of the best.
         deviation: Standard deviation of the best, in the unit of the channel.
@@ -66,13 +65,13 @@ class History:
 
 
 class Pinpoint:
-    """The ranking of entries at one point of one model.
+    """The ranking of inputs at one point of one model.
 
     Args:
         fitting: The recordings.
         point: Where the model was fitted.
-        channels: The entries; every one there is by default.
-        ranked: Whether to rank them; without, they are only led through the filter.
+        channels: The inputs; all of them by default.
+        ranked: Whether to rank them, besides linearising the filter along the drives.
     """
 
     def __init__(
@@ -92,12 +91,12 @@ class Pinpoint:
         self.suspects = self._ranked() if ranked else ()
 
     def inlets(self, channel: Channel) -> list[Inlet]:
-        """Return how an entry acts in each drive."""
+        """Return how an input acts in each drive."""
         j = self.channels.index(channel)
         return [inlets[j] for inlets in self._inlets]
 
     def history(self, suspect: Suspect) -> tuple[History, ...]:
-        """Return the disturbance at an entry over every drive."""
+        """Return the disturbance at an input over every drive."""
         return tuple(
             History(*linear.innovations.smoothed(inlet, suspect.time_constant, suspect.deviation))
             for linear, inlet in zip(self.linear, self.inlets(suspect.channel), strict=True)

@@ -1,4 +1,4 @@
-"""What innovations hang on: their size over time, and their correlation with the past of signals."""
+"""Tests of innovations: their size over time (NIS), and their correlation with the past of signals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy import stats
 Floats = NDArray[np.float64]
 
 LARGEST_LAG = 2.0
-"""s; longer than a vehicle remembers how it was steered."""
+"""s; longer than the memory of the vehicle dynamics."""
 
 
 @dataclass(frozen=True)

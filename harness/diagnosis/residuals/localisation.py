@@ -1,4 +1,4 @@
-"""Where a model lacks something, before and after what was added, and what is left without a name."""
+"""Where a model lacks something, before and after what was added, and the unmodelled disturbance that is left."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from harness.diagnosis.selection.forward_selection import Trace
 from harness.reporting.failures import RAISED, Failures
 
 SHOWN = 3
-"""Entries whose disturbance is shown over time."""
+"""Inputs whose disturbance is shown over time."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class Where:
     Attributes:
         nominal: The nominal model, refitted; ``None`` if it could not be pinpointed.
         final: With everything added; the same if nothing was.
-        histories: Disturbances at the most suspect entries of the nominal model, each over every fitted drive.
-        unnamed: What is left, as curves; ``None`` if it was not looked for or nothing predicts the drives left out.
+        histories: Disturbances at the inputs of the largest gain of the nominal model, each over every fitted drive.
+        unnamed: What is left, as curves; ``None`` if it was not sought or nothing improves the held-out drives.
         wandering: What is left, as a random process of the library; then no curve is looked for.
     """
 
@@ -35,7 +35,7 @@ class Where:
 
     @property
     def shown(self) -> tuple[Suspect, ...]:
-        """The most suspect entries of the nominal model, where a disturbance gains anything."""
+        """The inputs of the largest gain of the nominal model, where a disturbance gains anything."""
         return tuple(s for s in self.nominal.suspects[:SHOWN] if s.gain > 0) if self.nominal else ()
 
 
@@ -49,7 +49,7 @@ def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failure
     Args:
         trace: What was found.
         amended: The final model.
-        unexplained: Whether something is left to look for.
+        unexplained: Whether anything is left to explain.
         failures: Takes what cannot be computed; by default it is raised.
     """
     nominal = final = Pinpoint(trace.fitting, trace.nominal.point)
@@ -63,7 +63,7 @@ def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failure
         )
     if unexplained and wandering is None:
         unnamed = failures.attempt(
-            "the search for a disturbance without a name",
+            "the search for an unmodelled disturbance",
             lambda: find_unnamed(trace.fitting, trace.held_out, trace.final, trace.after, final),
             lambda _: None,
         )

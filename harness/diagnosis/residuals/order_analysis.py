@@ -1,10 +1,10 @@
-"""What turns: a disturbance that comes back after the same distance driven, as those of wheels and shafts do.
+"""Order analysis: a disturbance that is periodic in the distance driven, as those of wheels and shafts are.
 
-No curve over a signal holds it, because its phase is nobody's signal, and it is too quick for a slowly varying one. The
-adjoint of the linearised filter gives the pull of the innovations on a disturbance at every sample (Bryson and
-Frazier 1963); over the distance driven instead of time its spectrum has a line for everything that turns, whatever the
-speed did (order analysis). The phase is that of each drive, as a moment of change is; wavelength, size and how it grows
-with speed are common to all, and judge the drives left out.
+It is no function of a signal, because no signal has its phase, and too fast for a slowly varying disturbance. The
+adjoint of the linearised filter gives the gradient of the log-likelihood with respect to a disturbance at every sample
+(Bryson and Frazier 1963). Over the distance driven instead of time, its spectrum has a line for everything that
+rotates, whatever the speed. The phase belongs to each drive, as a time of change does; wavelength, amplitude and growth
+with speed are common to all drives, and are tested on the drives left out.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ WAVELENGTHS = (0.5, 10.0)
 """m; from the second order of a small wheel to a slow shaft."""
 
 GROWTH = (0, 2)
-"""Powers of the speed: what a tyre that is not round does, and what an unbalanced wheel does."""
+"""Powers of the speed: a tyre that is not round, and an unbalanced wheel."""
 
 _BIN = 0.04
 """m; far below the shortest wavelength."""
@@ -38,15 +38,15 @@ _KNOTS = 12
 """Wavelengths at which the power of the response is computed; it is smooth in between."""
 
 _NEAR = 400
-"""Lines to either side whose median is the background of a line: what jerks at random moments has no line."""
+"""Lines to either side whose median is the background of a line; a disturbance at random times has no line."""
 
 _SAMPLES = 4.0
-"""Samples that a turn takes at least, on the average."""
+"""Least number of samples per turn, on average."""
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What a turning disturbance gains at each wavelength, at one entry.
+    """Gain of a periodic disturbance at each wavelength, at one input.
 
     Attributes:
         wavelength: m, descending ``(lines,)``.
@@ -63,7 +63,7 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Turning:
-    """A disturbance that turns.
+    """A disturbance that is periodic in the distance driven.
 
     Attributes:
         channel: The entry.
@@ -86,7 +86,7 @@ class Turning:
     spectrum: Spectrum
 
     def waves(self, ride: Ride) -> Waves:
-        """Return it over a drive, a quarter of a turn apart."""
+        """Return its two waves over a drive, a quarter of a turn apart."""
         s, v = ride.distance, ride.speed
         now, middle = self._at(s, v), self._at(0.5 * (s[:-1] + s[1:]), 0.5 * (v[:-1] + v[1:]))
         during = now.copy()
@@ -99,7 +99,7 @@ class Turning:
 
 @dataclass(frozen=True)
 class Waves:
-    """Disturbances, each ``(samples, n)``. What is quick is not the same at a sample and during the step behind it.
+    """Disturbances, each ``(samples, n)``. A fast one differs between a sample and the step behind it.
 
     Attributes:
         now: At every sample.
@@ -116,7 +116,7 @@ class Waves:
 
 @dataclass(frozen=True)
 class Ride:
-    """A drive in which something may turn.
+    """A drive in which a periodic disturbance is sought.
 
     Attributes:
         model: Its innovations.
@@ -169,7 +169,7 @@ def ridden(pinpoint: Pinpoint, speeds: Sequence[Floats]) -> list[Ride]:
 def find_turning(
     pinpoint: Pinpoint, channels: Sequence[Channel], rides: Sequence[Ride], needed: float
 ) -> Turning | None:
-    """Return the disturbance that turns and gains most in log-likelihood; ``None`` if none gains what is needed.
+    """Return the periodic disturbance of the largest gain in log-likelihood; ``None`` if none gains what is needed.
 
     Args:
         pinpoint: Of the fitted drives.

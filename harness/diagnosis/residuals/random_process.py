@@ -1,10 +1,10 @@
-"""An effect of the library that is a random process: nothing foretells it, but a filter that knows of it can follow it.
+"""An effect of the library that is a random process: no simulation predicts it, but a filter with it as a state can.
 
-Such an effect has no response to test and no free-running error to lower, so it is no candidate of the forward
-selection. What points to it is the pinpointed entry: where an unknown disturbance at the ports that the effect changes
-explains as much as one anywhere else, its parameters are fitted by the likelihood of a filter that holds it as a state.
-It is added if the fitted drives and those kept aside become likelier and the innovations on the latter become white,
-or next to it: almost anything that is missing looks a little like a disturbance, and would be left coloured.
+Such an effect has no response to test and does not lower the simulation error, so it is no candidate of the forward
+selection. Where an unknown disturbance at the ports that the effect changes explains as much as one at any other input,
+its parameters are fitted by the likelihood of a filter that holds it as a state. It is accepted if the likelihood of
+both the fitted and the held-out drives rises and the innovations on the latter become white, or almost: a random
+process that stands for something else leaves them coloured.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ from harness.models.contracts import Parameter
 Floats = NDArray[np.float64]
 
 EXPLAINED = 1e-8
-"""p-value of the innovations on the held-out drives, below which something is missing whatever the error is. Where the
-structure is right it is rarely below 1e-4, and noise that is fitted a little wrong makes the difference."""
+"""p-value of the innovations on the held-out drives, below which something is missing whatever the simulation error is.
+With the right structure it is rarely below 1e-4; the margin covers noise variances that are slightly wrong."""
 
 FARTHER = 4.0
-"""Times as far as a random process makes it stray the model alone may stray; beyond it something else is missing. A
-process that changes slowly may well do twice in a drive what it does on the average."""
+"""Largest ratio of the excess of the simulation to the one expected of the random process; beyond it something else is
+missing. A slow process may well reach twice its standard deviation in a drive."""
 
 NEXT_TO_WHITE = 0.05
-"""Share of the squared correlations that may be left: a road is smoother than the process that stands for it, and the
-larger its bank the clearer that shows."""
+"""Share of the squared correlations of the innovations that may remain: a road is smoother than a Gauss-Markov
+process, which shows the more, the larger its bank is."""
 
 _SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
-"""The model was fitted before; the filter with the process starts near."""
+"""The model was fitted before, so the search with the process starts near the maximum."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class Wandering:
         spec: The final model with it.
         errors: Standard error of each of its parameters.
         gain: In log-likelihood of the fitted drives.
-        held_out_gain: In that of the drives kept aside, of which nothing was fitted.
-        white: Whether it leaves white innovations there; otherwise a little of what they were.
+        held_out_gain: In that of the held-out drives, of which nothing was fitted.
+        white: Whether it leaves white innovations there; otherwise almost white ones.
     """
 
     hypothesis: Hypothesis
@@ -75,7 +75,7 @@ class Wandering:
 def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wandering | None:
     """Return the random process that explains what a model lacks; ``None`` if none does.
 
-    Where the noise is held as stated none is looked for: like process noise, it would take up what is missing.
+    Where the noise is held as stated none is sought: like process noise, it would absorb what is missing.
 
     Args:
         trace: What was found.
@@ -94,7 +94,7 @@ def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wander
 
 
 def _processes(spec: ModelSpec, whole: Whole) -> list[str]:
-    """Return the random processes of the library that a model may lack, but those that the user excludes."""
+    """Return the random processes of the library that a model may lack, without those that the user excludes."""
     out = whole.excluded | {split(e)[0] for e in spec.effects}
     every = placements(spec.vehicle, spec.tyre, spec.sensors)
     return [n for n in every if getattr(load_effect(n), "NOISE", None) and split(n)[0] not in out]
@@ -107,7 +107,7 @@ def _changed(spec: ModelSpec, name: str) -> set[str]:
 
 
 def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
-    """Return a process with everything that the nominal model's own fit moves, noise included, if it passes."""
+    """Return a process, fitted with the free parameters and all noise variances, if it is accepted."""
     parameters = load_effect(name).PARAMETERS
     names = tuple(p.name for p in parameters)
     filters = Innovations(_with(trace, final, name), jobs=trace.fitting.whole.jobs)
@@ -145,7 +145,7 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
 def _left(before: Floats, after: Floats) -> float:
     """Return how much of its squared correlations a series of innovations keeps; nothing if it is not coloured.
 
-    A series that is too short, or missing, is not tested (NaN) and tells nothing against a process.
+    A series that is too short, or missing, is not tested (NaN) and is no evidence against a process.
     """
     test = whiteness(after)
     if not min(test.ljung_box, test.periodogram) < EXPLAINED:
@@ -154,9 +154,9 @@ def _left(before: Floats, after: Floats) -> float:
 
 
 def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Held, variances: Floats) -> float:
-    """Return how far a model alone strays because of its random processes, as ``Judgement.excess`` has it.
+    """Return the excess of the simulation error that the random processes of a model cause (``Judgement.excess``).
 
-    The filter that sees nothing and knows of no other noise states the variances of the outputs.
+    A filter without measurements and without other noise states the variances of the outputs.
 
     Args:
         filters: Of the model with the processes.

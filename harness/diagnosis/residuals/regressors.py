@@ -1,11 +1,11 @@
 """Signals on which a disturbance may depend: inputs, measured motion, and what follows from both at once.
 
-Tyre forces are not among them: a filter that knows nothing of the disturbance makes its forces follow it, so that they
-would explain whatever is missing. Inputs are measured, and a measured angle or rate is hardly filtered.
+Tyre forces are not among them: the forces of a filter without the disturbance absorb it, and would explain whatever is
+missing. Inputs are measured, and a measured angle or rate is hardly filtered.
 
-What depends on its own past (rubber that is stiffer at first, a load that gives way) is driven by the quick part of a
-signal: by what is left of it without its low-pass of first order. That is taken a sample before: the quick part of
-a filtered signal holds the noise of the sample's own measurements, which would explain itself.
+What has memory (rubber that is stiffer at first, a load that gives way) depends on the high-pass part of a signal: the
+signal less its low-pass of first order. That is taken one sample earlier, because the high-pass part of a filtered
+signal contains the measurement noise of its own sample, which would explain itself.
 """
 
 from __future__ import annotations

@@ -59,15 +59,15 @@ class Basis:
 
 @dataclass(frozen=True)
 class Curve:
-    """A disturbance at an entry as a function of a signal.
+    """A disturbance at an input as a function of a signal.
 
     Attributes:
-        channel: The entry.
+        channel: The input.
         driver: The signal.
         basis: Its functions.
         weights: Of the functions ``(FUNCTIONS,)``.
         covariance: Of the weights.
-        stability: Share of the halves of the data in which the dictionary chose the pair.
+        stability: Share of the halves of the data in which the lasso selected the pair.
         predicted: Gain in log-likelihood of drives from which it was not fitted, in cross-validation.
     """
 

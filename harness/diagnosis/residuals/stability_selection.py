@@ -1,8 +1,8 @@
 """Which signal drives a disturbance, and where? A sparse dictionary with stability selection.
 
-The terms are a few shapes of every driver at the most suspect entries. Each is led through the filter, so what is
-explained are the innovations and not a smoothed disturbance. On halves of the drives, cut into pieces and drawn in
-complementary pairs, the lasso takes the terms that explain most; what it takes again and again is real (Meinshausen and
+The terms are a few functions of every regressor at the inputs of the largest gain. Each is filtered as the innovations
+are, so that the innovations themselves are explained and not a smoothed disturbance. The lasso selects terms on halves
+of the drives, cut into pieces and drawn in complementary pairs; a term that is selected often is kept (Meinshausen and
 Buehlmann 2010; Shah and Samworth 2013).
 """
 
@@ -37,12 +37,12 @@ _SHAPES = (
     lambda s: np.abs(s),
     lambda s: s**2,
 )
-"""Of a signal over twice its standard deviation: in proportion, hardening, saturating, and two that know no side."""
+"""Of a signal over twice its standard deviation: linear, hardening, saturating, and two even functions."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A pair of entry and driver with the share of halves in which one of its shapes was taken."""
+    """A pair of input and regressor with the share of halves in which one of its terms was selected."""
 
     channel: Channel
     driver: Driver
@@ -57,11 +57,11 @@ def proposals(
     moved: Sequence[Floats],
     residuals: Sequence[Floats],
 ) -> list[Proposal]:
-    """Return pairs of entry and driver, the most stable first.
+    """Return pairs of input and regressor, the most stable first.
 
     Args:
         pinpoint: At the fit.
-        channels: Entries to be tried.
+        channels: Inputs to be tried.
         drivers: Signals to be tried.
         signals: Their values by drive ``(samples, drivers)``.
         moved: What the fitted parameters do to the innovations, by drive ``(samples * ny, parameters)``.

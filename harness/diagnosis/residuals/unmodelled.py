@@ -1,14 +1,14 @@
-"""Something is missing that has no name: the disturbance it makes, as a curve over a signal or once per turn.
+"""An unmodelled disturbance that no effect of the library explains: a function of a signal, or periodic in distance.
 
-What comes back with the distance driven is looked for first (``turning``), because nothing else explains it. The
-dictionary proposes entries and signals. Of each pair a smooth curve is fitted to the innovations together with the
-parameters that the model's own fit moves, each time without one of the drives, and is judged by the likelihood of that
-one. The best is taken, then the best beside it, as long as the drives left out become likelier. What is left must make
-the held-out drives likelier as well.
+What is periodic in the distance driven is sought first (``turning``), because no function of a signal explains it. The
+dictionary proposes pairs of an input and a signal. For each pair a smooth curve is fitted to the innovations together
+with the fitted parameters of the model, and assessed by cross-validation over the drives. Forward selection takes the
+best, then the best beside it, as long as the cross-validated likelihood rises. The likelihood of the held-out drives
+must rise as well.
 
-Free running, a curve over motion is fed by the motion of the model itself and not by the measured one: what it closes
-of the error is a prediction. Inputs are those of the recording, as for every model. What turns has the phase that suits
-the drive.
+In the simulation, a curve over motion is a function of the simulated motion and not of the measured one, so that its
+part in the simulation error is a prediction. Inputs are those of the recording, as for every model. What is periodic
+has the phase that fits the drive best.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from harness.identification.data import Drive
 Floats = NDArray[np.float64]
 
 NEEDED = 25.0
-"""Gain in log-likelihood of the drives left out, below which a curve is not taken."""
+"""Least gain in log-likelihood of the drives left out with which a curve is taken."""
 
 CURVES = 3
 """Largest number of curves."""
 
 TRUSTED = 0.03
-"""Standard deviation of the step of a parameter that only a prior holds: further from the fit its linear response means
-little, and what these drives hardly show would leave the range in which the model holds."""
+"""Largest standard deviation of the prior on the step of a parameter: further from the fit its linear response does not
+hold, and a parameter that these drives hardly excite would leave the model's range."""
 
 TURNS = 3
-"""Largest number of disturbances that turn: an order and its harmonics."""
+"""Largest number of periodic disturbances: an order and its harmonics."""
 
 _ENTRIES = 8
 _PAIRS = 12
@@ -55,7 +55,7 @@ _STABLE = 0.2
 """Entries that the dictionary sees, pairs of which curves are fitted, and the least stability of a pair."""
 
 _SPEED = ("speed", "longitudinal_velocity")
-"""Signals, either of which tells the distance driven."""
+"""Signals, the integral of either of which is the distance driven."""
 
 _STIFFNESS = (1e-4, 1e-2, 1.0)
 """Penalty on second differences, over the mean information on a weight."""
@@ -63,14 +63,14 @@ _STIFFNESS = (1e-4, 1e-2, 1.0)
 
 @dataclass(frozen=True)
 class Unnamed:
-    """What is missing, without a name.
+    """An unmodelled disturbance.
 
     Attributes:
         curves: In the order they were taken.
         shift: Parameters that move with them: value by name.
-        held_out_gain: In log-likelihood of the held-out drives, as the innovations promise.
-        judgement: The model with the curves, free running on the held-out drives.
-        turning: What comes back with the distance driven, in the order it was taken.
+        held_out_gain: In log-likelihood of the held-out drives, predicted by the linearised innovations.
+        judgement: The model with the curves, simulated on the held-out drives.
+        turning: What is periodic in the distance driven, in the order it was taken.
     """
 
     curves: tuple[Curve, ...]
@@ -172,15 +172,15 @@ class _Drives:
 def find_unnamed(
     fitting: Fitting, held_out: HeldOut, final: Fitted, before: Judgement, pinpoint: Pinpoint
 ) -> Unnamed | None:
-    """Return what a model lacks without a name; ``None`` if nothing predicts drives that it was not fitted to.
+    """Return what no effect of the library explains; ``None`` if nothing improves the held-out drives.
 
-    Where the filter itself leaves the range of the model there are no innovations to explain, and nothing is sought.
+    Where the filter itself leaves the model's range there are no innovations to explain, and nothing is sought.
 
     Args:
         fitting: The fitted drives.
-        held_out: The drives kept aside.
+        held_out: The held-out drives.
         final: Where the model was fitted.
-        before: The model on the drives kept aside.
+        before: The model on the held-out drives.
         pinpoint: At ``final``.
     """
     whole = fitting.whole
@@ -204,7 +204,7 @@ def find_unnamed(
     by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
 
     def judged(curves: Sequence[Curve], weights: Floats, by_curves: float) -> Unnamed:
-        """Return what turns, with these curves, as the model alone does with them on the drives kept aside."""
+        """Return the periodic disturbances with these curves, simulated on the held-out drives."""
         point = _shifted(before.point, moved, weights[: len(moved)])
 
         def run(i: int) -> Floats:
@@ -222,16 +222,16 @@ def find_unnamed(
         found.append(judged((), alone, 0.0))
     if by_curves > 0:
         found.append(judged(curves, weights, by_curves))
-    # The gains of the filter still are those that took what turns for noise, so curves may explain those.
+    # The gains of the filter were fitted with the periodic part as noise, and curves may explain them.
     return min(found, key=lambda u: u.judgement.excess, default=None)
 
 
 def _turning(here: _Drives, there: _Drives, samples: int) -> tuple[list[Turning], list[list[Waves]], float]:
-    """Take one disturbance that turns after the other, as long as the held-out drives become likelier.
+    """Take one periodic disturbance after the other, as long as the likelihood of the held-out drives rises.
 
     Returns:
-        What turns; each over the held-out drives, by drive; and the gain there, less what the phases
-        cost that were looked for in them.
+        The disturbances; each over the held-out drives, by drive; and the gain there, less the penalty of the
+        phases that were fitted to them.
     """
     found: list[Turning] = []
     disturbances: list[list[Waves]] = []
@@ -256,7 +256,7 @@ def _gain(sums: _Sums, weights: Floats) -> float:
 
 
 def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[list[Curve], Floats]:
-    """Return curves by forward selection, judged on the drives left out, and the weights of parameters and curves.
+    """Return curves by forward selection with cross-validation, and the weights of parameters and curves.
 
     Args:
         here: The fitted drives.
@@ -349,11 +349,10 @@ def _run(
     curves: Sequence[Curve],
     turned: Sequence[tuple[Channel, Waves]],
 ) -> Floats:
-    """Run the model alone with the disturbances that its own motion makes; return its outputs ``(samples, ny)``.
+    """Simulate the model with the disturbances that its own motion makes; return its outputs ``(samples, ny)``.
 
-    What turns is there at every sample already.
-
-    How an entry moves the next state is taken along the measured drive; it hardly depends on the motion.
+    Periodic disturbances are given at every sample. How an input moves the next state is taken along the measured
+    drive; it hardly depends on the motion.
     """
     spec = whole.spec
     compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False, jacobians=False)

@@ -25,7 +25,7 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     also = f" The stated values of {wrong} were wrong." if parameters else ""
     if far := beyond_belief(trace.final):
         rest = "the rest" if effects else "it"
-        also = f" Many stated values would explain {rest}, but wrong by factors that nobody believes: {far}."
+        also = f" Many stated values would explain {rest}, but only with implausible factors: {far}."
     after = final_judgement(trace, found)
     change = gap(trace.before, after)
     if process is not None:
@@ -44,17 +44,20 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
 
 def _of_a_process(process: Wandering) -> str:
     return (
-        f" {words(process.hypothesis.name).capitalize()} is a random process: the model alone cannot foretell it. With "
-        f"a filter that knows of it the log-likelihood of the held-out drives rises by {process.held_out_gain:.0f}."
+        f" {words(process.hypothesis.name).capitalize()} is a random process: no simulation predicts it. With it "
+        f"in the filter, the log-likelihood of the held-out drives rises by {process.held_out_gain:.0f}."
     )
 
 
 def gap(before: Judgement, after: Judgement) -> str:
     """Return a sentence on what becomes of the simulation error, with a space before it."""
     if math.isinf(before.excess):
-        now = "still does" if math.isinf(after.excess) else "no longer does"
-        return f" Refitted alone, the model left the range in which it holds on the held-out drives; it {now}."
+        now = "does so too" if math.isinf(after.excess) else "stays within it"
+        return (
+            " On the held-out drives the free run of the refitted nominal model leaves the model's range; that of the "
+            f"final model {now}."
+        )
     if before.excess <= 0 or not after.excess < before.excess:
-        return " The held-out error does not fall."
+        return " The simulation error on the held-out drives does not fall."
     fall = 100 * (1 - math.sqrt(after.excess / before.excess))
-    return f" The held-out error beyond the noise of the sensors falls by {fall:.0f} %."
+    return f" The simulation error on the held-out drives, beyond the sensor noise, falls by {fall:.0f} %."

@@ -1,7 +1,7 @@
-"""What the amendment is worth to estimators: each one on the held-out drives, with the nominal and the amended model.
+"""What the amendment gains estimators: each one on the held-out drives, with the nominal and the amended model.
 
-An estimator is asked for one measured output at a time without seeing it: its variance is stated so large that the
-measurement counts for nothing, and what the filter predicts of it is compared with what was measured.
+Each output in turn is estimated without its own measurement: its variance is stated so large that the measurement has
+no weight, and the prediction of the filter is compared with what was measured.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ESTIMATORS = ("ekf", "ukf", "cdkf")
 """Estimators that are tried unless others are asked for."""
 
 _UNSEEN = 1e12
-"""Factor on the variance of a measurement that an estimator is not to use."""
+"""Factor on the variance of a measurement that an estimator must not use."""
 
 
 @dataclass(frozen=True)

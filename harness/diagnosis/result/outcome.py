@@ -51,7 +51,7 @@ class Outcome:
         judged: Every drive against the nominal model and the final one.
         nominal: The nominal model, refitted, for studies.
         amended: The final model, for studies; effects with moments hold those of the first fitted drive.
-        where: Where the model lacks something, and what is left without a name.
+        where: Where the model lacks something, and the unmodelled disturbance that is left.
         estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
         worth: A study with the amended plant against both beliefs, where asked for; why it could not be run, in words.
         notes: What is odd about the recordings, with the evidence.

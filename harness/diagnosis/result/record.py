@@ -182,7 +182,7 @@ def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
 def _models(outcome: Outcome) -> dict[str, str]:
     names = ", ".join(d.name for d in outcome.trace.fitting.drives)
     comments = {
-        v.name: f"  # {v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
+        v.name: f"{v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
     }
     return {
         "nominal.toml": set_text(outcome.nominal, f"the nominal model refitted by harness trace on {names}", {}),

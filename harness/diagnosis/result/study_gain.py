@@ -1,12 +1,11 @@
-"""What an amendment is worth: a study with the amended plant, its estimators believing the nominal or amended model.
+"""What an amendment gains in a study: the amended plant, with estimators that believe the nominal or amended model.
 
-Both runs of the study have the same plant, points, drives and noise, so they are compared run by run. Each belief holds
-the noise that was fitted with it: a model that lacks something was given more process noise, as an engineer would.
+Both runs of the study have the same plant, points, drives and noise, so they are compared run by run. Each belief has
+the noise variances that were fitted with it: those of a model that lacks something are larger, as after tuning.
 """
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from rich.console import Console
 from harness.common import statistics
 from harness.common.errors import UserError
 from harness.common.files import read_toml
-from harness.config import ModelSpec, Study, load_study, read_study
+from harness.config import ModelSpec, Study, build_study, load_study
 from harness.simulation.drives import profile_of
 from harness.study.results import Design, read
 from harness.study.run import run_study
@@ -144,7 +143,7 @@ def worth(
         for side, model in (("plant", "amended"), ("belief", name)):
             table[side]["parameters"] = str((folder / f"{model}.toml").resolve())
             table[side]["values"] = {n: v for n, v in moments.items() if n in models[model].values}
-        return read_study(_toml(table), path)
+        return build_study(table, path)
 
     study = with_belief("amended")
     studies = {"nominal": replace(with_belief("nominal"), designs=study.designs), "amended": study}
@@ -177,16 +176,3 @@ def _table(content: dict[str, Any], estimators: Sequence[str], repeats: int) -> 
         "estimator": [*there, *more],
         "design": [{**content["design"][0], "repeats": repeats}],
     }
-
-
-def _toml(table: dict[str, Any]) -> str:
-    """Return the content of a TOML file as text, a line per key."""
-
-    def written(value: Any) -> str:
-        if isinstance(value, dict):
-            return "{ " + ", ".join(f"{k} = {written(v)}" for k, v in value.items()) + " }"
-        if isinstance(value, list):
-            return "[" + ", ".join(map(written, value)) + "]"
-        return json.dumps(value)
-
-    return "".join(f"{key} = {written(value)}\n" for key, value in table.items())

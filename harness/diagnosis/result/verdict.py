@@ -18,11 +18,11 @@ COLOURED = 1e-4
 def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     """Return whether the model is adequate, amended, or lacks something that has no name here.
 
-    Something is still missing if the final model's innovations on the held-out drives are anything but white, whatever
-    was named: then a name may stand for something else. So it is if the model strays there further than the noise of
-    the sensors, with the curves that have no name if there are any, and either there are some or the last round held a
-    hypothesis that gained enough but did not pass. A random process is added where it leaves nothing, or next to it.
-    Many wrong parameters explain nothing if one would be wrong beyond belief.
+    Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
+    added: then an effect may stand for another one. So it is if the simulation error there, with the unmodelled
+    disturbance if one was found, exceeds the sensor noise, and either one was found or the last round held a hypothesis
+    that gained enough but was not accepted. A random process is accepted where it leaves white innovations, or almost.
+    Many wrong parameters explain nothing if one would be wrong by an implausible factor.
     """
     if beyond_belief(trace.final):
         return "unresolved"
@@ -38,7 +38,7 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
 
 
 def final_judgement(trace: Trace, found: Where) -> Judgement:
-    """Return the final model on the held-out drives, with the curves that have no name if it strays less with them."""
+    """Return the final model on the held-out drives, with the unmodelled disturbance if that lowers its error."""
     if found.unnamed is not None and found.unnamed.judgement.excess < trace.after.excess:
         return found.unnamed.judgement
     return trace.after
@@ -50,6 +50,6 @@ def strays(trace: Trace) -> bool:
 
 
 def _failed(trace: Trace) -> bool:
-    """Whether the last round held a hypothesis that gained enough on the fitted drives but did not pass."""
+    """Whether the last round held a hypothesis that gained enough on the fitted drives but was not accepted."""
     last = trace.rounds[-1]
     return last.added is None and any(c.fitted is not None and c.bic >= BIC_NEEDED for c in last.candidates)

@@ -20,7 +20,7 @@ _FLAT = 0.3
 
 
 def unnamed_words(found: Unnamed) -> list[str]:
-    """Return what each part of a disturbance without a name looks like."""
+    """Return what each part of an unmodelled disturbance looks like."""
     return [*map(described, found.turning), *map(described, found.curves)]
 
 
@@ -56,7 +56,7 @@ def _curve(curve: Curve) -> str:
 
 
 def entry(channel: Channel) -> str:
-    """Return an entry in words."""
+    """Return an input in words."""
     if channel.kind == "equation":
         return f"equation of the {words(channel.ports[0])}"
     return f"sensor of the {words(channel.name)}" if channel.kind == "sensor" else words(channel.name)

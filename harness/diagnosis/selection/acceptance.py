@@ -1,4 +1,4 @@
-"""Judge what was tried in a round: what is added, why, and what the drives can hardly tell from it."""
+"""Judge what was tried in a round: what is added, why, and what the drives hardly distinguish from it."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ BIC_NEEDED = 50.0
 """Gain in BIC on the fitted drives below which nothing is added."""
 
 ERROR_NEEDED = 0.2
-"""Share of the held-out error, beyond the noise of the sensors, that an addition must take away."""
+"""Share of the simulation error on the held-out drives, beyond the sensor noise, that an addition must take away."""
 
 AHEAD = 50.0
 """Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""
 
 HOPEFUL = 500.0
-"""Gain in BIC from which an addition that leaves the free-running error is tried with a further one: the error may be
+"""Gain in BIC from which an addition that leaves the simulation error is tried with a further one: the error may be
 that of another effect."""
 
 SENSOR_NEEDED = 0.5
-"""Share of its own signal's held-out error, beyond the noise, that a fault of one sensor must take away where the error
-of other signals, on which it does not act, hides what it does to that of all."""
+"""Share of its own simulation error, beyond the noise, that a fault of one sensor must take away where the error
+of other signals, on which it does not act, masks its share in that of all."""
 
 IMPLAUSIBLE = 3.0
-"""Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which no parameter of many is believed
-to be wrong: large enough, anything that is missing has them fit it somehow."""
+"""Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which an error of one of many
+parameters is implausible: without a bound, many parameters together fit whatever is missing."""
 
 ALIKE = 0.9
-"""Cosine of two responses from which hypotheses count as hard to tell apart."""
+"""Cosine of two responses from which hypotheses count as hardly distinguishable."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Candidate:
     """A hypothesis as tried in a round.
 
     Attributes:
-        score: What it promised.
-        fitted: Fitted jointly with everything found before; ``None`` if it promised too little.
-        bic: Gain in BIC over the model without it, promised or fitted.
+        score: Of the test, with the predicted gain.
+        fitted: Fitted jointly with everything found before; ``None`` if its predicted gain is too small.
+        bic: Gain in BIC over the model without it, predicted or fitted.
         held_out: What the held-out drives say; ``None`` if it was not fitted.
     """
 
@@ -68,7 +68,7 @@ class Round:
         before: The model without any of them, on the held-out drives, where it was refitted as its fits do best there.
         added: The one that was added; ``None`` in the last round.
         reason: Why, or why not, in a sentence.
-        confusable: Names of what these drives can hardly tell from the best, itself first.
+        confusable: Names of what these drives hardly distinguish from the best, itself first.
         hopeful: What was not added, but may be with a further addition.
     """
 
@@ -90,23 +90,23 @@ def decide(candidates: tuple[Candidate, ...], before: Judgement, room: int) -> R
     """
     tried = [c for c in candidates if c.fitted is not None]
     if not tried:
-        return Round(candidates, before, None, "nothing promises enough to be fitted", ())
+        return Round(candidates, before, None, "the score test predicts too little gain for any hypothesis", ())
     best = preferred([c for c in tried if not objections(c, before)])
     hopeful = None if best or room < 2 else next((c for c in tried if is_hopeful(c, before)), None)
     best = best or hopeful or tried[0]
     against = objections(best, before)
-    reason = "; ".join(against) or "passes all three judges"
+    reason = "; ".join(against) or "meets all three criteria"
     alike = [c.hypothesis.name for c in candidates if c is not best and _alike(best, c)]
     added = None if against or room < 1 else best
     return Round(candidates, before, added, reason, (best.hypothesis.name, *alike), hopeful)
 
 
 def with_sensor(found: Round) -> Round:
-    """Return a round in which nothing passed with the likeliest fault of a sensor added that clears its own signal."""
+    """Return a round without accepted hypothesis with the likeliest fault of a sensor that clears its own signal."""
     best = next((c for c in found.candidates if clears_its_sensor(c, found.before)), None)
     if best is None:
         return found
-    reason = "takes away half of the error, or more, of the one signal on which it acts"
+    reason = "takes away half of the simulation error, or more, of the one signal on which it acts"
     alike = [c.hypothesis.name for c in found.candidates if c is not best and acts_alike(c.score, best.score)]
     return Round(found.candidates, found.before, best, reason, (best.hypothesis.name, *alike))
 
@@ -122,7 +122,7 @@ def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
 
 
 def is_hopeful(c: Candidate, before: Judgement) -> bool:
-    """Whether all that speaks against adding a hypothesis is that the free-running error falls too little."""
+    """Whether the only objection to a hypothesis is that the simulation error falls too little."""
     assert c.held_out is not None
     likelier = c.bic >= HOPEFUL and c.held_out.log_likelihood > before.log_likelihood
     return c.hypothesis.name != ALL_PARAMETERS and likelier and EXCESS < c.held_out.excess <= before.excess
@@ -131,7 +131,7 @@ def is_hopeful(c: Candidate, before: Judgement) -> bool:
 def with_further(found: Round, further: Round) -> Round:
     """Return a round with what was hopeful added, because with a further addition it is among what passes."""
     assert further.added is not None
-    reason = f"passes all three judges together with {words(further.added.hypothesis.name.replace('@', ' of '))}"
+    reason = f"meets all three criteria together with {words(further.added.hypothesis.name.replace('@', ' of '))}"
     return replace(found, added=found.hopeful, reason=reason)
 
 
@@ -140,30 +140,30 @@ def _alike(best: Candidate, other: Candidate) -> bool:
 
 
 def acts_alike(one: Score, other: Score) -> bool:
-    """Whether the drives, which show one hypothesis, can hardly tell it from another."""
+    """Whether the drives excite one hypothesis and hardly distinguish it from another."""
     return one.excited and abs(cosine(one, other)) > ALIKE
 
 
 def objections(c: Candidate, before: Judgement) -> list[str]:
-    """Return what speaks against adding a candidate that was fitted to the model ``before``."""
+    """Return which criteria a candidate that was fitted to the model ``before`` does not meet."""
     assert c.held_out is not None
     found = []
     if c.bic < BIC_NEEDED:
         found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
     if c.held_out.log_likelihood <= before.log_likelihood:
-        found.append("the held-out drives are not more likely with it")
+        found.append("the likelihood of the held-out drives does not rise")
     if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
-        found.append("the free-running error on the held-out drives does not fall by a fifth")
-    # Where they leave nothing they are shown for what they are, and the verdict doubts them.
+        found.append("the simulation error on the held-out drives does not fall by a fifth")
+    # Where they leave nothing unexplained they are accepted, and the verdict is that it is unresolved.
     if c.hypothesis.name == ALL_PARAMETERS and c.held_out.excess >= EXCESS:
         assert c.fitted is not None
         if far := beyond_belief(c.fitted):
-            found.append(f"stated values would be wrong by factors that nobody believes: {far}")
+            found.append(f"stated values would be wrong by implausible factors: {far}")
     return found
 
 
 def beyond_belief(fitted: Fitted) -> str:
-    """Return which of many parameters would be wrong by too much, and by what factors; nothing if none is."""
+    """Return which of many parameters would be wrong by implausible factors, and by which; empty if none is."""
     factors = {}
     for at in fitted.coordinates:
         away = at.coordinate(float(fitted.point.values[at.row, at.drives[0]])) - at.centre
@@ -174,9 +174,10 @@ def beyond_belief(fitted: Fitted) -> str:
 
 
 def preferred(passing: Sequence[Candidate]) -> Candidate | None:
-    """Return what is added of what passes, best first: many parameters at once only if nothing alone strays less.
+    """Return which of the accepted candidates, best first, is added.
 
-    Many parameters fit anything a little; on drives that they were not fitted to the right one does better.
+    Many parameters at once are added only if no single hypothesis has less simulation error: they fit anything a
+    little, and out of sample the right one does better.
     """
     best = next(iter(passing), None)
     if best is None or best.hypothesis.name != ALL_PARAMETERS or best.held_out is None:
@@ -186,9 +187,9 @@ def preferred(passing: Sequence[Candidate]) -> Candidate | None:
 
 
 def hardest(judged: Sequence[Judgement]) -> Judgement:
-    """Return a model without addition as its fits do best on the held-out drives.
+    """Return a model without addition with the best that its fits reach on the held-out drives.
 
-    The likeliest on the fitted drives may be the worst on these; an addition shall not pass for that.
+    The likeliest fit may be the worst out of sample; an addition must not be accepted because of that.
     """
     best = min(judged, key=lambda j: j.excess)
     return replace(best, log_likelihood=max(j.log_likelihood for j in judged))

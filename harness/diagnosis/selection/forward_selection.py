@@ -1,8 +1,8 @@
 """Find what a model lacks: forward selection over everything it may lack, checked backwards at the end.
 
 In each round (``rounds``) the score test ranks all hypotheses, the best few are fitted jointly with the nominal
-parameters, and the best of these is added if it passes three judges: the Bayes information criterion on the fitted
-drives, the likelihood and the free-running error of drives that were never fitted.
+parameters, and the best of these is added if it meets three criteria: the Bayes information criterion on the fitted
+drives, the likelihood and the simulation error of drives that were never fitted.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Trace:
         fitting: The fitted drives.
         held_out: The held-out drives.
         free: Parameters of the nominal model that were fitted.
-        nominal: The nominal model fitted; of its fits the one that strays least on the held-out drives.
+        nominal: The nominal model fitted; of its fits the one of least simulation error on the held-out drives.
         final: The model with everything added.
         added: In the order added, without what the checks at the end took away, and with what they put in its place.
         rounds: Of the selection.
@@ -108,7 +108,7 @@ class _Search:
         self.trials, self.rounds = trials, rounds
 
     def run(self) -> Trace:
-        """Return what was found: round after round until nothing passes, then the checks of all additions."""
+        """Return what was found: round after round until nothing is accepted, then the checks of all additions."""
         trials = self.trials
         trials.say("fitting the nominal model")
         nominal = best = trials.fit((), trials.fitting.first(), 25)
@@ -158,7 +158,7 @@ class _Search:
         return [found if found.added is not None else tried.decided_by_sensor(room)]
 
     def _backward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
-        """Take away what the later additions made superfluous: all but one of them, or one after the other.
+        """Remove what the later additions made redundant: all but one of them, or one after the other.
 
         What is missing may have been taken for something else at first, and for the rest of it thereafter.
         """
@@ -198,7 +198,7 @@ class _Search:
 
 
 def _stand_ins(rounds: Sequence[Round], added: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return parameters that the drives could hardly tell from those that were added, the best of each round first."""
+    """Return parameters that the drives hardly distinguish from those that were added, the best of each round first."""
     found: dict[Hypothesis, None] = {}
     for r in rounds:
         if r.added is not None and r.added.hypothesis in added and r.added.hypothesis.kind == "parameter":

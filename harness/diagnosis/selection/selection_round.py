@@ -36,11 +36,11 @@ there: its ranking was that of a poor fit."""
 _REFITTED = 3
 
 _HOPE = 1.5
-"""A fit may gain this much more than the score promises, and more still where the best one so far did; what cannot
-reach that one is not fitted."""
+"""A fit may gain this much more than the score test predicts, and more still where the best one so far did; one that
+cannot reach that is not fitted."""
 
 _NEAR = 0.5
-"""Hypotheses are fitted that promise at least this share of what the best one does."""
+"""Hypotheses are fitted whose predicted gain is at least this share of the largest one."""
 
 
 def attempt(trials: Trials, added: Added, without: list[Fitted], number: int) -> Attempt:
@@ -115,7 +115,7 @@ class Attempt:
         scores = ScoreTest(self.trials.fitting, self.best).of(self.open())
         favour = {s.hypothesis: _FAVOUR * (s.hypothesis.kind == "parameter") for s in scores}
         self.promised = sorted(scores, key=lambda s: self.promise(s) + favour[s.hypothesis], reverse=True)
-        # Many parameters at once promise much whatever is missing, so they keep nothing else from being fitted.
+        # The predicted gain of many parameters at once is large whatever is missing; it must not exclude others.
         alone = [self.promise(s) for s in self.promised if s.hypothesis.name != ALL_PARAMETERS]
         enough = max(0.5 * BIC_NEEDED, _NEAR * max(alone, default=0.0))
         self.worth = [s for s in distinct(self.promised) if self.promise(s) > enough]
@@ -143,13 +143,13 @@ class Attempt:
                 self.fit(s)
 
     def settled(self) -> bool:
-        """Whether something alone passes and leaves nothing; many parameters, which had to leave less, need no fit."""
+        """Whether a single hypothesis is accepted and explains everything; then many parameters need no fit."""
         before = self.before
         passing = [c for c in map(self.judged, self.tried()) if not objections(c, before)]
         return any(c.held_out is not None and leaves_nothing(c.held_out, before) for c in passing)
 
     def fit_like_the_best(self) -> None:
-        """Fit also what acts like the best of the fits, where another may be meant."""
+        """Fit also what is hardly distinguishable from the best of the fits, where it may explain more."""
         tried = [self.judged(s) for s in self.tried()]
         if not tried:
             return
@@ -162,10 +162,10 @@ class Attempt:
             self.fits[s.hypothesis] = self.trials.fit((*self.added, s.hypothesis), self.trials.fitting.best(starts))
 
     def fit_spared(self) -> None:
-        """Fit what was spared for promising too little, where nothing passes or is hopeful, until something passes.
+        """Fit what was passed over for a small predicted gain, where nothing is accepted or nearly so, until one is.
 
-        Large effects bend, so that the right one may promise a part of what it reaches, and a wrong one that fits the
-        fitted drives alone may reach more than that. Many parameters at once count for nothing here.
+        Large effects act nonlinearly, so that the predicted gain of the right one may be a part of what it reaches, and
+        a wrong one may overfit the fitted drives by more than that. Many parameters at once do not count here.
         """
         before = self.before
         if any(not objections(c, before) or is_hopeful(c, before) for c in map(self.judged, self.tried())):
@@ -177,9 +177,9 @@ class Attempt:
                 break
 
     def decided_by_sensor(self, room: int) -> Round:
-        """Return a round in which nothing passed with the best fault of a sensor added, if it clears its own signal.
+        """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
 
-        Where other signals stray for a reason that has no name, they hide from the judges what acts on one alone.
+        A large unexplained error of other signals masks from the criteria what acts on one signal alone.
         """
         for column, excess in enumerate(self.before.excesses if room > 0 else ()):
             own = [s for s in self.promised if s.hypothesis.output == column and self.promise(s) > BIC_NEEDED]
@@ -189,26 +189,26 @@ class Attempt:
         return with_sensor(found) if room > 0 and found.added is None else found
 
     def tried(self) -> list[Score]:
-        """Return what was fitted and is not many parameters at once, the most promising first."""
+        """Return what was fitted and is not many parameters at once, the largest predicted gain first."""
         return [s for s in self.promised if s.hypothesis in self.fits and s.hypothesis.name != ALL_PARAMETERS]
 
     def fit(self, s: Score) -> None:
-        """Fit a hypothesis from what its score promises."""
+        """Fit a hypothesis from the amplitudes that its score predicts."""
         self.say(f"fitting {s.hypothesis.name.replace('_', ' ')}")
         self.fits[s.hypothesis] = self.trials.fit((*self.added, s.hypothesis), self.start(self.best.point, s))
 
     def judged(self, s: Score) -> Candidate:
-        """Return a hypothesis that was fitted, as the held-out drives see it."""
+        """Return a hypothesis that was fitted, with its judgement on the held-out drives."""
         fitted = self.fits[s.hypothesis]
         judged = self.trials.judge((*self.added, s.hypothesis), fitted.point)
         return Candidate(s, fitted, self.trials.bic(fitted.objective - self.best.objective, s.freedom), judged)
 
     def unfitted(self, s: Score) -> Candidate:
-        """Return a hypothesis that promised too little."""
+        """Return a hypothesis whose predicted gain is too small for a fit."""
         return Candidate(s, None, self.promise(s), None)
 
     def promise(self, s: Score) -> float:
-        """Return the gain in BIC that a score promises."""
+        """Return the gain in BIC that a score predicts."""
         return self.trials.bic(s.gain, s.freedom)
 
     def taken_back(self, h: Hypothesis, fitted: Fitted) -> Point:
@@ -219,7 +219,7 @@ class Attempt:
         return replace(fitted.point, values=values)
 
     def start(self, point: Point, s: Score) -> Point:
-        """Return the best start for a joint fit: what the score promises, or a value of the amplitudes' grids."""
+        """Return the best start for a joint fit: what the score predicts, or a value of the amplitudes' grids."""
         h, row = s.hypothesis, self.trials.whole.row
         values = point.values.copy()
         for name, value in zip(h.shared, [*s.amplitudes, *s.shapes], strict=True):

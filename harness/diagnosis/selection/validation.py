@@ -1,4 +1,4 @@
-"""Judge a model on drives that were never fitted: how likely they are, and how far the model alone strays."""
+"""Judge a model on drives that were never fitted: how likely they are, and how large the simulation error is."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class Judgement:
 
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
-    """Whether a model strays no further than the noise of the sensors, or just a little of what another one does.
+    """Whether the simulation error of a model is within the sensor noise, or a hundredth of another model's.
 
-    Of one that leaves its range there is no little.
+    Where the free run of the other model leaves its range, only the sensor noise counts.
     """
     little = LITTLE * before.excess if np.isfinite(before.excess) else 0.0
     return after.excess <= max(EXCESS, little)

@@ -15,7 +15,7 @@ from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.config.parameter_set import set_text
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SIGNALS = ("steering_wheel_angle", "speed", "yaw_rate", "lateral_acceleration", "lateral_velocity")
 
 
