@@ -10,7 +10,7 @@ from harness.loop.fit import Fitted
 from harness.loop.held_out import EXCESS, Judgement
 from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.score import Score, cosine
-from models.quantities import words
+from harness.report.store import words
 
 BIC_NEEDED = 50.0
 """Gain in BIC on the fitted drives below which nothing is added."""
@@ -26,8 +26,8 @@ HOPEFUL = 500.0
 that of another effect."""
 
 SENSOR_NEEDED = 0.5
-"""Share of its own simulation error, beyond the noise, that a fault of one sensor must take away where the error
-of other signals, on which it does not act, masks its share in that of all."""
+"""Share of its own signal's simulation error, beyond the noise, that a fault of one sensor must take away where the
+error of other signals, on which it does not act, masks its share in that of all."""
 
 IMPLAUSIBLE = 3.0
 """Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which an error of one of many
