@@ -160,7 +160,7 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
 
     trace = outcome.trace
     whole = trace.fitting.whole
-    published = whole.neutral()
+    published = whole.stated()
     for name, value in stated.values.items():
         published[whole.row(name)] = value
     found: Errors = {}
