@@ -23,7 +23,7 @@ from harness.compile import compile_model, load_source
 from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.identify import kernels
-from harness.identify.recordings import Drive, drive_from, step_of
+from harness.identify.recordings import Drive, drive_from, started_by, step_of
 from harness.lanes import LANES
 from harness.simulate import paste
 from models.assemble import Model
@@ -168,9 +168,8 @@ class FilteredModel(ABC):
         follow = paste(self.duals, "follow", [kernels.fill, kernels.follow], _DUAL_NAMES)
         self._follow = load_source("follow", follow)
         self._limits = np.array([model.valid.get(name, np.inf) for name in model.states])
-        starts = {s: source for s, source in model.start.items() if source in self._rows}
-        self._started = [model.states.index(s) for s in starts]
-        self._starts = [self._rows[str(source)] for source in starts.values()]
+        starts = started_by(model)
+        self._started, self._starts = list(starts), list(starts.values())
         self._remembered: dict[tuple[object, ...], tuple[Drive, FilterRun]] = {}
 
     @abstractmethod

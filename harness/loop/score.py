@@ -40,11 +40,12 @@ class Score:
         hypothesis: What was tried.
         gain: Promised gain in log-likelihood.
         amplitudes: With these values.
-        error: Standard error that the drives would leave of each amplitude, infinite if they say nothing of it.
+        error: Standard error that the drives would leave of each amplitude, infinite if they do not tell it.
         freedom: Numbers that it adds to the fit; under a prior, as many as the drives know better than the prior.
         shapes: Values of the grid.
         moments: By drive and moment ``(drives, moments)``, in s.
         response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``.
+        excited: Whether the drives could show it at all.
     """
 
     hypothesis: Hypothesis
@@ -55,11 +56,7 @@ class Score:
     shapes: Floats
     moments: Floats
     response: tuple[Floats, ...]
-
-    @property
-    def excited(self) -> bool:
-        """Whether the drives could show it at all."""
-        return bool(np.isfinite(self.error).any())
+    excited: bool
 
 
 class ScoreTest:
@@ -150,7 +147,7 @@ class ScoreTest:
         promised = weights @ a
         response = tuple((x @ a - N @ promised).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True))
         start = np.array([self.point.values[self.whole.row(n), 0] for n in h.amplitudes])
-        return Score(h, gain, start + a, error, freedom, shapes, moments, response)
+        return Score(h, gain, start + a, error, freedom, shapes, moments, response, bool(seen.any()))
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up."""
