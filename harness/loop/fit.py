@@ -193,10 +193,15 @@ class Fitting:
 
         def of_drive(i: int) -> Floats:
             directions = objective.coordinates.directions(z, parameters, i).values
-            found = self.whole.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i])
-            return found.reshape(-1, len(z[parameters]))
+            return in_rows(self.whole.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i]))
 
         return self.whole.share(of_drive, self._range)
+
+
+def in_rows(columns: Floats) -> Floats:
+    """Return columns ``(samples, ny, n)`` as ``(samples * ny, n)``."""
+    samples, ny, n = columns.shape
+    return columns.reshape(samples * ny, n)
 
 
 def moved_to(point: Point, drives: int) -> Point:

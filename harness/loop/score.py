@@ -19,7 +19,7 @@ from scipy import optimize
 
 from harness.identify.certainty import covariance_of
 from harness.loop.disturbance import Linearisation
-from harness.loop.fit import Fitted, Fitting
+from harness.loop.fit import Fitted, Fitting, in_rows
 from harness.loop.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
 from harness.loop.moments import Choices, choices, join
 from harness.loop.onsets import Change, Columns, Onsets
@@ -94,8 +94,7 @@ class ScoreTest:
 
     def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
         """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
-        found = self.whole.sensitivities(self.drives[drive], values, self.whole.along(names), self.kept[drive])
-        return found.reshape(-1, len(names))
+        return in_rows(self.whole.sensitivities(self.drives[drive], values, self.whole.along(names), self.kept[drive]))
 
     def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[tuple[str, tuple[float, ...]], Floats]]:
         """Return the columns of all amplitudes at all shapes, once each, by drive."""

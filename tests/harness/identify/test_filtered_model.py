@@ -35,17 +35,17 @@ def test_a_run_at_the_same_point_is_not_run_again_and_only_the_last_are_kept():
 
 
 def test_with_gains_held_fixed_the_slopes_of_parameters_are_nearly_the_exact_ones():
-    """Away from the summit the gains' own part is small against the innovations' (five standard errors here)."""
+    """A dozen standard errors from the summit the gains' own part is worth less than half of one."""
     innovations, drive = car_fit(21)
     space = space_of(innovations)
     moved = space.kind("parameter")
-    z = space.centre + 0.01 * moved
+    z = space.centre + 0.002 * moved
     at = [space.candidates(z)], [space.directions(z, moved)]
     exact, fixed = innovations.slopes([drive], *at), FilteredModel.slopes(innovations, [drive], *at)
-    assert fixed.log_likelihood == exact.log_likelihood
+    assert fixed.log_likelihood == pytest.approx(exact.log_likelihood, rel=1e-12)
     natural = np.sqrt(np.diagonal(exact.information))
     assert np.all(np.abs(fixed.gradient - exact.gradient) < 0.5 * natural)
-    assert np.abs(exact.gradient / natural).max() > 2.0
+    assert np.abs(exact.gradient / natural).max() > 5.0
     assert np.diagonal(fixed.information) == pytest.approx(np.diagonal(exact.information), rel=0.05)
 
 
