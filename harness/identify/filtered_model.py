@@ -262,7 +262,7 @@ class FilteredModel(ABC):
         return FilterRun(float(self._likelihoods(drive, point, notes)[0]), *notes)
 
     def runs(self, drives: Sequence[Drive], points: Each) -> list[FilterRun]:
-        """Run the filter over every recording; the last few runs are remembered and not run again."""
+        """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""
         each = for_each(points, drives)
         keys: list[tuple[object, ...]] = [
             (id(d), p.values.tobytes(), p.process.tobytes(), p.measurement.tobytes())
