@@ -25,7 +25,7 @@ from harness.errors import UserError
 from harness.folder import write_files
 from harness.identify.recordings import step_of
 from harness.loop.run import Task, run_trace, whole_of
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from harness.measured import load_recording
 from harness.measured.study import finely, fitted_parameters
 from models.contracts import ModelError
@@ -64,7 +64,7 @@ class Tracer:
 
     def __init__(self, threads: int | None = None) -> None:
         self._threads = threads
-        self._wholes: dict[str, Whole] = {}
+        self._wholes: dict[str, AugmentedModel] = {}
 
     def run(self, case: Case) -> str:
         """Do what is left of a case; return what went wrong, or nothing.
@@ -92,7 +92,7 @@ class Tracer:
         (folder / FAILED).unlink(missing_ok=True)
         return ""
 
-    def _model(self, folder: Path) -> tuple[Task, Whole]:
+    def _model(self, folder: Path) -> tuple[Task, AugmentedModel]:
         task, vehicle = task_of(folder)
         task = replace(task, jobs=self._threads)
         if vehicle not in self._wholes:

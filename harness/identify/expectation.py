@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from harness.compile import compile_model, load_source, paste
 from harness.configure import ModelSpec
 from harness.estimate import Estimator
-from harness.identify.recordings import Drive
+from harness.identify.recordings import Drive, started_by
 from harness.kernel import LANES, NW, NX, NY, get, next_state, output, put, splat
 from harness.lanes import LANES as WIDTH
 from harness.simulate import in_lanes
@@ -117,10 +117,8 @@ class Expecter:
         source = paste(self._duals, "expectation", [squared_residuals])
         self._kernel = load_source("expectation", source).squared_residuals
         self._values = self.compiled.parameter_vector(spec.values)
-        names, states = spec.model().parameter_names, spec.model().states
-        self._rows = [names.index(name) for name in free]
-        sources = spec.model().start.items()
-        self._starts = {states.index(state): names.index(str(source)) for state, source in sources if source in names}
+        self._rows = [spec.model().parameter_names.index(name) for name in free]
+        self._starts = started_by(spec.model())
 
     def expect(self, point: Point, seed: np.random.SeedSequence) -> Expectation:
         """Run filter and smoother at a point (the E-step).

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.compile import CompiledModel, load_source, paste
 from harness.errors import UserError
-from harness.identify.recordings import Drive
+from harness.identify.recordings import Drive, started_by
 from harness.kernel import LANES, NW, NX, NY, any_of, get, next_state, output, put, select, splat
 from harness.loops import outside
 from models.registry import closest
@@ -125,11 +125,7 @@ class Misfit:
             [(i, names.index(f.parameter)) for i, f in enumerate(self.free) if not f.drives or d.name in f.drives]
             for d in self.drives
         ]
-        self._starts = {
-            compiled.model.states.index(state): names.index(str(source))
-            for state, source in compiled.model.start.items()
-            if source in names
-        }
+        self._starts = started_by(compiled.model)
         self.scale = _spread(compiled, self.drives)
         self.lower, self.upper = (np.array([getattr(f, end) for f in self.free]) for end in ("lower", "upper"))
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from harness.identify.recordings import Drive
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from models.assemble import Model, symbol
 from models.signals import SIGNALS
 
@@ -67,7 +67,7 @@ class Driver:
         return -math.expm1(-step / self.within)
 
 
-def drivers_of(whole: Whole) -> tuple[Driver, ...]:
+def drivers_of(whole: AugmentedModel) -> tuple[Driver, ...]:
     """Return the drivers that a nominal model has, as functions of states and inputs of the whole one."""
     model, column = whole.nominal, whole.model.inputs.index
     inputs = [n for n in model.inputs if n != "time"]

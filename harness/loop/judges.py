@@ -166,9 +166,9 @@ def beyond_belief(fitted: Fitted) -> str:
     """Return which of many parameters would be wrong by implausible factors, and by which; empty if none is."""
     factors = {}
     for at in fitted.coordinates:
-        away = at.coordinate(float(fitted.point.values[at.row, at.drives[0]])) - at.centre
+        away = at.coordinate(fitted.point.value(at)) - at.centre
         if abs(away) > IMPLAUSIBLE * at.prior:
-            factors[words(at.parameter.name)] = math.exp(away)
+            factors[words(at.name)] = math.exp(away)
     worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]
     return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)
 

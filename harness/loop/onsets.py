@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.identify.filtered_model import FilterRun
 from harness.identify.recordings import Drive
 from harness.loop.disturbance import Linearisation, Linearised
-from harness.loop.whole import Pass
 
 Floats = NDArray[np.float64]
 Columns = NDArray[np.float32]
@@ -51,7 +51,9 @@ class Onsets:
         grid: Moments in s.
     """
 
-    def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: Pass, grid: Floats) -> None:
+    def __init__(
+        self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun, grid: Floats
+    ) -> None:
         self.grid, self._whole = grid, linearisation.whole
         self._linear = Linearised(linearisation, drive, values, kept)
         self._middle = float(grid[len(grid) // 2])

@@ -22,7 +22,7 @@ from harness.loop.fitness import oddities, refuse_recordings
 from harness.loop.outcome import Outcome, outcome_of
 from harness.loop.record import write_outcome
 from harness.loop.trace import ROUNDS, trace
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from harness.loop.worth import REPEATS, Worth, refuse_study, worth
 from harness.measured.study import names_of
 
@@ -60,7 +60,7 @@ class Task:
     notes: tuple[str, ...] = ()
 
 
-def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = None) -> Outcome:
+def run_trace(task: Task, folder: Path, console: Console, whole: AugmentedModel | None = None) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
 
     What is odd about the recordings is printed before anything is computed, and stands in the outcome. The verdict is
@@ -108,10 +108,10 @@ def _progress(console: Console) -> Iterator[Callable[[str], None]]:
         yield lambda what: progress.update(task, description=what)
 
 
-def whole_of(task: Task) -> Whole:
+def whole_of(task: Task) -> AugmentedModel:
     """Return the model of a task with everything that its recordings could show, compiled."""
     signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
-    return Whole(task.spec, signals, task.jobs, task.excluded)
+    return AugmentedModel(task.spec, signals, task.jobs, task.excluded)
 
 
 def run_changes(task: Task, console: Console) -> Changes:
@@ -127,7 +127,7 @@ def run_changes(task: Task, console: Console) -> Changes:
         return single_changes(whole, fitted, held_out, task.stated_noise, say)
 
 
-def drives_of(task: Task, whole: Whole) -> tuple[list[Drive], list[Drive]]:
+def drives_of(task: Task, whole: AugmentedModel) -> tuple[list[Drive], list[Drive]]:
     """Return the fitted and the held-out drives of a task in terms of its model."""
     recordings = task.train + task.test
     drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]

@@ -21,7 +21,7 @@ from harness.loop.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.loop.judges import BIC_NEEDED, Round, with_further
 from harness.loop.rounds import Attempt, attempt
 from harness.loop.trials import Added, Say, Trials
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 
 Floats = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class Trace:
 
 
 def trace(
-    whole: Whole,
+    whole: AugmentedModel,
     train: Sequence[Drive],
     test: Sequence[Drive],
     free: Sequence[str],
@@ -92,7 +92,7 @@ def trace(
     return _Search(Trials(fitting, HeldOut(whole, test, variances), tuple(free), say), rounds).run()
 
 
-def first_variances(whole: Whole, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
+def first_variances(whole: AugmentedModel, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
     """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it.
 
     With ``stated_noise`` it is that of the model where the signals have less.

@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.compile import compile_model
+from harness.identify.certainty import covariance_of
 from harness.identify.recordings import Drive
+from harness.identify.space import Coordinate
 from harness.lanes import LANES
 from harness.loop.channels import Channel
 from harness.loop.curves import FUNCTIONS, Basis, Curve
@@ -29,10 +31,9 @@ from harness.loop.dictionary import Proposal, proposals
 from harness.loop.drivers import Driver, drivers_of, rates, with_quick
 from harness.loop.fit import Fitted, Fitting, Point
 from harness.loop.held_out import HeldOut, Judgement, strayed
-from harness.loop.hypotheses import Coordinate
 from harness.loop.pinpoint import Pinpoint
 from harness.loop.turning import Ride, Turning, Waves, find_turning, ridden
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 
 Floats = NDArray[np.float64]
 
@@ -103,9 +104,7 @@ class _Drives:
     def __init__(self, pinpoint: Pinpoint, fitting: Fitting, point: Point, moved: Sequence[Coordinate]) -> None:
         self.pinpoint, self.drives = pinpoint, fitting.drives
         self.drivers = with_quick(drivers_of(fitting.whole))
-        kept = fitting.passes(point)
-        own = tuple(replace(c, drives=tuple(range(len(self.drives)))) for c in moved)
-        self.moved = [-fitting.columns(own, point, i, k).reshape(k.whitened.size, len(own)) for i, k in enumerate(kept)]
+        self.moved = [-columns for columns in fitting.columns(moved, point)]
         states = [linear.states for linear in pinpoint.linear]
         self.signals = [
             np.column_stack([d.over(x, drive) for d in self.drivers])
@@ -184,7 +183,7 @@ def find_unnamed(
         pinpoint: At ``final``.
     """
     whole = fitting.whole
-    moved = [c for c in final.coordinates if not c.parameter.per_drive]
+    moved = [c for c in final.coordinates if not c.drives]
     here = _Drives(pinpoint, fitting, final.point, moved)
     suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
     there = Pinpoint(held_out.fitting, before.point, pinpoint.channels, ranked=False)
@@ -213,8 +212,8 @@ def find_unnamed(
 
         free = tuple(whole.share(run, range(len(held_out.drives))))
         error, excesses = strayed(held_out.drives, free, held_out.variances)
-        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excesses, free, point)
-        shift = {c.parameter.name: float(point.values[c.row, 0]) for c in moved}
+        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excesses, (), point)
+        shift = {c.name: point.value(c) for c in moved}
         return Unnamed(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
 
     found = []
@@ -321,9 +320,7 @@ def _solved(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -
         rows = _rows(prior, j)
         mean = np.trace(information[rows, rows]) / FUNCTIONS
         information[rows, rows] += mean * (tension * Basis.roughness() + 1e-8 * np.eye(FUNCTIONS))
-    scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
-    covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    covariance = covariance / np.outer(scale, scale)
+    covariance = covariance_of(information, singular=1e-10, dropped=True).matrix
     return covariance @ pull, covariance
 
 
@@ -336,12 +333,12 @@ def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
     """Return a point with its parameters moved within their bounds."""
     values = point.values.copy()
     for c, step in zip(moved, steps, strict=True):
-        values[c.row] = c.value(np.clip(c.coordinate(float(values[c.row, 0])) + step, *c.bounds))
+        values[c.rows[0]] = c.value(float(np.clip(c.coordinate(point.value(c)) + step, c.lower, c.upper)))
     return replace(point, values=values)
 
 
 def _run(
-    whole: Whole,
+    whole: AugmentedModel,
     drive: Drive,
     values: Floats,
     pinpoint: Pinpoint,
@@ -362,7 +359,7 @@ def _run(
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
     tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
     constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
-    x = np.repeat(whole.free_run(drive, values).states[0][:, None], LANES, axis=1)
+    x = np.repeat(whole.first_state(drive, values)[:, None], LANES, axis=1)
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
     limits = np.array([whole.model.valid.get(name, np.inf) for name in whole.model.states])
     outputs = np.full((len(drive.time), compiled.ny), np.nan)

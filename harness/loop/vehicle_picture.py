@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 
 from harness.loop.channels import Channel
 from harness.loop.pinpoint import Suspect
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from harness.report import style
 from models import registry
 from models.assemble import symbol
@@ -70,7 +70,7 @@ class Plan:
         return float(np.mean(list(self.cogs.values()))) if body is None else self.cogs[body]
 
 
-def plan_of(whole: Whole) -> Plan | None:
+def plan_of(whole: AugmentedModel) -> Plan | None:
     """Return where axles and kingpin of a vehicle stand; ``None`` if its equations do not say."""
     model, layout = whole.nominal, Layout.of(registry.load("models.vehicles", whole.spec.vehicle))
     numbers = {symbol(n): 0.0 for n in (*model.states, *model.inputs)}

@@ -12,7 +12,7 @@ from harness.loop.drivers import drivers_of
 from harness.loop.outcome import Outcome
 from harness.loop.unnamed import Unnamed
 from harness.loop.where import Where
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from harness.loop.wording import amount, entry, unnamed_words
 from harness.report import style
 from harness.report.document import Block, Bullets, Drawing, Heading, Prose, Section, Sheet, plain, strong
@@ -49,7 +49,7 @@ def where(outcome: Outcome) -> list[Block]:
     return blocks
 
 
-def _from_above(whole: Whole, found: Where) -> list[Block]:
+def _from_above(whole: AugmentedModel, found: Where) -> list[Block]:
     """Return the vehicle from above; nothing if its equations do not say where its axles stand."""
     assert found.nominal is not None
     plan = vehicle_picture.plan_of(whole)

@@ -10,12 +10,12 @@ from test_trace import CAR, SIGNALS, driven
 from harness.configure import resolve_single
 from harness.loop.changed import Changes, single_changes
 from harness.loop.changed_report import answer, record
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def changes_of(whole, **values) -> Changes:

@@ -17,7 +17,7 @@ from harness.loop.pinpoint import Pinpoint
 from harness.loop.trace import first_variances
 from harness.loop.unnamed import find_unnamed
 from harness.loop.vehicle_picture import plan_of
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from harness.loop.wording import described
 
 GUST, TIMES = 400.0, ((20.0, 31.0), (35.0, 44.0))
@@ -25,7 +25,7 @@ GUST, TIMES = 400.0, ((20.0, 31.0), (35.0, 44.0))
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def fitted(whole, drives):

@@ -27,13 +27,13 @@ from harness.loop.report import document
 from harness.loop.trace import Trace, first_variances
 from harness.loop.unnamed import find_unnamed
 from harness.loop.wandering import _left
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from harness.report.document import write
 
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 @pytest.fixture(scope="module")

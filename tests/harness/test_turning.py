@@ -12,7 +12,7 @@ from harness.loop.pinpoint import Pinpoint
 from harness.loop.trace import first_variances
 from harness.loop.turning import Ride, Waves, find_turning, ridden
 from harness.loop.unnamed import find_unnamed
-from harness.loop.whole import Whole
+from harness.loop.whole import AugmentedModel
 from harness.loop.wording import described
 
 TURN, SIZE = 2.1, 3e-3
@@ -20,7 +20,7 @@ TURN, SIZE = 2.1, 3e-3
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def distance(recording):

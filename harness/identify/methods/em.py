@@ -30,7 +30,7 @@ from harness.configure import ModelSpec
 from harness.errors import UserError
 from harness.identify.contract import Estimate, Fit, Problem
 from harness.identify.expectation import Expectation, Expecter, Point
-from harness.identify.innovations import hold
+from harness.identify.filtered_model import Candidates
 from harness.identify.recordings import Drive
 from harness.simulate import variances
 from models.registry import closest
@@ -234,7 +234,7 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
         measurement_noise=dict(zip(model.outputs, map(float, point.measurement), strict=True)),
     )
     inner = problem.innovations
-    before, after = (float(inner.log_likelihoods(problem.drives, hold(s))[0]) for s in (spec, fitted))
+    before, after = (float(inner.log_likelihoods(problem.drives, Candidates.of(s))[0]) for s in (spec, fitted))
     return Fit(
         method="em",
         spec=fitted,

@@ -28,8 +28,9 @@ from harness.command_line import answers_errors
 from harness.configure import ModelSpec
 from harness.configure.file import Name
 from harness.identify.contract import Fit, Problem, load_method, settings_of
-from harness.identify.innovations import Innovations, hold
-from harness.identify.outcome import Judged, judge, rms, write_outcome
+from harness.identify.innovations import Innovations
+from harness.identify.judgement import rms
+from harness.identify.outcome import Judged, judge, write_outcome
 from harness.identify.recordings import Drive, joined
 from harness.identify.studies.measured_report import document
 from harness.measured.axles import GRAVITY, Axle, Slope, axles_of
@@ -110,10 +111,8 @@ def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None
 
 def _alone(innovations: Innovations, spec: ModelSpec, drive: Drive) -> Floats:
     """Return the root mean square error of a model alone on a drive ``(ny,)``."""
-    alone = innovations.free_run(drive, hold(spec))
-    outputs = alone.outputs[:, :, 0].copy()
-    outputs[int(alone.left_at[0]) :] = np.nan
-    return rms(drive.measurements - outputs)
+    values = np.array([spec.values[n] for n in innovations.names])
+    return rms(drive.measurements - innovations.free_run(drive, values).outputs)
 
 
 def static_load(values: Mapping[str, float], end: str) -> float:
