@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 import xarray as xr
 import zarr
-from probe_study import STUDY
+from probe_study import STUDY, bits
 
 from harness.configure import load_study
 from harness.design import Unit, points, run_parameters, saltelli_points
@@ -205,6 +207,19 @@ def test_errors_over_time_add_up_to_the_error_of_the_run(joint):
     together = np.sqrt((windows.astype(float) ** 2).mean("window"))
     # The first sample is in the first window and not in the run's score; the last of the drive is in none.
     np.testing.assert_allclose(together, data["rmse"].isel(drive=0).transpose(*together.dims), rtol=2e-3)
+
+
+def test_errors_over_time_are_those_of_one_drive_when_something_is_lost(joint, tmp_path, monkeypatch):
+    study, _, folder = joint
+    real, seen = StudyEvaluator.evaluate, []
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit.drive) or real(self, unit))
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (copy / STORE / "joint" / "rmse" / "c" / "0" / "0" / "1" / "0" / "0" / "0").unlink()
+    run_study(study, copy, jobs=1)
+    (copy / STORE / "joint" / OVER_TIME / "c" / "0" / "0" / "0" / "0" / "0" / "0").unlink()
+    run_study(study, copy, jobs=1)
+    assert seen == [1, 0]
+    assert bits(copy) == bits(folder)
 
 
 def test_new_limits_and_title_reach_the_store_without_a_new_run(joint, monkeypatch):
