@@ -35,17 +35,17 @@ $(STUDIES): study-%: studies/%.toml $(VENV)/run.stamp
 	$(BIN)/harness run $< $(if $(JOBS),--jobs $(JOBS)) --out results/$*
 
 study-narx-architecture: $(VENV)/run.stamp ## choose delays and size of the NARX network (20 minutes), as Ziaukas 5.2.2
-	$(BIN)/python -m harness.narx.search --out results/narx-architecture
+	$(BIN)/python -m harness.reproductions.narx_architecture --out results/narx-architecture
 
 study-identify-swarm: $(VENV)/run.stamp ## find the semitrailer's parameters by swarm, REPEATS=10 times (Ziaukas 4.2, 4.3)
-	$(BIN)/python -m harness.identify.studies.swarm $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-swarm
+	$(BIN)/python -m harness.reproductions.ziaukas_swarm $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-swarm
 
 study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with particles, REPEATS=50 times (Sun 3.2)
-	$(BIN)/python -m harness.identify.studies.em $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-em
+	$(BIN)/python -m harness.reproductions.sun_em $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-em
 
 # One target for every file in studies/identify/: cars identified from measured drives, which are not part of the project.
 $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
-	$(BIN)/python -m harness.identify.studies.measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
+	$(BIN)/python -m harness.identification.measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime

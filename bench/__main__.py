@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import engine
-from harness.lanes import LANES
-from harness.provenance import processor
+from harness.engine.simd.lanes import LANES
+from harness.study.provenance import processor
 
 
 def main() -> None:

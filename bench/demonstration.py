@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     shutil.rmtree(FOLDER, ignore_errors=True)
     case, repeat = draw(seed)
     plant = [sys.executable, str(PLANT), "--case", case, "--repeat", str(repeat), "--out", str(FOLDER)]
-    trace = [sys.executable, "-m", "harness.cli", "loop", str(STUDY), "--out", str(FOLDER / "trace")]
+    trace = [sys.executable, "-m", "harness.cli.main", "loop", str(STUDY), "--out", str(FOLDER / "trace")]
     for command, output in ((plant, subprocess.DEVNULL), (trace, None)):
         status = subprocess.run(command, stdout=output, check=False).returncode
         if status:

@@ -10,11 +10,11 @@ import joblib
 import numpy as np
 
 from bench.timing import quickest
-from harness.configure import Study, load_study
-from harness.design import Unit
-from harness.evaluate import StudyEvaluator
-from harness.lanes import LANES
-from harness.run_noise import Case
+from harness.config import Study, load_study
+from harness.engine.simd.lanes import LANES
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGETS = {"simulation with noise": 0.25, "ekf": 0.7, "ukf": 1.8, "narx": 0.25}

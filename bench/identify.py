@@ -16,17 +16,17 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.timing import quickest
-from harness.configure import ModelSpec, resolve_single
-from harness.drives import build_drive
-from harness.identify.contract import Fit, Problem
-from harness.identify.filtered_model import Candidates
-from harness.identify.innovations import Innovations
-from harness.identify.methods.likelihood import Search, Settings, identify
-from harness.identify.recordings import Drive
-from harness.lanes import LANES
-from harness.simulate import simulate_drive
-from models import registry
-from models.contracts import DriveContext
+from harness.common import registry
+from harness.config import ModelSpec, resolve_single
+from harness.engine.simd.lanes import LANES
+from harness.identification.contract import Fit, Problem
+from harness.identification.data import Drive
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
+from harness.identification.methods.likelihood import Search, Settings, identify
+from harness.models.contracts import DriveContext
+from harness.simulation.drives import build_drive
+from harness.simulation.simulate import simulate_drive
 
 TRUCK = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula", "sensors": "test_vehicle"}
 CAR = {
@@ -46,7 +46,7 @@ TARGETS = {"likelihood, per candidate": 12.0, "frozen gains, per direction": 4.0
 
 def recorded(spec: ModelSpec, seed: int, **options: float) -> xr.Dataset:
     """Return a simulated drive of random steering with its noise."""
-    vehicle = registry.load("models.vehicles", spec.vehicle)
+    vehicle = registry.load("harness.models.vehicles", spec.vehicle)
     context = DriveContext(vehicle.wheelbase(spec.values), spec.values["steering_ratio"], spec.step)
     chosen = {**options, "seed": seed + 1, "lateral_acceleration_limit": 6.0}
     return simulate_drive(spec, build_drive("random_sequence", chosen, context, "bench"), [], seed)

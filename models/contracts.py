@@ -25,7 +25,8 @@ export ``LOADING``, quantities of the load (``Parameter``) from which several of
 of several bodies exports ``BODIES``, the axles of each, the steered one first.
 
 An effect whose parameters belong to a body, an axle, a tyre or a measured output exports ``PLACE``
-(``models/placement.py``); one whose state is a random process exports ``NOISE``, its variance per second by state.
+(``models/assembly/placement.py``); one whose state is a random process exports ``NOISE``, its variance per second by
+state.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from harness.units import registry
-from models.signals import SIGNALS
+from harness.common.units import registry
+from harness.models.signals import SIGNALS
 
 
 @dataclass(frozen=True)

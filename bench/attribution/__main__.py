@@ -20,7 +20,7 @@ from bench.attribution.figures import figures
 from bench.attribution.run import NOMINAL, Case, listed, run_all
 from bench.attribution.score import FAILED, MAGNITUDES, Scored, score, text
 from bench.attribution.tables import case_table, tables
-from harness.folder import write_files
+from harness.common.files import write_files
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

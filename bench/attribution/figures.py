@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 
 from bench.attribution.score import CURVE, NOTHING, PARAMETER, UNRESOLVED, Scored
 from bench.attribution.tables import by_kind, effects_in, matrix, vehicles, wilson
-from harness.report import style
-from models.quantities import words
+from harness.models.quantities import words
+from harness.reporting import style
 
 Cases = Sequence[Scored]
 RIGHT, WRONG = style.looks(["right", "wrong"]).values()

@@ -16,16 +16,16 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from harness.folder import write_files
-from harness.loop.fit import Fitted, Fitting, Point
-from harness.loop.held_out import HeldOut
-from harness.loop.hypotheses import Hypothesis, coordinates, hypotheses
-from harness.loop.run import Task
-from harness.loop.score import ScoreTest
-from harness.loop.trace import first_variances
-from harness.loop.whole import AugmentedModel
-from harness.measured.study import names_of
-from models.placement import split
+from harness.common.files import write_files
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import Hypothesis, coordinates, hypotheses
+from harness.diagnosis.run import Task
+from harness.diagnosis.selection.forward_selection import first_variances
+from harness.diagnosis.selection.score_test import ScoreTest
+from harness.diagnosis.selection.validation import HeldOut
+from harness.identification.measured_file import names_of
+from harness.models.assembly.placement import split
 
 FILE = "oracle.json"
 ITERATIONS = 25

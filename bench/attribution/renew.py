@@ -13,9 +13,9 @@ from pathlib import Path
 from bench.attribution.figures import caption, figures
 from bench.attribution.score import load
 from bench.attribution.tables import tables
-from harness.command_line import answers_errors
-from harness.errors import UserError
-from harness.folder import write_files
+from harness.cli.options import answers_errors
+from harness.common.errors import UserError
+from harness.common.files import write_files
 
 PAGE = Path(__file__).parents[2] / "docs" / "attribution.md"
 BEGIN, END = "<!-- written by python -m bench.attribution.renew -->", "<!-- end -->"

@@ -21,14 +21,14 @@ from rich.console import Console
 
 from bench.attribution.oracle import FILE, write_oracle
 from bench.attribution.score import FAILED
-from harness.errors import UserError
-from harness.folder import write_files
-from harness.identify.recordings import step_of
-from harness.loop.run import Task, run_trace, whole_of
-from harness.loop.whole import AugmentedModel
-from harness.measured import load_recording
-from harness.measured.study import finely, fitted_parameters
-from models.contracts import ModelError
+from harness.common.errors import UserError
+from harness.common.files import write_files
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.run import Task, run_trace, whole_of
+from harness.identification.data import step_of
+from harness.identification.measured_file import finely, fitted_parameters
+from harness.models.contracts import ModelError
+from harness.recordings import load_recording
 
 PLANT = Path(__file__).parents[2] / "tests" / "blind" / "plant.py"
 

@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from harness.loop.held_out import EXCESS
-from harness.report import style
-from models.placement import split
-from models.quantities import print_unit
+from harness.diagnosis.selection.validation import EXCESS
+from harness.models.assembly.placement import split
+from harness.models.quantities import print_unit
+from harness.reporting import style
 
 MAGNITUDES = ("small", "medium", "large")
 FAILED = "failed.txt"

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from bench.attribution.score import MAGNITUDES, Scored
-from models.quantities import words
+from harness.models.quantities import words
 
 KINDS = ("none", "parameters", "effect", "pair", "unlisted")
 SOUND = ("none", "parameters")

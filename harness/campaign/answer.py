@@ -10,22 +10,22 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from harness import rank
 from harness.campaign.claims import Finding
 from harness.campaign.evidence import Verdict, share
 from harness.campaign.results import Results
-from harness.report import style
-from harness.report.analysis import Findings
-from harness.report.document import Block, Bullets, Heading, Picture, Sheet, plain, strong
-from harness.report.opening import ALIKE
-from harness.report.ranking import Ranking, limits_of, tolerances
-from harness.report.sections.sensitivity import in_short
-from harness.report.sections.tolerance import breaks_first, told
-from harness.report.store import Design
-from harness.report.style import number, with_unit
-from harness.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
-from harness.tolerance import Tolerance
-from models.quantities import listed
+from harness.models.quantities import listed
+from harness.reporting import style
+from harness.reporting.document import Block, Bullets, Heading, Picture, Sheet, plain, strong
+from harness.reporting.style import number, with_unit
+from harness.study import sobol_indices
+from harness.study.report.analysis import Findings
+from harness.study.report.opening import ALIKE
+from harness.study.report.ranking import Ranking, limits_of, tolerances
+from harness.study.report.sections.sensitivity import in_short
+from harness.study.report.sections.tolerance import breaks_first, told
+from harness.study.results import Design
+from harness.study.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
+from harness.study.tolerance import Tolerance
 
 
 class Joint:
@@ -67,7 +67,7 @@ class Joint:
     def believed(self) -> NDArray[np.float64]:
         """Error over all drives where all is as believed, ``(target, estimator)``; NaN where no run has a score."""
         nominal = self.nested.rmse[:, 0, :, :, :1, :]  # the first point of the innermost box is its centre
-        return np.asarray(rank.over_drives(nominal)[..., 0])
+        return np.asarray(sobol_indices.over_drives(nominal)[..., 0])
 
     def quantiles(self, target: int) -> NDArray[np.float64]:
         """Return the 5, 50 and 95 % quantile of the error over the box, ``(3, estimator)``."""

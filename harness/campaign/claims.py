@@ -13,10 +13,10 @@ import numpy as np
 
 from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
 from harness.campaign.results import Results
+from harness.common.statistics import Interval
+from harness.models.quantities import words
 from harness.realtime.measure import PACES
 from harness.realtime.outcome import PUBLISHED
-from harness.statistics import Interval
-from models.quantities import words
 
 FORCE, ANGLE = "lateral_force_axle_21", "articulation_angle"
 EKF, UKF, NETWORK = "EKF", "UKF", "NARX"

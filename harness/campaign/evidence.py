@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from harness.statistics import Interval
+from harness.common.statistics import Interval
 
 RESAMPLES = 2000
 

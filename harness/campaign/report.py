@@ -11,11 +11,11 @@ from harness.campaign.answer import answer
 from harness.campaign.claims import ANGLE, FORCE, Finding, findings
 from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
+from harness.models.quantities import words
 from harness.realtime import report as realtime
-from harness.report.document import Block, Document, Heading, Prose, Section, Sheet, plain, write
-from harness.report.sections import boxes, drives
-from harness.report.style import number
-from models.quantities import words
+from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain, write
+from harness.reporting.style import number
+from harness.study.report.sections import boxes, drives
 
 FIGURES = {
     "ideal": "5.6",

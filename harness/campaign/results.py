@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from harness.errors import UserError
+from harness.common.errors import UserError
 from harness.realtime import outcome
-from harness.report.analysis import Analysis
-from harness.report.store import Design, Store, read
-from harness.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
-from harness.store import STORE
+from harness.study.report.analysis import Analysis
+from harness.study.results import Design, Store, read
+from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
+from harness.study.store import STORE
 
 STUDIES = ("ideal", "process-noise", "mass", "cog", "friction", "tyre", "joint")
 """Studies of the campaign: those of the dissertation, on which its findings are tested, and the joint one."""

@@ -14,17 +14,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from harness.compile import CompiledModel, load_source, paste
-from harness.configure import DesignSpec, Study
-from harness.design import Unit
-from harness.errors import UserError
-from harness.estimate import kernels_of, load_estimator
-from harness.evaluate import StudyEvaluator
-from harness.kernel import Belief, Info, State
-from harness.realtime import loop
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.config import DesignSpec, Study
+from harness.engine.compile import CompiledModel, load_source, paste
+from harness.engine.kernel_names import Belief, Info, State
+from harness.estimation.contract import kernels_of, load_estimator
+from harness.realtime import timed_loop
 from harness.realtime.one_lane import in_one_lane
-from harness.run_noise import Case
-from models.registry import closest
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Contestant:
     """An estimator about to be timed on one run.
 
     Args:
-        kind: File in ``harness/estimators``.
+        kind: File in ``harness/estimation/methods``.
         compiled: What it believes, as studies compile it.
         belief, first: Constants, noise and first state; the first lane counts.
         inputs, measurements: What it sees ``(samples, nu | ny, LANES)``; the first lane counts.
@@ -90,7 +90,7 @@ class Contestant:
 
 def _kernels(kind: str, compiled: CompiledModel) -> Any:
     file = load_estimator(kind)
-    source = paste(compiled, kind, [file.workspace, loop.timed_steps, loop.timed_nothing], kernels_of(file))
+    source = paste(compiled, kind, [file.workspace, timed_loop.timed_steps, timed_loop.timed_nothing], kernels_of(file))
     return load_source(f"time_{kind}", in_one_lane(source))
 
 

@@ -1,7 +1,7 @@
 """Kernels for a single run, as a controller runs them.
 
-Studies compute ``harness.lanes.LANES`` runs at once; a controller has one. The same sources over lanes of width one
-are scalar double-precision code of the same operations in the same order.
+Studies compute ``harness.engine.simd.lanes.LANES`` runs at once; a controller has one. The same sources over lanes of
+width one are scalar double-precision code of the same operations in the same order.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import functools
 import inspect
 import re
 
-from harness import kernel, lanes
-from harness.compile import Exchange, load_source, written_over
+from harness.engine import kernel_names
+from harness.engine.compile import Exchange, load_source, written_over
+from harness.engine.simd import lanes
 
 
 def in_one_lane(source: str) -> str:
@@ -23,4 +24,4 @@ def in_one_lane(source: str) -> str:
 def _narrow() -> Exchange:
     source, found = re.subn(r"^LANES = \d+$", "LANES = 1", inspect.getsource(lanes), flags=re.MULTILINE)
     assert found == 1
-    return Exchange({lanes: load_source("one_lane", source), kernel: kernel}, any_code=True)
+    return Exchange({lanes: load_source("one_lane", source), kernel_names: kernel_names}, any_code=True)

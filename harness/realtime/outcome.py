@@ -13,10 +13,10 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
-from harness import checksums
-from harness.configure import Study
-from harness.errors import UserError
-from harness.provenance import code_state, commit, processor
+from harness.common.errors import UserError
+from harness.config import Study
+from harness.study import checksums
+from harness.study.provenance import code_state, commit, processor
 
 Floats = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 
 from harness.realtime.measure import PACES, TURN
 from harness.realtime.outcome import PUBLISHED, STORE, published_ratio
-from harness.report import style
-from harness.report.document import (
+from harness.reporting import style
+from harness.reporting.document import (
     Block,
     Bullets,
     Document,
@@ -27,7 +27,7 @@ from harness.report.document import (
     plain,
     write,
 )
-from harness.report.style import number, percent, with_unit
+from harness.reporting.style import number, percent, with_unit
 
 _MICRO = 1e6
 _WARM, _CYCLE = PACES

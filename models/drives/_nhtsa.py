@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from models.contracts import DriveContext, Option
-from models.drives import _shapes as shapes
-from models.drives._shapes import Array
+from harness.models.contracts import DriveContext, Option
+from harness.models.drives import _shapes as shapes
+from harness.models.drives._shapes import Array
 
 CALM = float(np.radians(20.0))
 """Default amplitude in rad; those of the procedures are up to ten times as large."""

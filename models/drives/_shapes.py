@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.contracts import DriveContext, ModelError, Option, Profile
+from harness.models.contracts import DriveContext, ModelError, Option, Profile
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from models.contracts import DriveContext, Option, Profile
-from models.drives import _nhtsa as nhtsa
+from harness.models.contracts import DriveContext, Option, Profile
+from harness.models.drives import _nhtsa as nhtsa
 
 OPTIONS: tuple[Option, ...] = (
     *nhtsa.options(speed=90.0 / 3.6),

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models import registry
-from models.contracts import DriveContext, ModelError, Option, Profile
-from models.drives import _shapes as shapes
+from harness.common import registry
+from harness.models.contracts import DriveContext, ModelError, Option, Profile
+from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (
     Option("file", "text", None, 0.0, 0.0, "recording, relative to the study; format by suffix"),

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from models.contracts import DriveContext, Option, Profile
-from models.drives import _nhtsa as nhtsa
-from models.drives import _shapes as shapes
+from harness.models.contracts import DriveContext, Option, Profile
+from harness.models.drives import _nhtsa as nhtsa
+from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (
     *nhtsa.options(speed=80.0 / 3.6),

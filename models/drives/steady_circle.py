@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from models.contracts import DriveContext, Option, Profile
-from models.drives import _shapes as shapes
+from harness.models.contracts import DriveContext, Option, Profile
+from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (
     *shapes.common(duration=80.0, speed=8.0),

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from models.contracts import DriveContext, Option, Profile
-from models.drives import _shapes as shapes
+from harness.models.contracts import DriveContext, Option, Profile
+from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (
     *shapes.common(duration=30.0, speed=15.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.expressions import larger, smaller
+from harness.models.assembly.expressions import larger, smaller
 
 
 def progress(time: sp.Expr, begin: sp.Expr, duration: sp.Expr) -> sp.Expr:

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.expressions import larger
+from harness.models.assembly.assemble import EffectContext
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import Parameter
 
 SETTLING = 0.15
 """s; time constant of the acceleration."""

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.effects._timing import progress
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
+from harness.models.effects._timing import progress
 
 EDGE = 0.2
 """s; time in which the gust rises and falls."""

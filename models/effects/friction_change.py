@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.effects._timing import progress
-from models.expressions import larger
+from harness.models.assembly.assemble import EffectContext
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import Parameter
+from harness.models.effects._timing import progress
 
 PORT = ("friction_rate", "friction_coefficient")
 READS: tuple[str, ...] = ()

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
 
 PORT = "load_share_axle_{axle}"
 PLACE = "axle"

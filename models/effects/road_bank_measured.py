@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.effects import _gravity
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
+from harness.models.effects import _gravity
 
 PORT = "lateral_gravity{body}"
 READS: tuple[str, ...] = ("bank_angle",)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
 
 PORT = "slip_angle_axle_{axle}"
 PLACE = "tyre"

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.effects._lag import delay
-from models.signals import SIGNALS
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
+from harness.models.effects._lag import delay
+from harness.models.signals import SIGNALS
 
 PORT = "sensor_{output}"
 PLACE = "output"

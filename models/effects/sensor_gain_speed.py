@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
 
 PORT = "sensor_{output}"
 PLACE = "output"

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.expressions import larger, smaller
+from harness.models.assembly.assemble import EffectContext
+from harness.models.assembly.expressions import larger, smaller
+from harness.models.contracts import Parameter
 
 PUSHING = 0.01
 """s; time in which the play follows the steering that pushes it."""

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.effects._lag import delay
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
+from harness.models.effects._lag import delay
 
 PORT = "road_wheel_angle"
 READS: tuple[str, ...] = ()

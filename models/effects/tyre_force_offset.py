@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
 
 PORT = "steady_lateral_force_axle_{axle}"
 PLACE = "tyre"

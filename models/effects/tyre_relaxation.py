@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import EffectContext
-from models.contracts import Parameter
-from models.effects._lag import lag
-from models.expressions import larger
+from harness.models.assembly.assemble import EffectContext
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import Parameter
+from harness.models.effects._lag import lag
 
 SLOWEST = 0.3
 """m/s; the tyre rolls at least this fast, so that its lag stays finite."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import TyreContext
-from models.contracts import Parameter
+from harness.models.assembly.assemble import TyreContext
+from harness.models.contracts import Parameter
 
 STIFFNESS_PARAMETERS: tuple[Parameter, ...] = (
     Parameter("stiffness_peak", "c_1", "N/rad", 1e-1, 1e9, "largest cornering stiffness over load (table 4.4)"),

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import TyreContext
-from models.contracts import Parameter
-from models.expressions import larger, smaller
-from models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
+from harness.models.assembly.assemble import TyreContext
+from harness.models.assembly.expressions import larger, smaller
+from harness.models.contracts import Parameter
+from harness.models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
 
 PARAMETERS: tuple[Parameter, ...] = STIFFNESS_PARAMETERS
 

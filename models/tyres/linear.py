@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import TyreContext
-from models.contracts import Parameter
-from models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
+from harness.models.assembly.assemble import TyreContext
+from harness.models.contracts import Parameter
+from harness.models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
 
 PARAMETERS: tuple[Parameter, ...] = STIFFNESS_PARAMETERS
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from models.assemble import TyreContext
-from models.contracts import Parameter
-from models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
+from harness.models.assembly.assemble import TyreContext
+from harness.models.contracts import Parameter
+from harness.models.tyres._stiffness import STIFFNESS_PARAMETERS, stiffness
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter("shape_factor", "C", "dimensionless", 0.5, 4.0, "Magic Formula shape factor C (table 4.4)"),

@@ -14,11 +14,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.contracts import Parameter
-from models.vehicles._single_track import LOWEST_SPEED, single_track
+from harness.models.contracts import Parameter
+from harness.models.vehicles._single_track import LOWEST_SPEED, single_track
 
 if TYPE_CHECKING:
-    from models.assemble import Builder
+    from harness.models.assembly.assemble import Builder
 
 STATES: tuple[str, ...] = ("lateral_velocity", "yaw_rate")
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")

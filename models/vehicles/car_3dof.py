@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.contexts import Body
-from models.contracts import Parameter
-from models.expressions import larger
+from harness.models.assembly.contexts import Body
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
-    from models.assemble import Builder
+    from harness.models.assembly.assemble import Builder
 
 LOWEST_SPEED = 0.3
 """m/s; slip angles use at least this speed, so that a standstill stays finite."""

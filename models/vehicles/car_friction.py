@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.contracts import Parameter
-from models.expressions import larger
-from models.vehicles._single_track import LOWEST_SPEED, single_track
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import Parameter
+from harness.models.vehicles._single_track import LOWEST_SPEED, single_track
 
 if TYPE_CHECKING:
-    from models.assemble import Builder
+    from harness.models.assembly.assemble import Builder
 
 LOWEST_FRICTION = 0.05
 """The tyres get at least this friction, so that a random walk below zero does not turn their force round."""

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.contexts import Body
-from models.contracts import Parameter
-from models.expressions import larger
+from harness.models.assembly.contexts import Body
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
-    from models.assemble import Builder
+    from harness.models.assembly.assemble import Builder
 
 GRAVITY = 9.81
 LOWEST_SPEED = 1.5

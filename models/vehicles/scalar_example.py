@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.contracts import Parameter
+from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from models.assemble import Builder
-    from models.contracts import DriveContext, Profile
+    from harness.models.assembly.assemble import Builder
+    from harness.models.contracts import DriveContext, Profile
 
 STATES: tuple[str, ...] = ("example_state",)
 INPUTS: tuple[str, ...] = ("example_input",)

@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
-from models.contexts import Body
-from models.contracts import ModelError, Parameter
-from models.expressions import larger
-from models.model import symbol
+from harness.models.assembly.contexts import Body
+from harness.models.assembly.expressions import larger
+from harness.models.assembly.model import symbol
+from harness.models.contracts import ModelError, Parameter
 
 if TYPE_CHECKING:
-    from models.assemble import Builder
+    from harness.models.assembly.assemble import Builder
 
 GRAVITY = 9.81
 

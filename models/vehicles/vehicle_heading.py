@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.contracts import Parameter
+from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.assemble import Builder
-    from models.contracts import DriveContext, Profile
+    from harness.models.assembly.assemble import Builder
+    from harness.models.contracts import DriveContext, Profile
 
 WHEELBASE = 2.7
 """m; of a mid-size car, this project's choice."""

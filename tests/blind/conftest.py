@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from plant_drives import RUN_IN, STEP, Drive
 from plant_drives import draw as draw_drive
+
 from support.blind_vehicles import NOMINAL
 
 

@@ -15,6 +15,7 @@ from plant_equations import Car, Semitrailer
 from plant_oracle import SIMILAR, library_times, library_values
 from plant_sensors import NOISE, record
 from plant_simulation import drive
+
 from support.blind_vehicles import EARLY, NOMINAL, respond
 
 # --- every effect
@@ -80,9 +81,9 @@ def test_oracle_speaks_the_words_of_the_library(vehicle, effect):
     values = [effect.draw(m, np.random.default_rng(2)) for m in ("small", "medium", "large")]
     drawn = [Drawn(effect.name, m, *v) for m, v in zip(("small", "medium", "large"), values, strict=True)]
     if not effect.in_library:
-        assert importlib.util.find_spec(f"models.effects.{effect.name}") is None
+        assert importlib.util.find_spec(f"harness.models.effects.{effect.name}") is None
         return
-    library = importlib.import_module(f"models.effects.{effect.name}")
+    library = importlib.import_module(f"harness.models.effects.{effect.name}")
     for e in drawn:
         truth = Truth(vehicle, {}, [e])
         said = {**library_values(e, truth.equations()), **library_times(e, EARLY)}

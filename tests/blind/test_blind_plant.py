@@ -17,9 +17,9 @@ from plant_environment import Column, Surroundings, inputs, steered
 from plant_equations import GRAVITY, INPUTS, OUTPUTS, Car, Semitrailer, semitrailer_rates
 from plant_sensors import NOISE, record
 from plant_simulation import solve
-from support.blind_vehicles import EARLY, NOMINAL
 
-from models.assemble import assemble, symbol
+from harness.models.assembly.assemble import assemble, symbol
+from support.blind_vehicles import EARLY, NOMINAL
 
 FOLDER = Path(plant.__file__).parent
 
@@ -94,7 +94,7 @@ def test_semitrailer_has_the_derivatives_of_the_nominal_model(nominal):
 
 
 def test_published_values_are_those_of_the_reference_set():
-    from models.parameters import ziaukas_2023
+    from harness.models.parameters import ziaukas_2023
 
     theirs = {k: v for k, v in ziaukas_2023.VALUES.items() if k != "constraint_rate"}
     assert plant.published("semitrailer") == theirs

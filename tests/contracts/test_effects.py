@@ -10,14 +10,13 @@ from unittest import mock
 import numpy as np
 import pytest
 import sympy as sp
-from _dimensions import assemble_with_units, check_dimensions
-from _parts import EFFECTS, SENSORS, VEHICLES, evaluate, load, random_point
-from test_vehicles import check_parameters
 
-from models.assemble import Builder, Model, assemble
-from models.contracts import EXPORTS, ModelError, Parameter
-from models.placement import Layout, possible_parameters
-from models.signals import SIGNALS
+from harness.models.assembly.assemble import Builder, Model, assemble
+from harness.models.assembly.placement import Layout, possible_parameters
+from harness.models.contracts import EXPORTS, ModelError, Parameter
+from harness.models.signals import SIGNALS
+from support.dimensions import assemble_with_units, check_dimensions, check_parameters
+from support.parts import EFFECTS, SENSORS, VEHICLES, evaluate, load, random_point
 
 
 @cache

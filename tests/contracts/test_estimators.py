@@ -1,26 +1,25 @@
-"""One suite over every estimator in ``harness/estimators``."""
+"""One suite over every estimator in ``harness/estimation/methods``."""
 
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from small_vehicles import curved, linear
 
-from harness.compile import CompiledModel, compile_model
-from harness.configure.vehicle import resolve_single
-from harness.errors import UserError
-from harness.estimate import Estimator, load_estimator
-from harness.lanes import LANES
-from harness.simulate import in_lanes, variances
-from models import registry
+from harness.common import registry
+from harness.common.errors import UserError
+from harness.config.model import resolve_single
+from harness.engine.compile import CompiledModel, compile_model
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Estimator, load_estimator
+from harness.simulation.simulate import in_lanes, variances
+from support.linear_filter import P0, STEP, Q, R, drive_linear, textbook
+from support.small_vehicles import curved, linear
 
-NAMES = registry.names("harness.estimators")
+NAMES = registry.names("harness.estimation.methods")
 KALMAN = [n for n in NAMES if getattr(load_estimator(n), "KALMAN_TYPE", False)]
 NONLINEAR = [n for n in KALMAN if not getattr(load_estimator(n), "LINEAR", False)]
 # made for particular signals, so that the small linear model may be none of theirs; results that scatter with the seed
 FITTED, SCATTERING = ({n for n in NAMES if hasattr(load_estimator(n), e)} for e in ("fit", "MONTE_CARLO"))
-STEP = 0.05
-Q, R, P0 = np.array([1e-3, 2e-3, 5e-4]), np.array([1e-2, 4e-2]), np.array([0.5, 1.0, 2.0])
 
 
 class Ground(NamedTuple):
@@ -61,41 +60,6 @@ def ground(name, samples=80):
     base = np.array([10.0 if i == "speed" else 0.0 for i in truck.model.inputs])
     u, y = base + 0.1 * rng.normal(size=(samples, truck.nu)), 0.05 * rng.normal(size=(samples, truck.ny))
     return Ground(truck, truck.parameter_vector(spec.values), q, r, q, u, y)
-
-
-def drive_linear(samples=80, seed=3):
-    """Return inputs, measurements and the matrices of the sampled linear model."""
-    rng = np.random.default_rng(seed)
-    A = np.eye(3) + STEP * np.array([[-0.3 * 1.5, 1, 0], [-4, -1.5, 0], [0.5, 0, -0.2]])
-    B = STEP * np.array([[0.0], [1.0], [0.0]])
-    C = np.array([[1.0, 0, 0], [0, 0, 1.0]])
-    u = rng.normal(size=(samples, 1))
-    x, y = np.zeros(3), np.empty((samples, 2))
-    for k in range(samples):
-        y[k] = C @ x + rng.normal(size=2) * np.sqrt(R)
-        x = A @ x + B @ u[k] + rng.normal(size=3) * np.sqrt(Q)
-    return u, y, A, B, C
-
-
-def textbook(u, y, A, B, C):
-    """The Kalman filter with full matrices; a NaN measurement is left out."""
-    x, P, log_likelihood = np.zeros(3), np.diag(P0), 0.0
-    means, covariances, likelihoods = [x], [P], []
-    for k in range(1, len(y)):
-        x, P = A @ x + B @ u[k - 1], A @ P @ A.T + np.diag(Q)
-        seen = ~np.isnan(y[k])
-        H = C[seen]
-        S = H @ P @ H.T + np.diag(R[seen])
-        innovation = y[k, seen] - H @ x
-        K = P @ H.T @ np.linalg.inv(S)
-        log_likelihood = -0.5 * (
-            innovation @ np.linalg.solve(S, innovation) + np.linalg.slogdet(2 * np.pi * S)[1] if seen.any() else 0.0
-        )
-        x, P = x + K @ innovation, P - K @ S @ K.T
-        means.append(x)
-        covariances.append(P)
-        likelihoods.append(log_likelihood)
-    return np.array(means), np.array(covariances), np.array(likelihoods)
 
 
 def step_through(estimator, compiled, u, y, parameters=(1.5,), q=Q, r=R, p0=P0):

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.drives import build_drive, kinds
-from harness.units import scale
-from models import registry
-from models.contracts import DriveContext, ModelError
-from models.drives._shapes import LIMIT, lateral_acceleration
+from harness.common import registry
+from harness.common.units import scale
+from harness.models.contracts import DriveContext, ModelError
+from harness.models.drives._shapes import LIMIT, lateral_acceleration
+from harness.simulation.drives import build_drive, kinds
 
 CONTEXT = DriveContext(wheelbase=3.71, steering_ratio=23.0, step=0.01)
-KINDS = registry.names("models.drives")
+KINDS = registry.names("harness.models.drives")
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_options_are_documented_and_their_defaults_allowed(kind):
             assert option.lower < option.upper, option.name
             assert option.lower <= option.default <= option.upper, option.name
     assert LIMIT.name in [o.name for o in kinds()[kind]]
-    assert registry.load("models.drives", kind).__doc__
+    assert registry.load("harness.models.drives", kind).__doc__
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 import pytest
-from _parts import SENSORS, SETS, load, model, tyres_of
 
-from models.assemble import assemble
-from models.contracts import EXPORTS, ModelError, Parameter
+from harness.models.assembly.assemble import assemble
+from harness.models.contracts import EXPORTS, ModelError, Parameter
+from support.parts import SENSORS, SETS, load, model, tyres_of
 
 
 def declared(name: str) -> dict[str, Parameter]:

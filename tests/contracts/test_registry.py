@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-import models
-from models import registry
-from models.contracts import EXPORTS, ModelError
+from harness import models
+from harness.common import registry
+from harness.models.contracts import EXPORTS, ModelError
 
 ROOT = Path(models.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
@@ -20,18 +20,18 @@ ROLES = sorted(EXPORTS)
 @pytest.mark.parametrize("role", ROLES)
 def test_names_are_the_stems_of_the_folder(role):
     stems = {p.stem for p in (ROOT / role).glob("*.py") if not p.stem.startswith("_")}
-    assert set(registry.names(f"models.{role}")) == stems
+    assert set(registry.names(f"harness.models.{role}")) == stems
     for stem in stems:
-        assert registry.load(f"models.{role}", stem).__name__ == f"models.{role}.{stem}"
+        assert registry.load(f"harness.models.{role}", stem).__name__ == f"harness.models.{role}.{stem}"
 
 
 @pytest.mark.parametrize(
     ("package", "asked", "meant", "kind"),
     [
-        ("models.vehicles", "semitrailor", "semitrailer", "vehicle"),
-        ("models.tyres", "magicformula", "magic_formula", "tyre"),
-        ("models.parameters", "ziaukas2023", "ziaukas_2023", "parameter"),
-        ("models.sensors", "test_vehicel", "test_vehicle", "sensor"),
+        ("harness.models.vehicles", "semitrailor", "semitrailer", "vehicle"),
+        ("harness.models.tyres", "magicformula", "magic_formula", "tyre"),
+        ("harness.models.parameters", "ziaukas2023", "ziaukas_2023", "parameter"),
+        ("harness.models.sensors", "test_vehicel", "test_vehicle", "sensor"),
     ],
 )
 def test_an_unknown_name_gets_the_closest(package, asked, meant, kind):
@@ -41,7 +41,7 @@ def test_an_unknown_name_gets_the_closest(package, asked, meant, kind):
 
 def test_a_name_like_no_other_gets_the_whole_list():
     with pytest.raises(ModelError, match=r"there are: .*linear, magic_formula"):
-        registry.load("models.tyres", "zzzz")
+        registry.load("harness.models.tyres", "zzzz")
 
 
 def test_no_choice_at_all_is_said():
@@ -50,7 +50,7 @@ def test_no_choice_at_all_is_said():
 
 def test_private_helpers_are_not_offered():
     with pytest.raises(ModelError, match="unknown tyre '_stiffness'"):
-        registry.load("models.tyres", "_stiffness")
+        registry.load("harness.models.tyres", "_stiffness")
 
 
 @pytest.fixture
@@ -84,26 +84,26 @@ def test_a_new_file_is_found_without_editing_anything(newcomer):
 
 
 def imported(path: Path) -> set[str]:
-    """Return the top-level packages that a file imports, anywhere in it."""
+    """Return the packages that a file imports, anywhere in it; those of the harness with the name of the part."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name.split(".")[0] for alias in node.names}
+            found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            found.add("models" if node.level else (node.module or "").split(".")[0])
-    return found
+            found |= {"harness.models"} if node.level else {f"{node.module}.{alias.name}" for alias in node.names}
+    return {".".join(name.split(".")[: 1 + name.startswith("harness.")]) for name in found}
 
 
 @pytest.mark.parametrize("path", FILES, ids=[str(p.relative_to(ROOT)) for p in FILES])
 def test_models_import_only_sympy_numpy_and_the_standard_library(path):
-    strangers = imported(path) - {"models", "sympy", "numpy"} - set(sys.stdlib_module_names)
+    strangers = imported(path) - {"harness.models", "harness.common", "sympy", "numpy"} - set(sys.stdlib_module_names)
     assert strangers == set()
 
 
 def test_the_scan_sees_imports_inside_functions(tmp_path):
     file = tmp_path / "late.py"
-    file.write_text("import os\ndef f():\n    from harness.run import go\n    import scipy.signal as s\n")
-    assert imported(file) == {"os", "harness", "scipy"}
+    file.write_text("import os\ndef f():\n    from harness.study.run import go\n    import scipy.signal as s\n")
+    assert imported(file) == {"os", "harness.study", "scipy"}
 
 
 @pytest.mark.parametrize("role", ROLES)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from _dimensions import assemble_with_units, check_dimensions
-from _parts import COMBINATIONS, SENSORS, load
 
-from models.assemble import assemble
-from models.contracts import EXPORTS, ModelError
-from models.signals import SIGNALS
+from harness.models.assembly.assemble import assemble
+from harness.models.contracts import EXPORTS, ModelError
+from harness.models.signals import SIGNALS
+from support.dimensions import assemble_with_units, check_dimensions
+from support.parts import COMBINATIONS, SENSORS, load
 
 
 @pytest.mark.parametrize("name", SENSORS)

@@ -6,12 +6,11 @@ import types
 
 import numpy as np
 import pytest
-from _dimensions import assemble_with_units, check_dimensions
-from _parts import SETS, TYRES, evaluate, load
-from test_vehicles import check_parameters
 
-from models.assemble import Model, assemble
-from models.contracts import EXPORTS, Parameter
+from harness.models.assembly.assemble import Model, assemble
+from harness.models.contracts import EXPORTS, Parameter
+from support.dimensions import assemble_with_units, check_dimensions, check_parameters
+from support.parts import SETS, TYRES, evaluate, load
 
 FORCE, STIFFNESS, CAPACITY = (
     f"{kind}_axle_11" for kind in ("steady_lateral_force", "cornering_stiffness", "lateral_force_capacity")

@@ -7,13 +7,30 @@ import types
 import numpy as np
 import pytest
 import sympy as sp
-from _dimensions import DimensionError, assemble_with_units, check_dimensions, dimension, dimension_of
-from _parts import COMBINATIONS, SENSORS, TYRES, VEHICLES, evaluate, load, model, random_point, sets_of
 
-from models.assemble import assemble, symbol
-from models.contracts import EXPORTS, ModelError, Parameter
-from models.expressions import larger
-from models.signals import SIGNALS
+from harness.models.assembly.assemble import assemble, symbol
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import EXPORTS, ModelError, Parameter
+from harness.models.signals import SIGNALS
+from support.dimensions import (
+    DimensionError,
+    assemble_with_units,
+    check_dimensions,
+    check_parameters,
+    dimension,
+    dimension_of,
+)
+from support.parts import (
+    COMBINATIONS,
+    SENSORS,
+    TYRES,
+    VEHICLES,
+    evaluate,
+    load,
+    model,
+    random_point,
+    sets_of,
+)
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -33,17 +50,6 @@ def test_exports_are_complete_and_named_as_in_the_table_of_signals(name):
 @pytest.mark.parametrize("name", VEHICLES)
 def test_parameters_have_units_bounds_and_a_meaning(name):
     check_parameters(load("vehicles", name).PARAMETERS)
-
-
-def check_parameters(parameters: tuple[Parameter, ...]) -> None:
-    names = [p.name for p in parameters]
-    assert len(set(names)) == len(names)
-    for p in parameters:
-        dimension_of(p.unit)  # pint can read it
-        assert p.unit, f"{p.name}: write 'dimensionless' for a plain number"
-        assert -np.inf < p.lower < p.upper < np.inf, p.name
-        assert p.symbol, p.name
-        assert p.meaning, p.name
 
 
 @pytest.mark.parametrize(("vehicle", "tyre"), COMBINATIONS)

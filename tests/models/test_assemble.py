@@ -6,10 +6,10 @@ import types
 
 import pytest
 import sympy as sp
-from _numeric import evaluator
 
-from models.assemble import assemble, symbol
-from models.contracts import ModelError, Parameter
+from harness.models.assembly.assemble import assemble, symbol
+from harness.models.contracts import ModelError, Parameter
+from support.numeric import evaluator
 
 
 def part(name: str, **exports) -> types.ModuleType:
@@ -33,7 +33,7 @@ def vehicle(equations, **more) -> types.ModuleType:
         "VALID": {"yaw_rate_tractor": 5.0},
         "equations": equations,
     }
-    return part("models.vehicles.toy", **{**base, **more})
+    return part("harness.models.vehicles.toy", **{**base, **more})
 
 
 def steer(v) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from _numeric import euler, evaluator
 
-from models.assemble import assemble
-from models.parameters import lex_2015, lyons_2024, sun_2015
+from harness.models.assembly.assemble import assemble
+from harness.models.parameters import lex_2015, lyons_2024, sun_2015
+from support.numeric import euler, evaluator
 
 G = 9.81
 SUN, LEX = sun_2015.VALUES, lex_2015.VALUES

@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
-from support.cars import CAR, CONTEXT, WHEELS, function_of
 
-from harness.compile import compile_model
-from harness.compiled_study import CompiledStudy
-from harness.configure import load_study
-from harness.drives import build_drive
-from harness.errors import UserError
-from harness.estimate import Estimator
-from harness.lanes import LANES
-from harness.simulate import Batch, first_state, in_lanes, input_table
-from models.assemble import assemble, symbol
-from models.contracts import ModelError
-from models.expressions import larger
-from models.registry import load
+from harness.common.errors import UserError
+from harness.common.registry import load
+from harness.config import load_study
+from harness.engine.compile import compile_model
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Estimator
+from harness.models.assembly.assemble import assemble, symbol
+from harness.models.assembly.expressions import larger
+from harness.models.contracts import ModelError
+from harness.simulation.drives import build_drive
+from harness.simulation.simulate import Batch, first_state, in_lanes, input_table
+from harness.study.compiled_study import CompiledStudy
+from support.cars import CAR, CONTEXT, WHEELS, function_of
 
 # --- Li's car
 
@@ -67,7 +67,7 @@ def test_first_values_come_from_parameters_and_the_drive():
 )
 def test_a_wrong_start_is_refused(start, says):
     vehicle = types.ModuleType("car_3dof")
-    vehicle.__dict__.update(vars(load("models.vehicles", "car_3dof")))
+    vehicle.__dict__.update(vars(load("harness.models.vehicles", "car_3dof")))
     vehicle.START = start
     with pytest.raises(ModelError, match=says):
         assemble(vehicle)
@@ -151,7 +151,7 @@ def stiffness_error(**settings) -> np.ndarray:
     belief = compile_model(model, 0.01, "euler", 1, TRUE)
     inputs = in_lanes(input_table(profile, model.inputs, {}, MEASURED[1:]))
     inputs[:, 1] = measured[:, 1]
-    p = in_lanes(belief.parameter_vector(dict(load("models.parameters", "li_2017").VALUES)))
+    p = in_lanes(belief.parameter_vector(dict(load("harness.models.parameters", "li_2017").VALUES)))
     filter_ = Estimator("st_cdkf", belief, settings)
     scores = filter_.run(
         inputs,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.drives import build_drive
-from models.contracts import DriveContext, ModelError
-from models.drives import _shapes as shapes
+from harness.models.contracts import DriveContext, ModelError
+from harness.models.drives import _shapes as shapes
+from harness.simulation.drives import build_drive
 
 CONTEXT = DriveContext(wheelbase=3.71, steering_ratio=23.0, step=0.01)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from _effects import VALUES, G, built, look, point, rates, values
-from _numeric import evaluator
 
-from models import registry
+from harness.common import registry
+from support.effects import VALUES, G, built, look, point, rates, values
+from support.numeric import evaluator
 
 
 def test_yaw_control_turns_towards_its_reference():
@@ -110,7 +110,7 @@ LEANS_TO_ONE_SIDE = {
 }
 
 
-@pytest.mark.parametrize("effect", [e for e in registry.names("models.effects") if e not in LEANS_TO_ONE_SIDE])
+@pytest.mark.parametrize("effect", [e for e in registry.names("harness.models.effects") if e not in LEANS_TO_ONE_SIDE])
 def test_effects_without_a_side_are_mirrored(effect):
     """Left and right exchanged, every lateral quantity changes its sign and nothing else does."""
     for vehicle in ("semitrailer", "car"):

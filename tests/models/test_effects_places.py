@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from _numeric import evaluator
 
-from models.assemble import assemble
-from models.contracts import ModelError
-from models.library import placements
-from models.parameters import ziaukas_2023
-from models.placement import load_effect
+from harness.models.assembly.assemble import assemble
+from harness.models.assembly.candidates import placements
+from harness.models.assembly.placement import load_effect
+from harness.models.contracts import ModelError
+from harness.models.parameters import ziaukas_2023
+from support.numeric import evaluator
 
 
 def added(effects, vehicle="semitrailer", tyre="magic_formula", sensors="test_vehicle"):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from _effects import G, built, look, point, rates, values
-from _numeric import euler, evaluator
 
-from models.parameters import ziaukas_2023
+from harness.models.parameters import ziaukas_2023
+from support.effects import G, built, look, point, rates, values
+from support.numeric import euler, evaluator
 
 
 @pytest.mark.parametrize("vehicle", ["semitrailer", "car", "car_two_track"])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from _effects import VALUES, built, look, point, values
-from _numeric import euler, evaluator, jacobian
+
+from support.effects import VALUES, built, look, point, values
+from support.numeric import euler, evaluator, jacobian
 
 
 def test_offset_and_ratio_of_the_steering():

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from _effects import VALUES, G, built, look, point, values
-from _numeric import evaluator
 
-from models import registry
-from models.assemble import assemble
+from harness.common import registry
+from harness.models.assembly.assemble import assemble
+from support.effects import VALUES, G, built, look, point, values
+from support.numeric import evaluator
 
 
 def loads(vehicle: str, effects: tuple[str, ...], own: dict, **at) -> np.ndarray:
-    axles = registry.load("models.vehicles", vehicle).AXLES
+    axles = registry.load("harness.models.vehicles", vehicle).AXLES
     return np.array(look(vehicle, effects, tuple(f"vertical_load_axle_{a}" for a in axles), own, **at))
 
 

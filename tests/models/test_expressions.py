@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from models.expressions import larger, smaller
+from harness.models.assembly.expressions import larger, smaller
 
 A, B = sp.symbols("a b", real=True)
 

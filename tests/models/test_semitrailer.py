@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from _numeric import euler, evaluator, jacobian, named
 
-from models.assemble import assemble
-from models.parameters import ziaukas_2023
-from models.vehicles import semitrailer
+from harness.models.assembly.assemble import assemble
+from harness.models.parameters import ziaukas_2023
+from harness.models.vehicles import semitrailer
+from support.numeric import euler, evaluator, jacobian, named
 
 VALUES = ziaukas_2023.VALUES
 MODEL = assemble("semitrailer", "magic_formula")

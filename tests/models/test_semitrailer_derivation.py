@@ -15,11 +15,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import sympy as sp
-from _numeric import evaluator
 from sympy.physics import mechanics as me
 
-from models.assemble import assemble
-from models.parameters import ziaukas_2023
+from harness.models.assembly.assemble import assemble
+from harness.models.parameters import ziaukas_2023
+from support.numeric import evaluator
 
 G = 9.81
 TRAILER_AXLES = ("21", "22", "23")

@@ -1,0 +1,347 @@
+"""The command line: run, report, campaign, list, simulate, check, identify, trace, observability, realtime, ...
+
+Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
+mend it); 130: interrupted, and the next run goes on from there. Everything heavy is imported inside the
+commands, so that help appears at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import re
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal, NoReturn
+
+import typer
+import typer.core
+from rich.console import Console
+from rich.text import Text
+
+from harness.cli.identify import identify
+from harness.cli.loop import loop
+from harness.cli.observability import observability
+from harness.cli.options import RESULTS, STUDIES, study_path
+from harness.cli.realtime import realtime
+from harness.cli.simulate import simulate
+from harness.cli.trace import trace
+from harness.common.errors import UserError
+
+FAILED, WRONG, INTERRUPTED = 1, 2, 130
+_state = {"debug": False}
+
+
+class _Commands(typer.core.TyperGroup):
+    """Lets ``--debug`` stand anywhere on the line, since one adds it to a line that failed."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Move ``--debug`` to the front."""
+        if "--debug" in args:
+            args = ["--debug", *(a for a in args if a != "--debug")]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"harness {version('robustness-harness')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """Which estimator can be trusted on this vehicle, and how far may it drift from what is believed?"""
+    _state["debug"] = debug
+
+
+def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn what a command raises into one message and an exit status."""
+
+    @functools.wraps(command)
+    def guarded(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            _fail("interrupted", "what is finished is kept; the same command goes on from there", INTERRUPTED)
+        except (typer.Exit, BrokenPipeError):
+            raise
+        except Exception as error:
+            from harness.models.contracts import ModelError  # after the help, because it imports NumPy
+
+            if isinstance(error, UserError | ModelError):
+                _fail("error", str(error), WRONG)
+            _fail("failed", f"{type(error).__name__}: {error} (--debug shows where)", FAILED)
+
+    return guarded
+
+
+def _fail(title: str, message: str, status: int) -> NoReturn:
+    """Print a message in red on stderr, the traceback first if asked for, and leave."""
+    if _state["debug"] and status != INTERRUPTED:
+        traceback.print_exc()
+    Console(stderr=True).print(Text(f"{title}: {message}", style="red"), soft_wrap=True)
+    raise typer.Exit(status)
+
+
+@app.command()
+@_answers_errors
+def run(
+    study: Annotated[str, typer.Argument(help="Study file, or the name of one in studies/.")],
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", "-j", min=1, help="Worker threads, or processes of --dask local; all cores if absent."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Result folder; results/<name of the study> if absent.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="Run on the workers of this Dask scheduler: tcp://HOST:PORT.")
+    ] = None,
+    dask: Annotated[
+        Literal["local"] | None, typer.Option("--dask", help="Run on Dask worker processes of this machine.")
+    ] = None,
+) -> None:
+    """Run a study and write its report.
+
+    An interrupted run goes on where it stopped.
+    The scores are the same bits whatever the number of workers.
+    """
+    if scheduler is not None and (dask is not None or jobs is not None):
+        raise UserError("--scheduler says which workers run the study; leave out --dask and --jobs")
+    from harness.config import load_study
+
+    path = study_path(study)
+    loaded = load_study(path.resolve() if scheduler is not None else path)  # workers start in other folders
+    from harness.study.run import run_study
+
+    console = Console()
+    with contextlib.ExitStack() as stack:
+        client = None
+        if scheduler is not None or dask is not None:
+            from harness.study.cluster import connected
+
+            client = stack.enter_context(connected(scheduler, jobs))
+        folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console, client)
+    _write_report(folder, console, answer=True)
+
+
+@app.command()
+@_answers_errors
+def report(folder: Annotated[Path, typer.Argument(help="Result folder of a finished study.")]) -> None:
+    """Write the report of a finished study again.
+
+    HTML and PDF come from the stored scores; nothing is computed anew.
+    """
+    if not folder.is_dir():
+        there = sorted(str(p) for p in folder.parent.glob("*") if p.is_dir())
+        raise UserError(f"{folder}: there is no such folder{_closest(str(folder), there)}")
+    _write_report(folder, Console())
+
+
+def _write_report(folder: Path, console: Console, answer: bool = False) -> None:
+    """Write the report of a finished study, print its answer if asked for, and its files."""
+    from harness.study.report import NOT_VERIFIABLE, analyse, headline, write_report
+
+    aside = Console(stderr=True)
+    with aside.status("writing the report"):
+        analysis = analyse(folder)
+        files = write_report(analysis)
+    if not analysis.store.is_verifiable:
+        aside.print(Text(f"{folder}: {NOT_VERIFIABLE}", style="yellow"), soft_wrap=True)
+    if answer:
+        console.print(Text(headline(analysis), style="bold"), soft_wrap=True)
+    for path in files:
+        console.print(Text(str(path)), soft_wrap=True)
+
+
+@app.command()
+@_answers_errors
+def campaign(
+    results: Annotated[Path, typer.Argument(help="Folder with the results of the studies.")] = RESULTS,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")] = RESULTS / "campaign",
+) -> None:
+    """Gather the finished studies into one report.
+
+    Which estimator, inside which envelope, how often it fails, what drives its error; what of the dissertation holds.
+    """
+    from harness.campaign import write_campaign
+
+    console = Console()
+    for path in write_campaign(results, out):
+        console.print(Text(str(path)), soft_wrap=True)
+
+
+def _closest(word: str, choices: list[str]) -> str:
+    from harness.common.registry import closest
+
+    return closest(word, choices)
+
+
+@app.command()
+@_answers_errors
+def tune(
+    study: Annotated[str, typer.Argument(help="Study file, or the name of one in studies/.")],
+    drives: Annotated[str, typer.Option("--drives", help="Training drives: a name in studies/drives or a TOML file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Tuning file to write; a study names it by tuning = ...")],
+    budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator.")] = 240,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each drive with other noise.")] = 1,
+) -> None:
+    """Tune the noise that every estimator of a study believes, by one rule and within one budget.
+
+    Factors on process noise, random walk of the unknown inputs and measurement noise maximise the likelihood of the
+    innovations on the training drives, simulated at the nominal plant.
+    """
+    import dataclasses
+
+    from rich.table import Table
+
+    from harness.config import load_drives, load_study
+    from harness.study.tune import tune as search
+    from harness.study.tune import write_tuning
+
+    loaded = load_study(study_path(study))
+    training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
+    console = Console(stderr=True)
+    with console.status("tuning") as status:
+        found = search(training, budget, repeats, lambda name: status.update(f"tuning {name}"))
+    write_tuning(out, training, budget, repeats, found)
+    table = Table("estimator", "process", "unknown inputs", "measurement", "log-likelihood before", "after", box=None)
+    for name, tuning in found.items():
+        factors = [f"{tuning.factors[group]:.3g}" for group in ("process", "unknown_inputs", "measurement")]
+        table.add_row(name, *factors, f"{tuning.before:.1f}", f"{tuning.after:.1f}")
+    Console().print(table)
+    typer.echo(out)
+
+
+@app.command("list")
+@_answers_errors
+def list_(
+    role: Annotated[
+        str,
+        typer.Argument(
+            help="models (all parts of a model), vehicles, tyres, effects, sensors, parameters, drives, "
+            "estimators, readers, signals or studies."
+        ),
+    ],
+    name: Annotated[str | None, typer.Argument(help="One file of that role, with its settings.")] = None,
+) -> None:
+    """Show what there is to choose from.
+
+    Every file of a role, or one of them with its settings.
+    """
+    from harness.cli.listing import show
+
+    show(_wide_console(), role, name, STUDIES)
+
+
+def _wide_console() -> Console:
+    """Return a console that does not squeeze tables into 80 columns when the output is a file or a pipe."""
+    return Console() if sys.stdout.isatty() else Console(width=160)
+
+
+@app.command()
+@_answers_errors
+def check(
+    file: Annotated[Path, typer.Argument(help="Recording: a file, or a folder with one signal per file.")],
+    channels: Annotated[
+        Path | None, typer.Option("--channels", help="Channel map; none for columns that are signals in SI units.")
+    ] = None,
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            "--parameters", help="Parameter set or TOML parameter file of a car, for the curves of its axles."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the report; results/check-<name> if absent.")
+    ] = None,
+) -> None:
+    """Check a measured drive.
+
+    What does the file hold, where are its gaps, and do its signals agree with each other?
+    """
+    from harness.recordings.check import check_recording, print_findings, write_check
+
+    findings = check_recording(file, channels, parameters)
+    console = _wide_console()
+    print_findings(findings, console)
+    name = file.resolve().name.split(".")[0]
+    for path in write_check(findings, out if out is not None else RESULTS / f"check-{name}"):
+        console.print(Text(str(path)), soft_wrap=True)
+
+
+@app.command()
+@_answers_errors
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Delete the compiled kernels.")] = False,
+) -> None:
+    """Show or clear the compiled kernels."""
+    from harness.engine.compile import cache_folder
+
+    folder = cache_folder()
+    # Only what load_source and numba wrote: the folder is the user's choice and may hold other things.
+    generated = [p for p in folder.glob("*.py") if re.fullmatch(r".+_[0-9a-f]{8,}", p.stem)]
+    caches = [p for p in folder.glob("__pycache__/*") if re.match(r".+_[0-9a-f]{8,}\.", p.name)]
+    size = sum(p.stat().st_size for p in (*generated, *caches))
+    if clear:
+        for path in (*generated, *caches):
+            path.unlink(missing_ok=True)
+        for each in (folder / "__pycache__", folder):
+            if each.is_dir() and not any(each.iterdir()):
+                each.rmdir()
+    count, verb = len(generated) + len(caches), "deleted from" if clear else "in"
+    Console().print(Text(f"{count} files, {size / 2**20:.1f} MiB {verb} {folder}"), soft_wrap=True)
+
+
+@app.command()
+@_answers_errors
+def schema(
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; stdout if absent.")] = None,
+) -> None:
+    """Write the JSON schema of a study file.
+
+    For editors that complete and check TOML.
+    """
+    from harness.config import study_schema, write_schema
+
+    if out is None:
+        typer.echo(json.dumps(study_schema(), indent=2))
+        return
+    try:
+        write_schema(out)
+    except OSError as error:
+        raise UserError(f"{out}: cannot be written: {error.strerror}") from None
+    Console().print(Text(str(out)), soft_wrap=True)
+
+
+app.command()(_answers_errors(simulate))
+app.command()(_answers_errors(observability))
+app.command()(_answers_errors(identify))
+app.command()(_answers_errors(trace))
+app.command()(_answers_errors(loop))
+app.command()(_answers_errors(realtime))
+
+
+def main() -> None:
+    """Run the command line (the entry point of the ``harness`` script)."""
+    app()

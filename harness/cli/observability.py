@@ -1,0 +1,54 @@
+"""``harness observability``: can the states be told from the measurements at all?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.options import (
+    DriveOption,
+    EffectOption,
+    ModelOptions,
+    ParametersOption,
+    SensorsOption,
+    SetOption,
+    TyreOption,
+    drive_spec,
+    model_spec,
+)
+from harness.common.errors import UserError
+
+
+def observability(
+    vehicle: Annotated[str, typer.Argument(help="Vehicle; harness list vehicles shows them.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the figure.")],
+    unknown_input: Annotated[
+        list[str] | None, typer.Option("--unknown-input", help="Input to be estimated; repeatable.")
+    ] = None,
+    drive: Annotated[
+        str | None, typer.Option("--drive", help="Kind of drive; straight, sine, straight if absent.")
+    ] = None,
+    option: DriveOption = None,
+    values: SetOption = None,
+    parameters: ParametersOption = None,
+    tyre: TyreOption = None,
+    effect: EffectOption = None,
+    sensors: SensorsOption = None,
+) -> None:
+    """Check structural observability along a drive.
+
+    Can the states be told from the measurements at all? Straight ahead and under lateral excitation.
+    """
+    spec = model_spec(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
+    profile = None
+    if drive is not None:
+        from harness.simulation.drives import profile_of
+
+        profile = profile_of(spec, drive_spec(drive, option))
+    elif option:
+        raise UserError("--option belongs to a drive; name it with --drive")
+    from harness.estimation.observability import report as check
+
+    check(spec, unknown_input or [], out, profile)

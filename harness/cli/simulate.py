@@ -1,0 +1,58 @@
+"""``harness simulate``: one drive to a file, for a quick look."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from harness.cli.options import (
+    DriveOption,
+    EffectOption,
+    ModelOptions,
+    ParametersOption,
+    SensorsOption,
+    SetOption,
+    TyreOption,
+    drive_spec,
+    model_spec,
+)
+
+
+def simulate(
+    vehicle: Annotated[str, typer.Argument(help="Vehicle; harness list vehicles shows them.")],
+    drive: Annotated[str, typer.Option("--drive", help="Kind of drive; harness list drives shows them.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .csv, .parquet or .nc.")],
+    option: DriveOption = None,
+    values: SetOption = None,
+    parameters: ParametersOption = None,
+    tyre: TyreOption = None,
+    effect: EffectOption = None,
+    sensors: SensorsOption = None,
+    signal: Annotated[list[str] | None, typer.Option("--signal", help="Further quantity to write; repeatable.")] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", min=0, help="Seed of process and measurement noise; none if absent."),
+    ] = None,
+) -> None:
+    """Simulate one drive and write it to a file.
+
+    One column per signal, in SI units, under the names that harness list signals shows.
+    """
+    from harness.recordings.write import check_target, write_recording
+
+    check_target(out)
+    spec = model_spec(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
+    for name in signal or []:
+        spec.model().resolve(name)
+    from harness.simulation.drives import profile_of
+    from harness.simulation.simulate import simulate_drive
+
+    profile = profile_of(spec, drive_spec(drive, option))
+    recording = simulate_drive(spec, profile, signal or [], seed)
+    write_recording(recording, out)
+    samples, signals = recording.sizes["time"], len(recording.data_vars)
+    Console().print(Text(f"{out}: {samples} samples of {signals} signals"), soft_wrap=True)

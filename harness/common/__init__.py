@@ -1,0 +1,1 @@
+"""What every part may use: errors, files, units, statistics, and the folders that are registries."""

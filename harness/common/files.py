@@ -1,0 +1,117 @@
+"""Files: results written into a folder, JSON written, TOML read and written."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from harness.common.errors import UserError
+
+
+def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
+    """Write files into a folder, made if absent, each whole or not at all; return their paths.
+
+    Args:
+        folder: Where to.
+        contents: Text or bytes by file name.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in contents.items():
+            unfinished = folder / f"{name}.part"
+            unfinished.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+            written.append(unfinished.replace(folder / name))
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    return written
+
+
+def json_text(content: Any) -> str:
+    """Return JSON text of dictionaries, sequences and plain or NumPy scalars; what is not finite becomes ``null``."""
+    return json.dumps(_plain(content), indent=2) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if hasattr(value, "item"):  # a NumPy scalar; NumPy itself would slow the help
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file, without a byte-order mark.
+
+    Raises:
+        UserError: If it is absent (with the closest names beside it), is not UTF-8 or cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        from harness.common.registry import closest  # imports NumPy, which the help does without
+
+        beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
+        raise UserError(f"{path}: there is no such file{closest(path.name, beside)}") from None
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: not UTF-8 text (byte {error.start}); save the file as UTF-8") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Return the content of a TOML text.
+
+    Args:
+        text: The text.
+        where: File, named in the error.
+
+    Raises:
+        UserError: If it is no TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{where}: not valid TOML: {error}") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the content of a TOML file.
+
+    Raises:
+        UserError: If it cannot be read or is no TOML.
+    """
+    return parse_toml(read_text(path), str(path))
+
+
+def toml_text(
+    content: Mapping[str, Any], heading: str = "", comments: Mapping[tuple[str, ...], str] | None = None
+) -> str:
+    """Return the text of a TOML file.
+
+    Args:
+        content: What ``read_toml`` returns of it: tables, lists, text, numbers, truth values. Floats keep their bits.
+        heading: Comment on the first line.
+        comments: What stands behind a value or the head of a table, by its keys from the outside in.
+    """
+    import tomlkit  # not when the help is shown
+
+    document = tomlkit.document()
+    if heading:
+        document.add(tomlkit.comment(heading))
+    for key, value in content.items():
+        document.add(key, tomlkit.item(value))
+    for keys, words in (comments or {}).items():
+        item: Any = functools.reduce(lambda table, key: table[key], keys, document)
+        item.comment(words)
+    return tomlkit.dumps(document)

@@ -1,0 +1,39 @@
+"""Study file in, ``Study`` out: everything checked, every number SI, every default filled in.
+
+``file`` holds the keys, ``vehicle`` resolves plant and belief, ``factors`` the designs, ``load`` puts them
+together; ``specs`` is what all later stages read.
+"""
+
+from harness.config.load import build_study, load_drives, load_study
+from harness.config.model import resolve_single
+from harness.config.schema import StudyFile, study_schema, write_schema
+from harness.config.specs import (
+    NOISE_GROUPS,
+    NOISE_SCALES,
+    DesignSpec,
+    DriveSpec,
+    EstimatorSpec,
+    FactorSpec,
+    HistorySpec,
+    ModelSpec,
+    Study,
+)
+
+__all__ = [
+    "NOISE_GROUPS",
+    "NOISE_SCALES",
+    "DesignSpec",
+    "DriveSpec",
+    "EstimatorSpec",
+    "FactorSpec",
+    "HistorySpec",
+    "ModelSpec",
+    "Study",
+    "StudyFile",
+    "build_study",
+    "load_drives",
+    "load_study",
+    "resolve_single",
+    "study_schema",
+    "write_schema",
+]

@@ -1,0 +1,300 @@
+"""Resolve the factors of a design: levels, shifts, bands and ranges in SI, each checked against bounds."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.config.bounds import loading, loading_parameters, out_of_bounds
+from harness.config.problems import Problems
+from harness.config.schema import FactorTable
+from harness.config.specs import NOISE_SCALES, FactorSpec, ModelSpec, Side
+from harness.models.contracts import Parameter
+
+_PERCENT = ("%", "percent")
+_SCALE = Parameter("", "", "dimensionless", 0.0, float("inf"), "factor on every variance of its kind")
+FORMS = ("levels", "shift", "bands", "range")
+"""The keys of a factor that say what values it takes; each has exactly one of them."""
+
+
+@dataclass(frozen=True)
+class Models:
+    """The two models a factor may vary."""
+
+    plant: ModelSpec
+    belief: ModelSpec
+
+    def of(self, side: Side) -> dict[str, ModelSpec]:
+        """Return the models whose values a factor of this side replaces, by name."""
+        both = {"plant": self.plant, "belief": self.belief}
+        return both if side == "both" else {side: both[side]}
+
+
+def number(raw: Any, written_unit: str | None, unit: str, where: str) -> float:
+    """Return a number of a factor in SI: text by its own unit, a plain number by the factor's ``unit`` key.
+
+    Raises:
+        UserError: If it is no number or its unit does not fit.
+    """
+    from harness.common.units import scale, to_si
+
+    value = to_si(raw, unit, where)
+    return value if written_unit is None or isinstance(raw, str) else value * scale(written_unit, unit, where)
+
+
+def resolve_factor(table: FactorTable, key: str, models: Models, problems: Problems) -> FactorSpec | None:
+    """Return the resolved factor, or ``None`` if a problem with it was noted.
+
+    Args:
+        table: The table.
+        key: Its key path, e.g. ``design[0].factor[1]``.
+        models: Plant and belief, resolved.
+        problems: Where problems are noted.
+    """
+    parameter = _parameter(table, key, models, problems)
+    if parameter is None or not _check_form(table, key, problems):
+        return None
+    name = table.parameter
+    nominal = 1.0 if name in NOISE_SCALES else _nominal(name, models)
+    report_unit = _report_unit(table, parameter.unit, f"{key}.unit", problems)
+    if report_unit is None:
+        return None
+    reader = _FactorReader(table, key, parameter, nominal, report_unit, problems)
+    before = len(problems)
+    rows = reader.rows()
+    if rows is None:
+        return None
+    factor = FactorSpec(
+        parameter=name,
+        of=table.of,
+        unit=parameter.unit,
+        report_unit=report_unit,
+        nominal=nominal,
+        levels=tuple(r.centre for r in rows),
+        lower=tuple(r.lower for r in rows),
+        upper=tuple(r.upper for r in rows),
+        labels=tuple(table.labels or [r.label for r in rows]),
+        log=table.scale == "log",
+    )
+    for i in range(len(rows)):
+        _check_bounds(factor, i, reader.item(i), parameter, problems)
+    return factor if len(problems) == before else None
+
+
+def _nominal(name: str, models: Models) -> float:
+    """Return what the belief holds, or the plant where the belief has no such quantity."""
+    for spec in (models.belief, models.plant):
+        if name in spec.values:
+            return spec.values[name]
+        if name in loading_parameters(spec.vehicle):
+            return loading(spec.vehicle, spec.values)[name]
+    return float("nan")
+
+
+def _parameter(table: FactorTable, key: str, models: Models, problems: Problems) -> Parameter | None:
+    """Return the declaration of the varied parameter; every side that is varied must have it."""
+    if table.parameter in NOISE_SCALES:
+        return Parameter(table.parameter, *list(vars(_SCALE).values())[1:])
+    found = None
+    for side, spec in models.of(table.of).items():
+        known = {p.name: p for p in spec.model().parameters} | loading_parameters(spec.vehicle)
+        if table.parameter not in known:
+            choices = [*known, *NOISE_SCALES]
+            problems.add(
+                f"{key}.parameter",
+                f"the {side} has no parameter '{table.parameter}'{closest(table.parameter, choices)}",
+            )
+            return None
+        found = known[table.parameter]
+    return found
+
+
+def _check_form(table: FactorTable, key: str, problems: Problems) -> bool:
+    """Exactly one of the forms; ``band`` only with the first two; as many labels as bands."""
+    given = [k for k in FORMS if getattr(table, k) is not None]
+    if len(given) != 1:
+        has = "has none of them" if not given else f"has {' and '.join(given)}"
+        problems.add(key, f"a factor needs exactly one of levels, shift, bands and range; this one {has}")
+        return False
+    if table.band is not None and given[0] in ("bands", "range"):
+        problems.add(f"{key}.band", f"'{given[0]}' gives the width already; remove 'band'")
+        return False
+    count = 1 if given == ["range"] else len(getattr(table, given[0]))
+    if table.labels is not None and len(table.labels) != count:
+        problems.add(f"{key}.labels", f"{len(table.labels)} labels for {count} {given[0]}; give one each")
+        return False
+    return True
+
+
+def _report_unit(table: FactorTable, unit: str, key: str, problems: Problems) -> str | None:
+    """Return the unit of the labels: as stated, else as the first entry is written, else the SI unit.
+
+    ``None`` if the stated unit does not fit; a unit written with an entry is judged with that entry.
+    """
+    from harness.common.units import scale
+
+    if table.unit is not None:
+        with problems.catch(key):
+            scale(table.unit, unit, problems.at(key))
+            return table.unit
+        return None
+    written = next((w for w in map(_written_unit, _entries(table)) if w and w not in _PERCENT), None)
+    if written is None:
+        return unit
+    try:
+        scale(written, unit, key)
+    except UserError:
+        return unit
+    return written
+
+
+def _written_unit(raw: Any) -> str | None:
+    """Return the unit that an entry is written with, ``None`` for a plain number and for what cannot be read."""
+    from harness.common.units import split
+
+    parts = split(_unsigned(raw)) if isinstance(raw, str) else None
+    return None if parts is None else parts[1]
+
+
+def _entries(table: FactorTable) -> list[Any]:
+    """Return the numbers of the one form that is given."""
+    return table.levels or table.shift or table.bands or table.range or []
+
+
+def _unsigned(raw: Any) -> Any:
+    """Drop the sign people write before a half-width: ``"+-5 %"``, ``"±5 %"``."""
+    return re.sub(r"^\s*(?:\+/?-|±)\s*", "", raw) if isinstance(raw, str) else raw
+
+
+def form(table: FactorTable) -> str:
+    """Return the key that says what values the factor takes."""
+    return next(k for k in FORMS if getattr(table, k) is not None)
+
+
+@dataclass(frozen=True)
+class _Row:
+    centre: float
+    lower: float
+    upper: float
+    label: str
+
+
+@dataclass(frozen=True)
+class _FactorReader:
+    """Reads the numbers of one factor."""
+
+    table: FactorTable
+    key: str
+    parameter: Parameter
+    nominal: float
+    report_unit: str
+    problems: Problems
+
+    def item(self, i: int) -> str:
+        """Return the key path of the i-th entry."""
+        name = form(self.table)
+        return f"{self.key}.{name}" if name == "range" else f"{self.key}.{name}[{i}]"
+
+    def rows(self) -> list[_Row] | None:
+        """Return centre, half-width and label of every band, or ``None`` if a problem was noted."""
+        before = len(self.problems)
+        rows: list[_Row] = []
+        if self.table.range is not None:
+            with self.problems.catch(self.item(0)):
+                rows.append(self._range(self.table.range))
+        else:
+            for i, raw in enumerate(_entries(self.table)):
+                with self.problems.catch(self.item(i)):
+                    rows.append(self._row(raw, self.item(i)))
+        if self.table.scale == "log" and any(row.lower <= 0.0 for row in rows):
+            self.problems.add(f"{self.key}.scale", "a logarithm needs values above zero; raise the lower edge")
+        return rows if len(self.problems) == before else None
+
+    def _range(self, entries: list[Any]) -> _Row:
+        lower, upper = (self._number(raw, f"{self.key}.range[{i}]") for i, raw in enumerate(entries))
+        if not lower < upper:
+            raise UserError(
+                f"{self.problems.at(self.item(0))}: the lower edge comes first and lies below the upper; "
+                f"got {entries[0]!r} and {entries[1]!r}"
+            )
+        middle = math.sqrt(lower * upper) if self.table.scale == "log" and lower > 0.0 else (lower + upper) / 2
+        return _Row(middle, lower, upper, f"{self._label(lower)} to {self._label(upper)}")
+
+    def _row(self, raw: Any, key: str) -> _Row:
+        if self.table.bands is not None:
+            width, label = self._half_width(raw, self.nominal, key)
+            return self._around(self.nominal, width, label)
+        if self.table.levels is not None:
+            centre = self._number(raw, key)
+            label = self._label(centre)
+        else:
+            centre, label = self._shifted(raw, key)
+        if self.table.band is None:
+            return _Row(centre, centre, centre, label)
+        width, around = self._half_width(self.table.band, centre, f"{self.key}.band")
+        return self._around(centre, width, f"{label} {around}")
+
+    def _around(self, centre: float, width: float, label: str) -> _Row:
+        return _Row(centre, centre - width, centre + width, label)
+
+    def _number(self, raw: Any, key: str) -> float:
+        return number(raw, self.table.unit, self.parameter.unit, self.problems.at(key))
+
+    def _fraction(self, raw: Any, key: str) -> float | None:
+        """Return a percentage as a fraction, ``None`` if the text is no percentage."""
+        from harness.common.units import to_si
+
+        if _written_unit(raw) in _PERCENT:
+            return to_si(raw.strip(), "", self.problems.at(key))
+        return None
+
+    def _shifted(self, raw: Any, key: str) -> tuple[float, str]:
+        fraction = self._fraction(raw, key)
+        if fraction is not None:
+            return self.nominal * (1 + fraction), f"{_signed(100 * fraction)} %"
+        shift = self._number(raw, key)
+        return self.nominal + shift, self._label(shift, sign=True)
+
+    def _half_width(self, raw: Any, centre: float, key: str) -> tuple[float, str]:
+        text = _unsigned(raw)
+        fraction = self._fraction(text, key)
+        width = self._number(text, key) if fraction is None else fraction * abs(centre)
+        itself = self.table.bands is not None and width == 0 and not fraction  # the nominal value beside its bands
+        if not width > 0 and not itself:
+            if width < 0 or (fraction or 0.0) < 0:
+                why = f"a half-width has no sign, got {raw!r}; leave it out, or name a change to one side by 'shift'"
+            elif fraction:
+                why = "percent of a level of zero is nothing; give the half-width in the parameter's unit"
+            else:
+                why = "a half-width must be positive; for a single value use 'levels' without a band"
+            raise UserError(f"{self.problems.at(key)}: {why}")
+        shown = f"{100 * fraction:g} %" if fraction is not None else self._label(width)
+        return width, f"±{shown}"
+
+    def _label(self, value: float, sign: bool = False) -> str:
+        """Write a number in the report unit."""
+        from harness.common.units import scale
+
+        if self.parameter.name in NOISE_SCALES:
+            return f"×{value:g}"
+        shown = value / scale(self.report_unit, self.parameter.unit, self.key)
+        text = _signed(shown) if sign else f"{shown:.6g}"
+        return text if self.report_unit in ("", "dimensionless") else f"{text} {self.report_unit}"
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.6g}" if value else "0"
+
+
+def _check_bounds(factor: FactorSpec, i: int, key: str, parameter: Parameter, problems: Problems) -> None:
+    for edge in dict.fromkeys((factor.lower[i], factor.upper[i])):
+        wrong = out_of_bounds(parameter, edge)
+        if wrong is None and factor.parameter in NOISE_SCALES and factor.of != "plant" and edge == 0:
+            wrong = "an estimator cannot work with variances of zero; give a positive factor"
+        if wrong is not None:
+            reach = f"the band {factor.labels[i]} reaches too far: " if factor.lower[i] < factor.upper[i] else ""
+            problems.add(key, reach + wrong)

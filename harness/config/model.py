@@ -1,0 +1,377 @@
+"""Resolve ``[plant]`` and ``[belief]`` into a ``ModelSpec``: inheritance, parameter sets, bounds, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from harness.common import registry
+from harness.config.bounds import broken_relations, out_of_bounds
+from harness.config.parameter_set import ParameterSet, load_set, variance_unit
+from harness.config.problems import Problems, add_validation_errors
+from harness.config.schema import ModelTable
+from harness.config.specs import ModelSpec, assembled
+from harness.models.assembly.assemble import Model
+from harness.models.assembly.placement import load_effect, place_of, split
+from harness.models.contracts import ModelError
+
+Kind = Literal["process", "measurement"]
+_SIMPLE = (
+    "vehicle",
+    "parameters",
+    "tyre",
+    "effects",
+    "sensors",
+    "integrator",
+    "step",
+    "substeps",
+    "unknown_inputs",
+)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a model's table says, own and inherited entries together, each with the key it was written at.
+
+    ``found`` is the parameter set that it names, ``None`` if that cannot be had.
+    """
+
+    side: str
+    entries: dict[str, Any]
+    keys: dict[str, str]
+    found: ParameterSet | None = None
+
+    def __getitem__(self, name: str) -> Any:
+        return self.entries.get(name)
+
+    def key(self, name: str) -> str:
+        """Return the key path where an entry was written (or would be)."""
+        return self.keys.get(name, f"{self.side}.{name}")
+
+    def group(self, prefix: str) -> dict[str, Any]:
+        """Return the entries ``prefix.<name>`` by name."""
+        return {k.removeprefix(f"{prefix}."): v for k, v in self.entries.items() if k.startswith(f"{prefix}.")}
+
+    def own(self, name: str) -> bool:
+        """Whether the entry was written in this table and not inherited."""
+        return self.key(name).startswith(f"{self.side}.")
+
+    def with_set(self, name: str) -> bool:
+        """Whether the entry came with the parameter set."""
+        return self.key(name).startswith(f"{self.key('parameters')} ")
+
+
+def stated(side: str, table: ModelTable, folder: Path, problems: Problems, parent: Stated | None = None) -> Stated:
+    """Flatten a table, add what it inherits and the tyre and effects that come with its parameter set.
+
+    Everything not stated is as in the parent, key by key. A table that names a vehicle or a parameter set of
+    its own starts from that set: single values and variances of the parent are not carried over into it, nor effects
+    that came with the parent's set.
+
+    Args:
+        side: ``plant`` or ``belief``.
+        table: The table.
+        folder: Folder of the study, against which a parameter file is found.
+        problems: Where problems are noted.
+        parent: What it inherits from.
+    """
+    entries: dict[str, Any] = {k: v for k in _SIMPLE if (v := getattr(table, k)) is not None}
+    entries |= {f"values.{k}": v for k, v in table.values.items()}
+    for kind in ("process", "measurement"):
+        entries |= {f"noise.{kind}.{k}": v for k, v in getattr(table.noise, kind).items()}
+        if (scale := getattr(table.noise, f"{kind}_scale")) is not None:
+            entries[f"noise.{kind}_scale"] = scale
+    keys = {name: f"{side}.{name}" for name in entries}
+    if parent is not None:
+        fresh = "vehicle" in entries or "parameters" in entries
+        for name, value in parent.entries.items():
+            of_set = name.startswith(("values.", "noise.")) or (name == "effects" and parent.with_set(name))
+            if name not in entries and not (fresh and of_set):
+                entries[name], keys[name] = value, parent.key(name)
+    plain = Stated(side, entries, keys)
+    found = _parameter_set(plain, folder, problems)
+    return plain if found is None else _with_set(plain, found, problems)
+
+
+def resolve_single(table: Mapping[str, Any], where: str) -> ModelSpec:
+    """Return a model that is stated outside a study, such as on the command line.
+
+    Args:
+        table: Keys and values as in ``[plant]``.
+        where: Named in errors in place of the file.
+
+    Raises:
+        UserError: If anything in it is wrong.
+    """
+    problems = Problems(where)
+    try:
+        parsed = ModelTable.model_validate(dict(table))
+    except ValidationError as error:
+        add_validation_errors(problems, error, ModelTable)
+        problems.stop()
+        raise
+    spec = resolve_model(stated("plant", parsed, Path(), problems), problems)
+    problems.stop()
+    assert spec is not None
+    return spec
+
+
+def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
+    """Return the resolved model, or ``None`` if a problem with it was noted.
+
+    Args:
+        table: What the study says about it.
+        problems: Where problems are noted.
+    """
+    before, found = len(problems), table.found
+    model = _assemble(table, problems)
+    step = _number(table, "step", "s", problems, 0.01)
+    if step is not None and step <= 0:
+        problems.add(table.key("step"), f"the sample time must be positive, e.g. '10 ms', got {table['step']!r}")
+        step = None
+    if model is None or found is None or step is None or len(problems) > before:
+        return None
+    values = _values(table, model, found, problems)
+    noise: dict[Kind, dict[str, float]] = {
+        "process": _noise(table, "process", model, found, step, problems),
+        "measurement": _noise(table, "measurement", model, found, step, problems),
+    }
+    if len(problems) > before:
+        return None
+    return ModelSpec(
+        vehicle=table["vehicle"],
+        parameters=table["parameters"] or "",
+        tyre=table["tyre"],
+        effects=tuple(table["effects"] or ()),
+        sensors=table["sensors"],
+        integrator=table["integrator"] or "euler",
+        step=step,
+        substeps=table["substeps"] or 1,
+        values=values,
+        process_noise=noise["process"],
+        measurement_noise=noise["measurement"],
+        unknown_inputs=tuple(table["unknown_inputs"] or ()),
+    )
+
+
+def _assemble(table: Stated, problems: Problems) -> Model | None:
+    """Check the names one by one, so that each error has its key, then wire the model."""
+    before = len(problems)
+    for name in ("vehicle", "sensors"):
+        if table[name] is None:
+            choices = ", ".join(
+                registry.names("harness.models.vehicles" if name == "vehicle" else "harness.models.sensors")
+            )
+            problems.add(table.key(name), f"this key is required; choose one of: {choices}")
+    for name, package in (("vehicle", "vehicles"), ("tyre", "tyres"), ("sensors", "sensors")):
+        if table[name] is not None:
+            with problems.catch(table.key(name)):
+                registry.load(f"harness.models.{package}", table[name])
+    effects = tuple(table["effects"] or ())
+    for i, effect in enumerate(effects):
+        if effect in effects[:i]:
+            problems.add(f"{table.key('effects')}[{i}]", f"effect '{effect}' is named twice; remove one")
+        with problems.catch(f"{table.key('effects')}[{i}]"):
+            load_effect(effect)
+    if len(problems) > before:
+        return None
+    plain: Model | None = None
+    with problems.catch(table.side):
+        plain = assembled(table["vehicle"], table["tyre"], effects, table["sensors"], ())
+    if plain is None:
+        return None
+    unknown = tuple(table["unknown_inputs"] or ())
+    if unknown and table.side == "plant":
+        problems.add("plant.unknown_inputs", "only the belief has unknown inputs; move the key to [belief]")
+    for i, name in enumerate(unknown):
+        key = f"{table.key('unknown_inputs')}[{i}]"
+        if name not in plain.inputs:
+            problems.add(key, f"'{name}' is no input{registry.closest(name, plain.inputs)}")
+        elif name in plain.rates.values():
+            problems.add(key, f"'{name}' must be known, because its time derivative is an input too; remove it")
+        elif name in unknown[:i]:
+            problems.add(key, f"'{name}' is named twice; remove one")
+    return None if len(problems) > before else plain.augment(unknown)
+
+
+def _number(table: Stated, name: str, unit: str, problems: Problems, default: float | None = None) -> float | None:
+    """Return an entry in SI units, its default if absent, ``None`` if it is wrong."""
+    from harness.common.units import to_si
+
+    if table[name] is None:
+        return default
+    with problems.catch(table.key(name)):
+        return to_si(table[name], unit, problems.at(table.key(name)))
+    return None
+
+
+def _parameter_set(table: Stated, folder: Path, problems: Problems) -> ParameterSet | None:
+    name, key = table["parameters"] or "", table.key("parameters")
+    found: ParameterSet | None = None
+    with problems.catch(key):
+        found = load_set(name, folder, problems.at(key))
+    if found is not None and table["vehicle"] is not None and found.vehicle != table["vehicle"]:
+        problems.add(
+            key,
+            f"parameter set '{name}' is for vehicle '{found.vehicle}', but {table.key('vehicle')} is "
+            f"'{table['vehicle']}'; choose a set of that vehicle",
+        )
+        return None
+    return found
+
+
+def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
+    """Add a parameter set with what comes with it; tyre and effects that are stated beside its name stand.
+
+    Sensors stand wherever they are stated: they belong to the vehicle's equipment and not to its values.
+    """
+    beside = {n: n in table.entries and (table.own(n) or not table.own("parameters")) for n in ("tyre", "effects")}
+    beside["sensors"] = "sensors" in table.entries
+    if found.tyre is not None and beside["tyre"] and table["tyre"] != found.tyre:
+        problems.add(
+            table.key("parameters"),
+            f"the values of '{table['parameters']}' belong to tyre '{found.tyre}', but {table.key('tyre')} is "
+            f"'{table['tyre']}'; choose that tyre or another set",
+        )
+    entries, keys = dict(table.entries), dict(table.keys)
+    sensors = table["sensors"] if beside["sensors"] else found.sensors
+    coming = {"tyre": found.tyre, "effects": _measured(found.effects, sensors), "sensors": found.sensors}
+    for name, value in coming.items():
+        if value and not beside[name]:
+            entries[name], keys[name] = value, f"{table.key('parameters')} ({found.source}): {name}"
+    return Stated(table.side, entries, keys, found)
+
+
+def _measured(effects: tuple[str, ...], sensors: str | None) -> tuple[str, ...]:
+    """Return the effects of a set without those of sensors that this model does not have."""
+    if sensors not in registry.names("harness.models.sensors"):
+        return effects
+    outputs = registry.load("harness.models.sensors", sensors).OUTPUTS
+    return tuple(e for e in effects if place_of(load_effect(e)) != "output" or split(e)[1] in (None, *outputs))
+
+
+def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems) -> dict[str, float]:
+    """Return every parameter of the model: stated, else from the set, else neutral (effects)."""
+    from harness.common.units import to_si
+
+    given = table.group("values")
+    _refuse_unknown(table, "values", given, model.parameter_names, "parameter", problems)
+    values: dict[str, float] = {}
+    missing: list[str] = []
+    for p in model.parameters:
+        name = f"values.{p.name}"
+        key = table.key(name)
+        value: float | None = None
+        if p.name in given:
+            with problems.catch(key):
+                value = to_si(given[p.name], p.unit, problems.at(key))
+        elif p.name in found.values:
+            value = found.values[p.name]
+            key = f"{table.key('parameters')} ({found.source})"
+        elif p.neutral is not None:
+            value = p.neutral
+        else:
+            missing.append(p.name)
+        if value is None:
+            continue
+        if (wrong := out_of_bounds(p, value)) is not None:
+            problems.add(key, wrong)
+        else:
+            values[p.name] = value
+    if missing:
+        where = f"parameter set '{table['parameters']}'" if table["parameters"] else "no parameter set named, and it"
+        problems.add(
+            table.key("parameters"),
+            f"{where} gives no value for {', '.join(missing)}; add them under [{table.side}.values]",
+        )
+    if len(values) == len(model.parameters):
+        _check_relations(table, values, found, problems)
+    return values
+
+
+def _check_relations(table: Stated, values: Mapping[str, float], found: ParameterSet, problems: Problems) -> None:
+    try:
+        wrong = broken_relations(table["vehicle"], values)
+    except ModelError as error:
+        problems.add(table.key("vehicle"), str(error))
+        return
+    for name, message in wrong:
+        written = f"values.{name}" in table.entries
+        key = table.key(f"values.{name}") if written else f"{table.key('parameters')} ({found.source})"
+        problems.add(key, message if written else f"{name}: {message}")
+
+
+def _refuse_unknown(
+    table: Stated, group: str, given: Iterable[str], known: tuple[str, ...], word: str, problems: Problems
+) -> None:
+    """Refuse names the model does not have; inherited ones are dropped without a word."""
+    for name in given:
+        if name not in known and table.own(f"{group}.{name}"):
+            problems.add(
+                table.key(f"{group}.{name}"),
+                f"the {table.side} has no {word} '{name}'{registry.closest(name, known)}",
+            )
+
+
+def _noise(
+    table: Stated, kind: Kind, model: Model, found: ParameterSet, step: float, problems: Problems
+) -> dict[str, float]:
+    """Return the variances by state (per step) or output (per sample).
+
+    Variances of a set belong to its step and grow in proportion to the study's; those a study states hold for
+    the study's own step. A discrete model has one step, so its variances stay.
+    """
+    from harness.common.units import to_si
+
+    process = kind == "process"
+    names = model.states if process else tuple(model.outputs)
+    base = found.process if process else found.measurement
+    stretch = step / found.noise_step if process and not model.discrete else 1.0
+    given = table.group(f"noise.{kind}")
+    _refuse_unknown(table, f"noise.{kind}", given, names, "state" if process else "output", problems)
+    factor = _number(table, f"noise.{kind}_scale", "", problems, 1.0)
+    if factor is None:
+        return {}
+    if factor < 0:
+        problems.add(table.key(f"noise.{kind}_scale"), f"a variance cannot be negative, got {factor:g}")
+        return {}
+    own_states = set(registry.load("harness.models.vehicles", table["vehicle"]).STATES)
+    result: dict[str, float] = {}
+    for name in names:
+        key = table.key(f"noise.{kind}.{name}")
+        variance: float | None = None
+        if name in given:
+            with problems.catch(key):
+                variance = to_si(given[name], variance_unit(name), problems.at(key))
+            if variance is None:
+                continue
+        elif name in base:
+            variance = base[name] * stretch
+        elif process and name not in own_states and name not in (table["unknown_inputs"] or ()):
+            variance = model.noise.get(name, 0.0) * step  # an effect's state moves by its own equation
+        else:
+            problems.add(key, f"no {kind}-noise variance is known for '{name}'; add this key with one")
+            continue
+        if variance < 0:
+            problems.add(key, f"a variance cannot be negative, got {variance:g}")
+            continue
+        result[name] = variance * factor
+    if table.side == "belief":
+        _refuse_zero(table, kind, result, problems)
+    return result
+
+
+def _refuse_zero(table: Stated, kind: Kind, variances: Mapping[str, float], problems: Problems) -> None:
+    """An estimator that holds a measurement for exact, or an unknown input for constant, cannot work."""
+    for name, variance in variances.items():
+        if variance == 0 and (kind == "measurement" or name in (table["unknown_inputs"] or ())):
+            reason = (
+                "an estimator cannot divide by a measurement without noise"
+                if kind == "measurement"
+                else "an unknown input without process noise would stay at its first value"
+            )
+            problems.add(table.key(f"noise.{kind}.{name}"), f"{reason}; give a positive variance")

@@ -1,0 +1,181 @@
+"""Parameter sets: a file of ``models/parameters``, or a TOML file of one's own, read and written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from harness.common import registry
+from harness.common.errors import UserError
+from harness.common.files import read_toml, toml_text
+from harness.config.problems import Problems, add_validation_errors
+from harness.config.schema import ParameterFile
+from harness.config.specs import ModelSpec
+from harness.models.assembly.placement import load_effect, possible_parameters
+from harness.models.signals import SIGNALS
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """A set of values with its noise, from ``models/parameters`` or a TOML file.
+
+    ``tyre``, ``effects`` and ``sensors`` come with it where it names them; ``source`` is the place errors name when one
+    of its values is wrong.
+    """
+
+    vehicle: str = ""
+    values: dict[str, float] = field(default_factory=dict)
+    process: dict[str, float] = field(default_factory=dict)
+    measurement: dict[str, float] = field(default_factory=dict)
+    noise_step: float = 0.01
+    source: str = ""
+    tyre: str | None = None
+    effects: tuple[str, ...] = ()
+    sensors: str | None = None
+
+
+def load_set(name: str, folder: Path, where: str) -> ParameterSet:
+    """Return a set by the name of a file in ``models/parameters`` or the path of a TOML file; none by no name.
+
+    Args:
+        name: Name or path.
+        folder: Folder in which the file is looked for first, then in the working directory.
+        where: File and key that name it, for errors.
+
+    Raises:
+        UserError: If the file is absent or anything in it is wrong.
+        ModelError: If there is no set of that name.
+    """
+    if not name:
+        return ParameterSet()
+    return set_from_file(name, folder, where) if name.endswith(".toml") else published_set(name)
+
+
+def published_set(name: str) -> ParameterSet:
+    """Return the set of a file in ``models/parameters``.
+
+    Raises:
+        ModelError: If there is no such file or it is incomplete.
+    """
+    module = registry.load("harness.models.parameters", name)
+    return ParameterSet(
+        vehicle=module.VEHICLE,
+        values=dict(module.VALUES),
+        process=dict(module.PROCESS_NOISE),
+        measurement=dict(module.MEASUREMENT_NOISE),
+        noise_step=float(module.NOISE_STEP),
+        source=f"models/parameters/{name}.py",
+    )
+
+
+def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
+    """Return the set of a TOML file.
+
+    Args:
+        name: Path, from the folder or from the working directory.
+        folder: Folder of the study.
+        where: File and key of the study that names it, for errors.
+
+    Raises:
+        UserError: If the file is absent or anything in it is wrong.
+    """
+    from harness.common.units import to_si
+
+    path = next((p for p in (folder / name, Path(name)) if p.is_file()), None)
+    if path is None:
+        raise UserError(f"{where}: there is no parameter file '{name}' in {folder} or the working directory")
+    inner = Problems(str(path))
+    try:
+        raw = ParameterFile.model_validate(read_toml(path))
+    except ValidationError as error:
+        add_validation_errors(inner, error, ParameterFile)
+        inner.stop()
+        raise
+    units = _parameter_units(raw.vehicle)
+    numbers: dict[str, dict[str, float]] = {"values": {}, "process_noise": {}, "measurement_noise": {}}
+    for group, target in numbers.items():
+        for item, value in getattr(raw, group).items():
+            key = f"{group}.{item}"
+            with inner.catch(key):
+                if group == "values" and item not in units:
+                    raise UserError(
+                        f"'{raw.vehicle}' has no parameter '{item}' with any tyre or effect"
+                        f"{registry.closest(item, list(units))}"
+                    )
+                unit = units[item] if group == "values" else variance_unit(item)
+                target[item] = to_si(value, unit, inner.at(key))
+    if raw.tyre is not None:
+        with inner.catch("tyre"):
+            registry.load("harness.models.tyres", raw.tyre)
+    if raw.sensors is not None:
+        with inner.catch("sensors"):
+            registry.load("harness.models.sensors", raw.sensors)
+    for i, effect in enumerate(raw.effects):
+        with inner.catch(f"effects[{i}]"):
+            load_effect(effect)
+    step = 0.01
+    with inner.catch("noise_step"):
+        step = to_si(raw.noise_step, "s", inner.at("noise_step"))
+        if step <= 0:
+            raise UserError(f"must be positive, got {step:g} s")
+    inner.stop()
+    return ParameterSet(
+        raw.vehicle,
+        numbers["values"],
+        numbers["process_noise"],
+        numbers["measurement_noise"],
+        step,
+        str(path),
+        raw.tyre,
+        tuple(raw.effects),
+        raw.sensors,
+    )
+
+
+def set_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
+    """Return the text of a parameter file that holds a model: values, tyre, effects and noise.
+
+    States and outputs that the model does not have keep the noise of its own set, so that studies may add sensors and
+    unknown inputs; for the same reason the file states no sensors.
+
+    Args:
+        spec: The model; a parameter file of its own is found from the working directory.
+        source: Where the values come from.
+        comments: What stands behind a value, such as unit and standard error, by parameter; others are passed over.
+    """
+    base = load_set(spec.parameters, Path(), source)
+    stretch = 1.0 if spec.model().discrete else spec.step / base.noise_step
+    process = {n: v * stretch for n, v in base.process.items()}
+    process |= {n: v for n, v in spec.process_noise.items() if n in SIGNALS}
+    content = {
+        "vehicle": spec.vehicle,
+        **({"tyre": spec.tyre} if spec.tyre else {}),
+        **({"effects": list(spec.effects)} if spec.effects else {}),
+        "source": source,
+        "noise_step": spec.step,
+        "values": spec.values,
+        "process_noise": process,
+        "measurement_noise": base.measurement | spec.measurement_noise,
+    }
+    return toml_text(content, comments={("values", n): words for n, words in comments.items() if n in spec.values})
+
+
+def _parameter_units(vehicle: str) -> dict[str, str]:
+    """Return the unit of every parameter the vehicle can have with any tyre and any effect."""
+    module = registry.load("harness.models.vehicles", vehicle)
+    units = {p.name: p.unit for p in module.PARAMETERS}
+    for tyre in registry.names("harness.models.tyres"):
+        for p in registry.load("harness.models.tyres", tyre).PARAMETERS:
+            units |= {f"{p.name}_{group}": p.unit for group in module.AXLES.values()}
+    for effect in registry.names("harness.models.effects"):
+        units |= {p.name: p.unit for p in possible_parameters(registry.load("harness.models.effects", effect), module)}
+    return units
+
+
+def variance_unit(signal: str) -> str:
+    """Return the unit of a signal's variance; a signal not in the table takes plain numbers only."""
+    unit = SIGNALS[signal].unit if signal in SIGNALS else ""
+    return f"({unit})**2" if unit not in ("", "dimensionless") else ""

@@ -1,0 +1,292 @@
+"""The study file as pydantic models: which keys there are, what they hold, and the JSON schema of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    StrictBool,
+    StrictInt,
+    StrictStr,
+    Tag,
+    WithJsonSchema,
+)
+
+from harness.common.units import separators
+from harness.config.problems import TABLE, TABLES
+
+
+def _quantity(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError('expected a number in SI units or text with a unit such as "24 t"')
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("expected a finite number")
+    return value
+
+
+Quantity = Annotated[
+    Any,
+    BeforeValidator(_quantity),
+    WithJsonSchema(
+        {
+            "anyOf": [{"type": "number"}, {"type": "string"}],
+            "description": 'a number in SI units, or text with a unit such as "24 t" or "5 %"',
+        }
+    ),
+]
+
+
+def _number(value: object) -> object:
+    if isinstance(value, str):
+        raise ValueError(separators(value) or "expected a number without quotes")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_number), Field(strict=True, allow_inf_nan=False)]
+"""A number without a unit: pydantic alone takes ``"1_5"`` for 15."""
+Name = Annotated[StrictStr, Field(min_length=1)]
+FileName = Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+
+
+class Table(BaseModel):
+    """A table of the file: unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class OpenTable(BaseModel):
+    """A table whose further keys belong to a drive or an estimator, which checks them."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    @property
+    def further(self) -> dict[str, Any]:
+        """The keys that belong to the drive or estimator."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class NoiseTable(Table):
+    """``[plant.noise]``, ``[belief.noise]``."""
+
+    process_scale: Quantity | None = Field(default=None, description="factor on every process-noise variance")
+    measurement_scale: Quantity | None = Field(default=None, description="factor on every measurement-noise variance")
+    process: dict[str, Quantity] = Field(
+        default_factory=dict, description="variance per step by state, square of the state's SI unit"
+    )
+    measurement: dict[str, Quantity] = Field(
+        default_factory=dict, description="variance per sample by output, square of the output's SI unit"
+    )
+
+
+class ModelTable(Table):
+    """``[plant]``, ``[belief]``."""
+
+    vehicle: Name | None = Field(default=None, description="file in models/vehicles")
+    parameters: Name | None = Field(
+        default=None, description="file in models/parameters, or path of a TOML parameter file"
+    )
+    tyre: Name | None = Field(default=None, description="file in models/tyres")
+    effects: list[Name] | None = Field(
+        default=None,
+        description="files in models/effects, in the order they act; `effect@place` acts at one place; none if absent",
+    )
+    sensors: Name | None = Field(default=None, description="file in models/sensors")
+    integrator: Literal["euler", "heun", "rk4"] | None = Field(
+        default=None, description="scheme of one substep (default euler)"
+    )
+    step: Quantity | None = Field(default=None, description="sample time (default 0.01 s)")
+    substeps: Annotated[StrictInt, Field(ge=1, le=1000)] | None = Field(
+        default=None, description="integration steps per sample (default 1)"
+    )
+    values: dict[str, Quantity] = Field(
+        default_factory=dict, description="parameters that differ from the parameter set"
+    )
+    noise: NoiseTable = Field(default=NoiseTable(), description="noise that differs from the parameter set")
+    unknown_inputs: list[Name] | None = Field(
+        default=None, description="[belief] only: inputs to be estimated as random walks"
+    )
+
+
+class DriveTable(OpenTable):
+    """``[[drive]]``: name, kind and the options of the kind (``harness list drives``)."""
+
+    name: Name = Field(description="unique name")
+    kind: Name = Field(description="file in models/drives")
+
+
+class DrivesFile(Table):
+    """A file of drives, ``studies/drives/<name>.toml``."""
+
+    title: StrictStr = Field(default="", description="what the drives are for")
+    drive: list[DriveTable] = Field(min_length=1, description="the drives")
+
+
+class EstimatorTable(OpenTable):
+    """``[[estimator]]``: name, kind and the settings of the kind."""
+
+    name: Name | None = Field(default=None, description="unique name in tables and figures (default: the kind)")
+    kind: Name = Field(description="file in harness/estimation/methods")
+
+
+class FactorTable(Table):
+    """``[[design.factor]]``: exactly one of ``levels``, ``shift``, ``bands`` and ``range``."""
+
+    parameter: Name = Field(description="parameter of the model, or process_noise_scale, measurement_noise_scale")
+    of: Literal["plant", "belief", "both"] = Field(default="plant", description="whose value it replaces")
+    unit: Name | None = Field(
+        default=None, description="unit of the labels, and of plain numbers in this table (default: SI)"
+    )
+    levels: Annotated[list[Quantity], Field(min_length=1)] | None = Field(default=None, description="values")
+    shift: Annotated[list[Quantity], Field(min_length=1)] | None = Field(
+        default=None, description="differences from the nominal (belief) value; percent is relative to it"
+    )
+    bands: Annotated[list[Quantity], Field(min_length=1)] | None = Field(
+        default=None, description="half-widths around the nominal (belief) value; percent is relative to it"
+    )
+    range: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="one band by its lower and upper edge"
+    )
+    scale: Literal["linear", "log"] = Field(
+        default="linear", description="whether a band is filled evenly in the value or in its logarithm"
+    )
+    band: Quantity | None = Field(
+        default=None,
+        description="half-width around each of the levels or shifts; percent is relative to the level",
+    )
+    labels: list[StrictStr] | None = Field(default=None, description="one label per band, instead of the default")
+
+
+class DesignTable(Table):
+    """``[[design]]``."""
+
+    name: FileName = Field(description="unique name")
+    sampling: Literal["sobol", "saltelli", "tolerance"] = Field(
+        default="sobol",
+        description="sobol: points in each band; saltelli: all factors at once, for sensitivity indices; "
+        "tolerance: nested boxes around the nominal point, for the largest one an estimator bears",
+    )
+    samples: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="Sobol points per band; a power of two")
+    boxes: Annotated[StrictInt, Field(ge=2, le=64)] | None = Field(
+        default=None, description="tolerance only: number of nested boxes, evenly spaced (default 8)"
+    )
+    repeats: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="runs with fresh noise per point")
+    sobol_any_n: StrictBool = Field(
+        default=False, description="allow a number of samples that is no power of two (unbalanced)"
+    )
+    factor: list[FactorTable] = Field(
+        default_factory=list, description="what is varied; the i-th bands belong together"
+    )
+
+
+class HistoryTable(Table):
+    """``[history]``, or ``[[history]]`` for several: a run that is drawn over time."""
+
+    name: StrictStr = Field(default="", description="what the report calls it; default: band and drive")
+    design: Name = Field(description="name of a design")
+    drive: Name = Field(description="name of a drive")
+    levels: dict[str, Quantity] = Field(default_factory=dict, description="levels by parameter, as in the design")
+    band: Name | None = Field(default=None, description="label of the band, where the design has no levels")
+    sample: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the Sobol point, from 0")
+    repeat: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="index of the repeat, from 0")
+    signals: list[Name] = Field(
+        default_factory=list,
+        description="further states or ports of the belief to draw, beside targets and unknown inputs",
+    )
+
+
+class OverTimeTable(Table):
+    """``sensitivity_over_time`` of ``[report]``."""
+
+    design: Name = Field(description="name of a design with sampling = 'saltelli'")
+    drive: Name = Field(description="name of a drive")
+    window: Quantity = Field(default="1 s", description="length of the windows in which the error is taken")
+
+
+class ReportTable(Table):
+    """``[report]``: what the report shows beyond what every report shows."""
+
+    sensitivity_over_time: OverTimeTable | None = Field(
+        default=None, description="sensitivity indices along a drive; the errors per window are kept in the store"
+    )
+
+
+def _one_or_several(value: Any) -> str:
+    return TABLES if isinstance(value, list) else TABLE
+
+
+Histories = Annotated[
+    Annotated[HistoryTable, Tag(TABLE)] | Annotated[list[HistoryTable], Tag(TABLES)], Discriminator(_one_or_several)
+]
+
+
+class StudyFile(Table):
+    """A study: which estimator stays how good when the plant leaves what is believed."""
+
+    name: FileName = Field(description="name of the result folder")
+    title: StrictStr = Field(default="", description="the question, heading of the report")
+    seed: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="root of all random numbers")
+    targets: Annotated[list[Name], Field(min_length=1)] = Field(
+        description="quantities to score: states or ports of both models"
+    )
+    tuning: Name | None = Field(
+        default=None, description="file written by harness tune: factors on the noise each estimator believes"
+    )
+    drives: Name | list[Name] = Field(
+        default_factory=list, description="files of drives: drives/<name>.toml beside the study"
+    )
+    drive: list[DriveTable] = Field(default_factory=list, description="drives of this study alone")
+    plant: ModelTable = Field(description="what is driven")
+    belief: ModelTable = Field(
+        default=ModelTable(), description="what the estimators hold for true; default: as the plant"
+    )
+    estimator: Annotated[list[EstimatorTable], Field(min_length=1)] = Field(description="who competes")
+    design: Annotated[list[DesignTable], Field(min_length=1)] = Field(description="what is varied")
+    history: Histories = Field(default_factory=list, description="the run drawn over time, or several")
+    limits: dict[str, Quantity] = Field(
+        default_factory=dict, description="largest tolerable RMSE by target, for the tolerance map"
+    )
+    report: ReportTable = Field(default=ReportTable(), description="what else the report shows")
+
+    @property
+    def histories(self) -> dict[str, HistoryTable]:
+        """The runs to draw by their key in the file: ``history`` alone, or ``history[0]`` and so on."""
+        if isinstance(self.history, HistoryTable):
+            return {"history": self.history}
+        return {f"history[{i}]": table for i, table in enumerate(self.history)}
+
+
+class ParameterFile(Table):
+    """A parameter set as a TOML file, for a vehicle of one's own without a file in ``models/parameters``."""
+
+    vehicle: Name = Field(description="file in models/vehicles")
+    tyre: Name | None = Field(default=None, description="file in models/tyres that the values belong to")
+    effects: list[Name] = Field(
+        default_factory=list, description="files in models/effects that are in force with these values"
+    )
+    sensors: Name | None = Field(default=None, description="file in models/sensors, unless others are named")
+    source: StrictStr = Field(default="", description="where the values come from")
+    noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
+    values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")
+    process_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per step by state")
+    measurement_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per sample by output")
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON schema of a study file, for editors that check TOML while one types."""
+    schema = StudyFile.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    return schema
+
+
+def write_schema(path: Path) -> Path:
+    """Write the JSON schema of a study file and return its path."""
+    path.write_text(json.dumps(study_schema(), indent=2) + "\n", encoding="utf-8")
+    return path

@@ -1,0 +1,283 @@
+"""What a study says once everything is resolved: names checked, units SI, defaults filled in.
+
+Every stage after configure reads these records and never the TOML file.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from harness.models.assembly.assemble import Model, assemble
+
+Side = Literal["plant", "belief", "both"]
+Integrator = Literal["euler", "heun", "rk4"]
+Sampling = Literal["sobol", "saltelli", "tolerance"]
+
+NOISE_SCALES: tuple[str, ...] = ("process_noise_scale", "measurement_noise_scale")
+"""Pseudo-parameters a factor may vary: they multiply all variances of one kind; nominal value 1."""
+
+NOISE_GROUPS: tuple[str, ...] = ("process", "unknown_inputs", "measurement")
+"""Groups of variances that tuning multiplies by a factor each."""
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """One vehicle with everything needed to run it: the truth (plant) or what an estimator believes.
+
+    Attributes:
+        vehicle: File in ``models/vehicles``.
+        parameters: Name of the parameter set, or path of a parameter file.
+        tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
+        effects: Files in ``models/effects``, in the order they act.
+        sensors: File in ``models/sensors``.
+        integrator: Scheme of one substep.
+        step: Sample time in s.
+        substeps: Integration steps per sample.
+        values: Every parameter of vehicle, tyre and effects, SI.
+        process_noise: Variance per step of every state (unknown inputs included), SI squared.
+        measurement_noise: Variance per sample of every output, SI squared.
+        unknown_inputs: Inputs estimated as random walks (belief only; Ziaukas 2023, 2.32 and 2.33).
+    """
+
+    vehicle: str
+    parameters: str
+    tyre: str | None
+    effects: tuple[str, ...]
+    sensors: str
+    integrator: Integrator
+    step: float
+    substeps: int
+    values: dict[str, float]
+    process_noise: dict[str, float]
+    measurement_noise: dict[str, float]
+    unknown_inputs: tuple[str, ...] = ()
+
+    def model(self) -> Model:
+        """Return the assembled model, augmented by the unknown inputs; the same object on every call."""
+        return assembled(self.vehicle, self.tyre, self.effects, self.sensors, self.unknown_inputs)
+
+
+@functools.lru_cache(maxsize=64)
+def assembled(
+    vehicle: str, tyre: str | None, effects: tuple[str, ...], sensors: str, unknown_inputs: tuple[str, ...]
+) -> Model:
+    """Return the model of these names, assembled once."""
+    model = assemble(vehicle, tyre, effects, sensors)
+    return model.augment(unknown_inputs) if unknown_inputs else model
+
+
+@dataclass(frozen=True)
+class DriveSpec:
+    """A drive by name; its options stay as written, ``harness.simulation.drives`` resolves them.
+
+    Attributes:
+        name: Unique name within the study.
+        kind: File in ``models/drives``.
+        options: Options as in the file, numbers in SI or text with a unit.
+        where: File and key of the table, for errors.
+        base: Folder against which relative file names of the options are resolved.
+    """
+
+    name: str
+    kind: str
+    options: dict[str, Any]
+    where: str = ""
+    base: Path = Path()
+
+
+@dataclass(frozen=True)
+class EstimatorSpec:
+    """An estimator by unique name.
+
+    Attributes:
+        name: Name in tables and figures.
+        kind: File in ``harness/estimation/methods``.
+        settings: Settings, checked and completed by the ``Settings`` of that file where it has one.
+        base: Folder against which relative file names of the settings are resolved.
+        noise: Factors on the variances it believes, by ``NOISE_GROUPS``; empty if it is not tuned.
+    """
+
+    name: str
+    kind: str
+    settings: dict[str, Any]
+    base: Path = Path()
+    noise: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FactorSpec:
+    """One quantity a design varies.
+
+    Attributes:
+        parameter: Parameter of the model, or one of ``NOISE_SCALES``.
+        of: Whose value it replaces.
+        unit: SI unit.
+        report_unit: Unit of the labels (pint).
+        nominal: What the belief holds (the plant, if the belief has no such parameter), SI.
+        levels: Centre of each band, SI, shape ``(bands,)``.
+        lower: Lower edge of each band, SI, the level itself where it has no band, shape ``(bands,)``.
+        upper: Upper edge of each band, SI, shape ``(bands,)``.
+        labels: One label per band.
+        log: Whether a band is sampled evenly in the logarithm of the value.
+    """
+
+    parameter: str
+    of: Side
+    unit: str
+    report_unit: str
+    nominal: float
+    levels: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    labels: tuple[str, ...]
+    log: bool = False
+
+    @property
+    def banded(self) -> bool:
+        """Whether any band has a width, so that the factor takes a dimension of the Sobol sequence."""
+        return any(low < high for low, high in zip(self.lower, self.upper, strict=True))
+
+
+@dataclass(frozen=True)
+class DesignSpec:
+    """One set of cases: the i-th bands of all factors belong together.
+
+    Attributes:
+        name: Unique name within the study.
+        factors: What is varied; empty for the nominal case alone.
+        base_samples: Points of the Sobol sequence that the design is made from.
+        repeats: Runs with fresh noise per point and drive.
+        sampling: How the bands are filled, see ``harness.study.design``.
+    """
+
+    name: str
+    factors: tuple[FactorSpec, ...]
+    base_samples: int = 1
+    repeats: int = 1
+    sampling: Sampling = "sobol"
+
+    @property
+    def samples(self) -> int:
+        """Points per band."""
+        match self.sampling:
+            case "saltelli":  # A, B and A with one column of B for each factor (Saltelli et al. 2010)
+                return self.base_samples * (len(self.factors) + 2)
+            case "tolerance":  # the nominal point, each factor alone at both edges, the box
+                return 1 + 2 * len(self.factors) + self.base_samples
+        return self.base_samples
+
+    @property
+    def common_noise(self) -> bool:
+        """Whether all points share their noise, so that the error is a function of the factors alone."""
+        return self.sampling != "sobol"
+
+    @property
+    def bands(self) -> int:
+        """Number of bands (levels)."""
+        return len(self.factors[0].levels) if self.factors else 1
+
+    @property
+    def band_labels(self) -> tuple[str, ...]:
+        """One label per band; factors that vary together under one label (``±10 %``) share it."""
+        if not self.factors:
+            return ("nominal",)
+        together = zip(*(f.labels for f in self.factors), strict=True)
+        return tuple(
+            row[0]
+            if len(set(row)) == 1
+            else ", ".join(f"{f.parameter} {label}" for f, label in zip(self.factors, row, strict=True))
+            for row in together
+        )
+
+
+@dataclass(frozen=True)
+class HistorySpec:
+    """A run that the report draws over time (as Ziaukas 2023, Bild 5.10).
+
+    Attributes:
+        name: What the report calls it; empty for its band and drive.
+        design: Name of the design.
+        band: Index of the band in it.
+        drive: Name of the drive.
+        levels: The band's levels by parameter, SI.
+        sample: Index of the Sobol point.
+        repeat: Index of the repeat.
+        signals: Quantities of the belief to draw beside the targets and the unknown inputs.
+    """
+
+    name: str
+    design: str
+    band: int
+    drive: str
+    levels: dict[str, float] = field(default_factory=dict)
+    sample: int = 0
+    repeat: int = 0
+    signals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class OverTimeSpec:
+    """The drive along which errors are kept in windows, for sensitivity indices over time.
+
+    Attributes:
+        design: Name of the design, sampled by ``saltelli``.
+        drive: Name of the drive.
+        window: Length of a window in s.
+    """
+
+    design: str
+    drive: str
+    window: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, resolved by ``load_study`` or ``build_study``.
+
+    Attributes:
+        name: Name of the result folder.
+        title: The question the report answers.
+        seed: Root of all random numbers; 0 is a seed like any other.
+        targets: Quantities that are scored; both models have them.
+        plant: What is driven.
+        belief: What the estimators hold for true.
+        drives: At least one.
+        estimators: At least one.
+        designs: At least one.
+        history: The runs to draw over time; possibly none.
+        text: The study file as read, or as it would be written.
+        tuning: The rule by which the estimators' noise was tuned; empty if it is the belief's.
+        limits: Largest error that counts as tolerable by target, SI; it decides no score, only what the report says.
+        over_time: The drive for sensitivity over time; ``None`` if it was not asked for.
+        hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
+            with every resolved number, with the drives' options and with the content of recorded files.
+        path: The study file.
+    """
+
+    name: str
+    title: str
+    seed: int
+    targets: tuple[str, ...]
+    plant: ModelSpec
+    belief: ModelSpec
+    drives: tuple[DriveSpec, ...]
+    estimators: tuple[EstimatorSpec, ...]
+    designs: tuple[DesignSpec, ...]
+    history: tuple[HistorySpec, ...]
+    text: str
+    hash: str
+    path: Path
+    tuning: str = ""
+    limits: dict[str, float] = field(default_factory=dict)
+    over_time: OverTimeSpec | None = None
+
+    def design(self, name: str) -> DesignSpec:
+        """Return a design by name."""
+        return next(d for d in self.designs if d.name == name)
+
+    def drive(self, name: str) -> DriveSpec:
+        """Return a drive by name."""
+        return next(d for d in self.drives if d.name == name)

@@ -1,0 +1,1 @@
+"""Fit parameters and noise of the augmented model to the drives."""

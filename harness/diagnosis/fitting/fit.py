@@ -1,0 +1,214 @@
+"""Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
+
+Parameters move by Fisher scoring with the gains held as they are (``FilteredModel.slopes``), variances by steps of
+their own (``variances``). Process noise is first looked for far down: left too large it hides what the model lacks, and
+afterwards looks like an effect. Both take turns until neither gains, judged by the likelihood itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.diagnosis.fitting.noise_search import along, climb
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.identification.coordinates import (
+    Coordinate,
+    Coordinates,
+    measurement_coordinates,
+    process_coordinates,
+)
+from harness.identification.data import Drive
+from harness.identification.filtered_model import Candidates, FilterRun
+from harness.identification.fisher_scoring import Found, maximise
+from harness.identification.objective import LogPosterior
+from harness.identification.uncertainty import covariance_of
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ENOUGH = 0.3
+"""Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
+
+_ROUGH = 4
+"""Iterations of a stage that only prepares the next one."""
+
+TURNS = 3
+"""Most turns of noise and parameters at the end of a fit."""
+
+_COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
+"""Steps of the logarithm of a variance, tried together; with the point itself they are the lanes of one run."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Values of everything, for each drive.
+
+    Attributes:
+        values: Parameters of the augmented model ``(np, drives)``; they differ in moments only.
+        process: Logarithm of a factor on the first process-noise variances, by unit ``(groups,)``.
+        measurement: Logarithm of the measurement-noise variances ``(ny,)``.
+    """
+
+    values: Floats
+    process: Floats
+    measurement: Floats
+
+    def value(self, c: Coordinate) -> float:
+        """Return the parameter of a coordinate, in the first drive in which it acts."""
+        return float(self.values[c.rows[0], c.drives[0] if c.drives else 0])
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A hypothesis fitted.
+
+    Attributes:
+        coordinates: What was moved, noise apart.
+        point: Where the fit ended.
+        log_likelihood: Of all drives there.
+        objective: The same with the priors.
+    """
+
+    coordinates: tuple[Coordinate, ...]
+    point: Point
+    log_likelihood: float
+    objective: float
+
+
+class Fitting:
+    """The likelihood of recordings under the augmented model.
+
+    Args:
+        model: The compiled filter.
+        drives: The recordings.
+        variances: First measurement variance of each output ``(ny,)``.
+        noise_held: Whether all noise stays as it starts.
+    """
+
+    def __init__(
+        self, model: AugmentedModel, drives: Sequence[Drive], variances: Floats, noise_held: bool = False
+    ) -> None:
+        self.whole, self.drives, self.noise_held = model, tuple(drives), noise_held
+        spec = model.spec
+        process = process_coordinates(spec)
+        self._groups = len(process)
+        self._noise = (*process, *measurement_coordinates(spec, variances))
+        stated = Candidates.of(spec)
+        self._first = replace(stated, values=model.stated()[:, None])
+        self._first_measurement = np.log(variances)
+
+    @property
+    def samples(self) -> int:
+        """Number of measured values."""
+        return int(sum(np.isfinite(d.measurements[1:]).sum() for d in self.drives))
+
+    def first(self) -> Point:
+        """Return the nominal model with its first noise."""
+        values = np.repeat(self._first.values, len(self.drives), axis=1)
+        return Point(values, np.zeros(self._groups), self._first_measurement.copy())
+
+    def noise(self, points: Sequence[Point]) -> Candidates:
+        """Return the nominal model with the variances of points."""
+        noise = Coordinates(self.whole.spec, self.whole.names, self._noise, [self._first])
+        return noise.candidates(np.column_stack([np.concatenate([p.process, p.measurement]) for p in points]))
+
+    def candidates(self, points: Sequence[Point]) -> list[Candidates]:
+        """Return what points hold, as candidates for each drive."""
+        held = self.noise(points)
+        return [replace(held, values=np.column_stack([p.values[:, i] for p in points])) for i in self._range]
+
+    def runs(self, point: Point) -> list[FilterRun]:
+        """Run the filter over every drive."""
+        return self.whole.runs(self.drives, self.candidates([point]))
+
+    @property
+    def _range(self) -> range:
+        return range(len(self.drives))
+
+    def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, turns: int = TURNS) -> Fitted:
+        """Fit parameters and noise in turns; parameters alone where the noise is held."""
+        if self.noise_held:
+            return self.only(coordinates, start, iterations)
+        objective, z, parameters = self._objective(coordinates, start)
+        n, groups = len(coordinates), self._groups
+        z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH).z
+        for together in (list(range(n, n + groups)), *([j] for j in range(n, n + groups))):
+            z = along(objective, z, together, _COARSE)
+        found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH), None
+        for _ in range(turns):
+            before = found.value
+            z, curvature = climb(objective, found.z, before, n, _ROUGH, 3 * ENOUGH, curvature)
+            found = maximise(objective, z, parameters, iterations, ENOUGH)
+            if found.value - before < 10 * ENOUGH:
+                break
+        return self._fitted(coordinates, objective, found)
+
+    def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
+        """Fit some parameters and leave the noise as it is."""
+        objective, z, parameters = self._objective(coordinates, start)
+        found = maximise(objective, z, parameters, iterations, ENOUGH)
+        return self._fitted(coordinates, objective, found)
+
+    def _fitted(self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Found) -> Fitted:
+        space, n = objective.coordinates, len(coordinates)
+        values = np.column_stack([space.candidates(found.z, i).values for i in self._range])
+        process, measurement = np.split(found.z[n:].copy(), [self._groups])
+        likelihood = found.value + float(space.penalty(found.z))
+        return Fitted(coordinates, Point(values, process, measurement), likelihood, found.value)
+
+    def log_likelihood(self, point: Point) -> float:
+        """Return the log-likelihood of all drives at a point."""
+        return float(self.whole.log_likelihoods(self.drives, self.candidates([point]))[0])
+
+    def best(self, points: Sequence[Point]) -> Point:
+        """Return the likeliest of several points."""
+        if len(points) == 1:
+            return points[0]
+        return points[int(np.argmax(self.whole.log_likelihoods(self.drives, self.candidates(points))))]
+
+    def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[LogPosterior, Floats, Mask]:
+        """Return what a fit maximises, its first point, and which of its coordinates are no noise."""
+        moved = [
+            replace(c, upper=min(c.upper, float(self.drives[c.drives[0]].time[-1]))) if c.drives else c
+            for c in coordinates
+        ]  # a moment lies within its drive
+        base = [replace(self._first, values=start.values[:, [i]]) for i in self._range]
+        space = Coordinates(self.whole.spec, self.whole.names, (*moved, *self._noise), base)
+        z = np.array([c.coordinate(start.value(c)) for c in coordinates])
+        z = np.clip(np.concatenate([z, start.process, start.measurement]), space.lower, space.upper)
+        return LogPosterior(self.whole, self.drives, space), z, space.kind("parameter")
+
+    def standard_errors(self, fitted: Fitted) -> Floats:
+        """Return the standard error of every parameter that a fit moved, in its unit ``(n,)``; infinite if unknown."""
+        if not fitted.coordinates:
+            return np.zeros(0)
+        objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
+        _, _, information = objective.slopes(z, parameters)
+        slopes = [c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)]
+        return covariance_of(information).errors * slopes
+
+    def columns(self, coordinates: Sequence[Coordinate], point: Point) -> list[Floats]:
+        """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""
+        objective, z, parameters = self._objective(tuple(coordinates), point)
+        kept = self.runs(point)
+
+        def of_drive(i: int) -> Floats:
+            directions = objective.coordinates.directions(z, parameters, i).values
+            return in_rows(self.whole.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i]))
+
+        return self.whole.share(of_drive, self._range)
+
+
+def in_rows(columns: Floats) -> Floats:
+    """Return columns ``(samples, ny, n)`` as ``(samples * ny, n)``."""
+    samples, ny, n = columns.shape
+    return columns.reshape(samples * ny, n)
+
+
+def moved_to(point: Point, drives: int) -> Point:
+    """Return a point of some drives for others: what drives share, with the moments of the first."""
+    return replace(point, values=np.repeat(point.values[:, [0]], drives, axis=1))

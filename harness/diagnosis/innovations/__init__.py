@@ -1,0 +1,1 @@
+"""Disturbances as they enter the innovations of the filter."""

@@ -1,0 +1,161 @@
+"""Where an unknown disturbance may enter a model: its state equations, the forces and angles it publishes, its sensors.
+
+The library of effects knows the ways into the published quantities: an amplitude by which a port changes, whatever the
+vehicle does, is a disturbance of that port, and its direction in the space of parameters is all that is needed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from harness.common import registry
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
+from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.candidates import assembled
+from harness.models.assembly.placement import Layout, suffix
+from harness.models.signals import SIGNALS
+
+Floats = NDArray[np.float64]
+Kind = Literal["equation", "port", "sensor"]
+
+_COUPLING = "coupling_moment"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A way into a model.
+
+    Attributes:
+        name: The ports it changes, or ``d/dt`` of the state.
+        kind: Equation of a state, published quantity, or sensor.
+        unit: Of the disturbance.
+        ports: What it changes; the state for an equation.
+        parameters: Direction in the space of parameters.
+        begins: Parameters that say when it begins.
+        never: Parameters that say when it ends.
+        shapes: Parameters that mean nothing while it is absent, with a value.
+        limit: Largest magnitude that the library allows.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    ports: tuple[str, ...]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    begins: tuple[str, ...] = ()
+    never: tuple[str, ...] = ()
+    shapes: Mapping[str, float] = field(default_factory=dict)
+    limit: float = math.inf
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    def values(self, whole: AugmentedModel, at: Floats) -> Floats:
+        """Return parameters ``(np,)`` at which the channel is open over the whole drive, else as they are."""
+        opened = at.copy()
+        for name in self.begins:
+            opened[whole.row(name)] = whole.model.parameters[whole.row(name)].lower
+        for name in self.never:
+            opened[whole.row(name)] = whole.model.parameters[whole.row(name)].upper
+        for name, value in self.shapes.items():
+            opened[whole.row(name)] = value
+        return opened
+
+    def direction(self, whole: AugmentedModel) -> Floats:
+        """Return the direction in the space of parameters ``(np,)``."""
+        found = np.zeros(len(whole.names))
+        for name, share in self.parameters.items():
+            found[whole.row(name)] = share
+        return found
+
+
+def channels_of(whole: AugmentedModel) -> tuple[Channel, ...]:
+    """Return every way into a model: its state equations first, then what it publishes."""
+    found = [Channel(f"d/dt {s}", "equation", _per_second(SIGNALS[s].unit), (s,)) for s in whole.nominal.states]
+    ports: dict[tuple[str, ...], Channel] = {}
+    for h in hypotheses(whole, ()):
+        if h.kind == "effect" and h.name in whole.placements:
+            for channel in _of_effect(whole, h):
+                ports.setdefault(channel.ports, channel)
+    coupling = _coupling(whole, ports)
+    if coupling is not None:
+        ports[coupling.ports] = coupling
+    return (*found, *ports.values())
+
+
+def _per_second(unit: str) -> str:
+    return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
+
+
+def _of_effect(whole: AugmentedModel, h: Hypothesis) -> list[Channel]:
+    spec = whole.spec
+    model = assembled(spec.vehicle, spec.tyre, (*spec.effects, h.name), spec.sensors)
+    known = {p.name: p for p in model.parameters}
+    found = []
+    for name in h.amplitudes:
+        ports = _changed_by(model, name)
+        if ports:
+            sensor = all(p.startswith("sensor_") for p in ports)
+            shapes = {s: float(whole.stated()[whole.row(s)]) for s in h.shapes}
+            found.append(
+                Channel(
+                    _joined([p.removeprefix("sensor_") for p in ports]) if sensor else _joined(ports),
+                    "sensor" if sensor else "port",
+                    known[name].unit,
+                    ports,
+                    {name: 1.0},
+                    h.moments[:1],
+                    h.moments[1:],
+                    shapes,
+                    max(abs(known[name].lower), abs(known[name].upper)),
+                )
+            )
+    return found
+
+
+def _changed_by(model: Model, name: str) -> tuple[str, ...]:
+    """Return the ports that a parameter changes; none if how much depends on what the vehicle does."""
+    moving = {symbol(n) for n in (*model.states, *model.inputs, *model.ports)} - {symbol("time")}
+    amplitude, found = symbol(name), []
+    for port, expr in model.ports.items():
+        if amplitude in expr.free_symbols:
+            slope = sp.diff(expr, amplitude)
+            if slope.free_symbols & moving:
+                return ()
+            found.append(port)
+    return tuple(found)
+
+
+def _joined(ports: list[str] | tuple[str, ...]) -> str:
+    """Return one name for several ports: what they have in common, then how they differ."""
+    parts = [p.split("_") for p in ports]
+    same = 0
+    while same < min(map(len, parts)) and len({p[same] for p in parts}) == 1:
+        same += 1
+    if len(ports) == 1:
+        return ports[0]
+    return "_".join([*parts[0][:same], "+".join("_".join(p[same:]) for p in parts)])
+
+
+def _coupling(whole: AugmentedModel, ports: Mapping[tuple[str, ...], Channel]) -> Channel | None:
+    """Return the moment between the first two bodies, which acts on both with opposite sign."""
+    bodies = list(Layout.of(registry.load("harness.models.vehicles", whole.spec.vehicle)).bodies)
+    if _COUPLING not in whole.nominal.ports or len(bodies) < 2:
+        return None
+    leader, follower = (ports.get((f"external_yaw_moment{suffix(body)}",)) for body in bodies[:2])
+    if leader is None or follower is None:
+        return None
+    reaction = {name: -share for name, share in leader.parameters.items()}
+    begins, never = (
+        tuple(dict.fromkeys((*getattr(leader, when), *getattr(follower, when)))) for when in ("begins", "never")
+    )
+    parameters, limit = {**reaction, **follower.parameters}, min(leader.limit, follower.limit)
+    return Channel(_COUPLING, "port", follower.unit, (_COUPLING,), parameters, begins, never, limit=limit)

@@ -1,0 +1,276 @@
+"""What an unknown disturbance does to the innovations of a finished pass, and the disturbance given the innovations.
+
+The innovations of a filter hold all that its recording says, so what is missing can be looked for in them without
+running the filter again (Friedland 1969 for a constant; ``disturbance_kernels`` states the equations). On a linear
+model the answers are those of a Kalman filter and smoother whose state holds the disturbance as well.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.diagnosis.innovations import time_loops as kernels
+from harness.diagnosis.innovations.disturbance_inputs import Channel
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.engine.compile import load_source, paste
+from harness.engine.kernel_source import kernel_source
+from harness.engine.simd.lanes import LANES
+from harness.identification.data import Drive
+from harness.identification.filtered_model import FilterRun
+
+Floats = NDArray[np.float64]
+
+_PROBED = 200
+"""Samples at which it is looked which states of effects matter."""
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """How a disturbance enters the innovations.
+
+    Attributes:
+        entry: ``g``, per sample ``(samples, n)``.
+        direct: ``c``, whitened ``(samples, ny)``.
+        through: Part of the entry that comes through the outputs and the gain, ``-A K D`` ``(samples, n)``.
+    """
+
+    entry: Floats
+    direct: Floats
+    through: Floats | float = 0.0
+
+
+@dataclass(frozen=True)
+class InnovationModel:
+    """The whitened innovations of one pass as a linear model.
+
+    Attributes:
+        transition: ``F`` ``(samples, n, n)``.
+        output: ``C`` ``(samples, ny, n)``.
+        residual: ``r``, zero where missing ``(samples, ny)``.
+        step: s.
+    """
+
+    transition: Floats
+    output: Floats
+    residual: Floats
+    step: float
+
+    def responses(self, inlet: Inlet, disturbances: Floats) -> Floats:
+        """Return how disturbances ``(samples, n)`` move the whitened innovations ``(samples, ny, n)``."""
+        samples, n = disturbances.shape
+        found = np.zeros((*self.residual.shape, n))
+        for s in range(0, n, LANES):
+            part = np.zeros((samples, LANES))
+            width = min(LANES, n - s)
+            part[:, :width] = disturbances[:, s : s + width]
+            moved = np.zeros((*self.residual.shape, LANES))
+            _loops().respond(self.transition, self.output, inlet.entry, inlet.direct, part, moved)
+            found[:, :, s : s + width] = moved[:, :, :width]
+        return found
+
+    def adjoint(self, residual: Floats) -> Floats:
+        """Return the derivative of the log-likelihood to the state before every sample ``(samples, n)``.
+
+        Args:
+            residual: Whitened innovations ``(samples, ny)``.
+        """
+        found = np.zeros(self.transition.shape[:2])
+        _loops().pull_back(self.transition, self.output, residual, found)
+        return found
+
+    def gains(self, inlet: Inlet, time_constant: float, deviations: Floats) -> Floats:
+        """Return what a Gauss-Markov disturbance gains in log-likelihood for standard deviations ``(LANES,)``."""
+        ny, n = self.output.shape[1:]
+        nothing = _notes(0, ny, n)
+        return self._track(inlet, self._decay(time_constant), deviations**2, nothing)
+
+    def smoothed(self, inlet: Inlet, time_constant: float, deviation: float) -> tuple[Floats, Floats]:
+        """Return such a disturbance given all samples, and its standard error, each ``(samples,)``."""
+        samples, ny = self.residual.shape
+        notes = _notes(samples, ny, self.output.shape[2])
+        decay = self._decay(time_constant)
+        self._track(inlet, decay, np.full(LANES, deviation**2), notes)
+        found, error = np.empty(samples), np.empty(samples)
+        parts = (self.transition, self.output, inlet.entry, inlet.direct)
+        _loops().smooth(*parts, decay, notes, found, error)
+        return found, error
+
+    def _decay(self, time_constant: float) -> float:
+        return float(np.exp(-self.step / time_constant))
+
+    def _track(self, inlet: Inlet, decay: float, variances: Floats, notes: tuple[Floats, ...]) -> Floats:
+        gain = np.empty((1, LANES))
+        parts = (self.transition, self.output, inlet.entry, inlet.direct, self.residual)
+        _loops().track(*parts, decay, variances.reshape(1, LANES), gain, notes)
+        return gain[0]
+
+
+def _notes(samples: int, ny: int, n: int) -> tuple[Floats, ...]:
+    return (
+        np.zeros(samples),
+        np.zeros((samples, n + 1)),
+        np.zeros((samples, ny, n + 1)),
+        np.ones((samples, ny)),
+        np.zeros((samples, ny)),
+    )
+
+
+@functools.cache
+def _loops() -> ModuleType:
+    return load_source("disturbance", kernel_source("disturbance", kernels.PLAIN))
+
+
+def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
+    """Return the weights of the first ``wanted`` terms that the lasso takes in (``disturbance_kernels.lasso``)."""
+    weights = np.zeros(len(pull))
+    _loops().lasso(np.ascontiguousarray(gram), pull, floor, wanted, 50, weights)
+    return weights
+
+
+class Linearisation:
+    """The compiled derivatives of a whole model, loaded before threads share it."""
+
+    def __init__(self, whole: AugmentedModel) -> None:
+        self.whole, self._compiled = whole, whole.duals
+        source = paste(self._compiled, "tangents", [kernels.tangents])
+        self._tangents = load_source("tangents", source).tangents
+        _loops()
+
+    def along(
+        self,
+        drive: Drive,
+        states: Floats,
+        values: Sequence[Floats],
+        parameters: Sequence[Floats],
+        moved: Floats,
+        rows: NDArray[np.intp],
+    ) -> tuple[Floats, Floats]:
+        """Return derivatives of the next state ``(samples, rows, n)`` and of the outputs ``(samples, ny, n)``.
+
+        Args:
+            drive: With the inputs at the samples.
+            states: Where it is linearised ``(samples, nx)``.
+            values: Parameters there, for each direction ``(np,)``.
+            parameters: Directions in the space of parameters, ``(np,)`` each.
+            moved: Directions of the state ``(nx, n)``.
+            rows: States whose derivatives are wanted.
+        """
+        n, shape = len(values), (len(self.whole.model.states), len(self.whole.model.outputs))
+        ahead, outputs = np.empty((len(states), len(rows), n)), np.empty((len(states), shape[1], n))
+        for s in range(0, n, LANES):
+            columns = [min(j, n - 1) for j in range(s, s + LANES)]
+            both = np.column_stack([*(values[j] for j in columns), *(parameters[j] for j in columns)])
+            parts = [np.empty((len(states), size, LANES)) for size in shape]
+            directions = np.ascontiguousarray(moved[:, columns])
+            constants = self._compiled.constants(both)
+            self._tangents(drive.inputs, drive.between, constants, states, directions, *parts)
+            ahead[:, :, s : s + LANES] = parts[0][:, rows, : n - s]
+            outputs[:, :, s : s + LANES] = parts[1][:, :, : n - s]
+        return ahead, outputs
+
+
+class Linearised:
+    """The whole model linearised along a pass of its filter over one recording.
+
+    Args:
+        linearisation: Of the model.
+        drive: The recording.
+        values: Parameters of the pass ``(np,)``.
+        kept: The pass.
+
+    Attributes:
+        whitened: Innovations of the pass ``(samples, ny)``, NaN where missing.
+        states: Where it is linearised: the corrected mean ``(samples, nx)``.
+        active: Rows of the states that count.
+        innovations: What it makes of the innovations.
+    """
+
+    def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun) -> None:
+        self._linearisation, self.whole, self.drive, self.values = linearisation, linearisation.whole, drive, values
+        self.whitened, self.states = kept.whitened, kept.state.copy()
+        self.states[0] = drive.first_mean
+        self.active = self._active()
+        self._ahead, H = self._along_states(slice(None), self.active)
+        self._gain = np.zeros((len(self.states), len(self.active), kept.gain.shape[2]))
+        self._gain[:, : kept.gain.shape[1]] = kept.gain  # what the filter corrects is active, and comes first
+        # A missing measurement neither corrects nor counts.
+        self._whitening = kept.whitening * np.isfinite(kept.whitened)[:, :, None]
+        corrected = np.eye(len(self.active)) - self._gain @ H
+        self.innovations = InnovationModel(
+            np.ascontiguousarray(self._ahead @ corrected),
+            np.ascontiguousarray(self._whitening @ H),
+            np.nan_to_num(kept.whitened),
+            self.whole.spec.step,
+        )
+
+    def raw(self, channels: Sequence[Channel]) -> tuple[Floats, Floats]:
+        """Return how channels move the next state ``(samples, nx, n)`` and the outputs ``(samples, ny, n)``."""
+        return self._moved(channels, np.arange(len(self.whole.model.states)))
+
+    def _moved(self, channels: Sequence[Channel], rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        samples, ny = len(self.states), len(self.whole.model.outputs)
+        ahead, outputs = np.zeros((samples, len(rows), len(channels))), np.zeros((samples, ny, len(channels)))
+        step = 1.0 if self.whole.model.discrete else self.whole.spec.step
+        for j, c in enumerate(channels):
+            if c.kind == "equation":
+                ahead[:, rows == self.whole.model.states.index(c.ports[0]), j] = step
+        open_ = [j for j, c in enumerate(channels) if c.kind != "equation"]
+        ahead[:, :, open_], outputs[:, :, open_] = self._along_parameters(
+            [channels[j].values(self.whole, self.values) for j in open_],
+            [channels[j].direction(self.whole) for j in open_],
+            rows,
+        )
+        return ahead, outputs
+
+    def along(self, values: Sequence[Floats], parameters: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Return derivatives of the active states and of the outputs to directions of the parameters, along the pass.
+
+        Args:
+            values: Parameters, for each direction ``(np,)``.
+            parameters: Directions, ``(np,)`` each.
+        """
+        return self._along_parameters(values, parameters, self.active)
+
+    def _along_parameters(
+        self, values: Sequence[Floats], parameters: Sequence[Floats], rows: NDArray[np.intp]
+    ) -> tuple[Floats, Floats]:
+        held = np.zeros((len(self.whole.model.states), len(values)))
+        return self._linearisation.along(self.drive, self.states, values, parameters, held, rows)
+
+    def inlets(self, channels: Sequence[Channel]) -> list[Inlet]:
+        """Return how channels enter the innovations."""
+        return self.entering(*self._moved(channels, self.active))
+
+    def entering(self, ahead: Floats, outputs: Floats) -> list[Inlet]:
+        """Return how what moves active states ``(samples, rows, n)`` and outputs ``(samples, ny, n)`` enters them."""
+        through = -self._ahead @ (self._gain @ outputs)
+        entry = ahead + through
+        direct = self._whitening @ outputs
+        return [
+            Inlet(*(np.ascontiguousarray(part[:, :, j]) for part in (entry, direct, through)))
+            for j in range(entry.shape[2])
+        ]
+
+    def _active(self) -> NDArray[np.intp]:
+        """Return the states of the nominal model and those of effects that act on it, from some of the samples."""
+        nx, count = self.whole.nx, len(self.whole.model.states)
+        every = slice(1, None, max(1, len(self.states) // _PROBED))
+        A, H = (np.abs(m).max(axis=0) for m in self._along_states(every, np.arange(count)))
+        chosen = set(range(nx)) | {j for j in range(nx, count) if H[:, j].any()}
+        while more := {j for j in range(count) if j not in chosen and A[sorted(chosen), j].any()}:
+            chosen |= more
+        return np.array(sorted(chosen))
+
+    def _along_states(self, samples: slice, rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Return the Jacobians of the next state and of the outputs in some states."""
+        n, nothing = len(rows), np.zeros(len(self.whole.names))
+        drive = replace(self.drive, inputs=self.drive.inputs[samples], between=self.drive.between[samples])
+        states = np.ascontiguousarray(self.states[samples])
+        unit = np.eye(len(self.whole.model.states))[:, rows]
+        return self._linearisation.along(drive, states, [self.values] * n, [nothing] * n, unit, rows)

@@ -1,0 +1,1 @@
+"""The filter around the model with every effect that may be missing."""

@@ -1,0 +1,128 @@
+"""What a model may lack: each effect of the library at each place, and each parameter that was held fixed."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.identification.coordinates import Coordinate, parameter_coordinate
+from harness.models.assembly.placement import (
+    load_effect,
+    parameter_at,
+    place_of,
+    ports_of,
+    split,
+    suffix,
+)
+
+ALL_PARAMETERS = "parameters"
+"""Name of the hypothesis that many parameters are wrong at once, each a little."""
+
+PRIOR = 0.2
+"""Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Something that a model may lack.
+
+    Attributes:
+        name: Effect with its place, or the parameter.
+        kind: Whether it is an effect or a parameter of the model that was held fixed.
+        amplitudes: Parameters that say how much of it there is; at their neutral value it is absent.
+        shapes: Parameters that mean nothing while it is absent.
+        moments: Parameters of which every drive has its own.
+        output: Column of the only output that it acts on, if it is a fault of one sensor.
+    """
+
+    name: str
+    kind: Literal["effect", "parameter"]
+    amplitudes: tuple[str, ...]
+    shapes: tuple[str, ...] = ()
+    moments: tuple[str, ...] = ()
+    output: int | None = None
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Parameters that all drives share."""
+        return self.amplitudes + self.shapes
+
+    def count(self, drives: int) -> int:
+        """Return how many numbers it adds to a fit of several drives."""
+        return len(self.shared) + drives * len(self.moments)
+
+
+def hypotheses(whole: AugmentedModel, free: Sequence[str]) -> tuple[Hypothesis, ...]:
+    """Return everything to be tried on a model whose ``free`` parameters are fitted anyway.
+
+    An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at
+    once are those that cannot be negative: each moves by a share of its value.
+    """
+    fixed = [p for p in whole.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
+    found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
+    found.append(Hypothesis(ALL_PARAMETERS, "parameter", tuple(p.name for p in fixed if p.lower > 0)))
+    everywhere: dict[str, list[Hypothesis]] = {}
+    for name in whole.placements:
+        one = _effect(whole, name)
+        found.append(one)
+        if place_of(load_effect(name)) in ("tyre", "body"):
+            everywhere.setdefault(split(name)[0], []).append(one)
+    found += [_together(file, parts) for file, parts in everywhere.items() if len(parts) > 1]
+    return tuple(found)
+
+
+def _effect(whole: AugmentedModel, name: str) -> Hypothesis:
+    place = split(name)[1] or ""
+    declared = [parameter_at(p, place) for p in load_effect(name).PARAMETERS]
+    known = [p for p in declared if p.name in whole.names]
+    return Hypothesis(
+        name,
+        "effect",
+        tuple(p.name for p in known if p.neutral is not None),
+        tuple(p.name for p in known if p.neutral is None and not p.per_drive),
+        tuple(p.name for p in known if p.per_drive),
+        _only_output(whole, name),
+    )
+
+
+def _only_output(whole: AugmentedModel, name: str) -> int | None:
+    """Return the column of the only output that an effect acts on, if it changes what one sensor reads."""
+    effect, place = load_effect(name), split(name)[1] or ""
+    if not all(port.startswith("sensor_") for port in ports_of(effect)):
+        return None
+    read = {port.removeprefix("sensor_").replace("{body}", suffix(place)) for port in ports_of(effect)}
+    read = {place} if place_of(effect) == "output" else read
+    columns = [i for i, output in enumerate(whole.nominal.outputs) if output in read]
+    return columns[0] if len(columns) == 1 else None
+
+
+def _together(file: str, parts: Sequence[Hypothesis]) -> Hypothesis:
+    def union(attribute: str) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(itertools.chain.from_iterable(getattr(p, attribute) for p in parts)))
+
+    return Hypothesis(file, "effect", union("amplitudes"), union("shapes"), union("moments"))
+
+
+def coordinates(
+    model: AugmentedModel, free: Sequence[str], added: Sequence[Hypothesis], drives: int
+) -> tuple[Coordinate, ...]:
+    """Return what a fit moves: the free parameters of the nominal model and those of the hypotheses added to it."""
+    alone = dict.fromkeys([*free, *(n for h in added if h.name != ALL_PARAMETERS for n in h.shared)])
+    many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
+    moments = dict.fromkeys(n for h in added for n in h.moments)
+    return (
+        *(_coordinate(model, name) for name in alone),
+        *(_coordinate(model, name, PRIOR) for name in many),
+        *(_coordinate(model, name, drives=(i,)) for name in moments for i in range(drives)),
+    )
+
+
+def _coordinate(model: AugmentedModel, name: str, prior: float = math.inf, drives: tuple[int, ...] = ()) -> Coordinate:
+    row = model.row(name)
+    p = model.model.parameters[row]
+    value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
+    return parameter_coordinate(p, row, value, prior, scale, drives)

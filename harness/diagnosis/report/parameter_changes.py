@@ -1,0 +1,96 @@
+"""Which parameter changed between drives: in words, as a table and as ``changed.json``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from harness.config import ModelSpec
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
+from harness.diagnosis.result.answer import gap
+from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.selection.parameter_changes import Change, Changes
+from harness.models.quantities import print_unit, words
+from harness.reporting import style
+from harness.reporting.document import Sheet
+
+_SHOWN = 8
+"""Parameters in the table."""
+
+
+def answer(changes: Changes, outcome: Outcome, before: ModelSpec) -> str:
+    """Return what changed, in sentences.
+
+    Args:
+        changes: Every parameter, refitted alone.
+        outcome: What was traced from the model with the likeliest of them.
+        before: The model as it was before the change.
+    """
+    found, added = changes.found, outcome.trace.added
+    if found is None and not added:
+        return outcome.answer
+    sentences = []
+    if found is not None:
+        sentences = [
+            _sentence(found.parameter.name, found.stated, found.value, found.std, found.parameter.unit),
+            f"Of all single parameters it explains these drives best.{gap(changes.before, found.held_out)}",
+        ]
+    for h in added:
+        if h.name == ALL_PARAMETERS:
+            sentences.append("Further parameters changed, which these drives cannot distinguish.")
+        elif h.kind == "effect":
+            sentences.append(f"{_capital(h.name.replace('@', ' of '))} was added.")
+        else:
+            v = outcome.values[h.name][0]
+            sentences.append(_sentence(h.name, before.values[h.name], v.value, v.std, v.unit))
+    return " ".join(sentences)
+
+
+def _capital(name: str) -> str:
+    said = words(name)
+    return said[:1].upper() + said[1:]
+
+
+def _sentence(name: str, was: float, now: float, spread: float, unit: str) -> str:
+    numbers = (style.number(n) for n in (was, now, spread))
+    return "{} changed from {} to {} ± {}{}.".format(_capital(name), *numbers, f" {print_unit(unit)}".rstrip())
+
+
+def table(changes: Changes) -> Sheet:
+    """Return the parameters as a table, the likeliest change first."""
+    header = ["parameter", "unit", "before", "now", "std. error", "gain in BIC", "held-out excess"]
+    caption = (
+        "Every parameter refitted alone, the likeliest first. Held-out excess: mean square of the simulation "
+        "error over the variance of the sensor noise, less one, summed over the outputs; "
+        f"{style.number(changes.before.excess)} as it was before. The trace starts from the first if that meets the "
+        "criteria of an addition, otherwise from the model as it was before."
+    )
+    return Sheet(header, [_row(c) for c in changes.tried[:_SHOWN]], caption, left=2)
+
+
+def _row(c: Change) -> list[str]:
+    numbers = (c.stated, c.value, c.std)
+    shown = [style.number(n) for n in numbers]
+    excess = style.number(c.held_out.excess) if math.isfinite(c.held_out.excess) else "leaves its range"
+    return [words(c.parameter.name), print_unit(c.parameter.unit), *shown, f"{c.bic:.0f}", excess]
+
+
+def record(changes: Changes) -> dict[str, Any]:
+    """Return the content of ``changed.json`` in SI units."""
+    return {
+        "found": changes.found.parameter.name if changes.found else None,
+        "held_out_excess_before": changes.before.excess,
+        "tried": [
+            {
+                "name": c.parameter.name,
+                "unit": c.parameter.unit,
+                "stated": c.stated,
+                "value": c.value,
+                "std": c.std,
+                "bic_gain": c.bic,
+                "held_out_log_likelihood": c.held_out.log_likelihood,
+                "held_out_excess": c.held_out.excess,
+            }
+            for c in changes.tried
+        ],
+    }

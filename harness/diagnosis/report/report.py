@@ -1,0 +1,259 @@
+"""The report of a trace: what is missing, how sure that is, and how much better the model is with it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from functools import partial
+
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
+from harness.diagnosis.report import (
+    figures,
+    residual_sections,
+    study_gain,
+    summary,
+)
+from harness.diagnosis.report.figures import called
+from harness.diagnosis.report.summary import scaled
+from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.result.record import equation
+from harness.diagnosis.result.verdict import COLOURED
+from harness.diagnosis.selection.acceptance import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
+from harness.identification import figures as fit_figures
+from harness.models.quantities import quantity, words
+from harness.reporting import style
+from harness.reporting.document import (
+    Block,
+    Document,
+    Drawing,
+    Heading,
+    Listing,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
+
+_SETTLED = Prose("#settle()")  # the figures of a section stand before the next one
+
+
+def document(
+    outcome: Outcome, command: str, title: str = "", answer: str = "", evidence: Iterable[Block] = ()
+) -> Document:
+    """Return the report.
+
+    Args:
+        outcome: The trace, judged.
+        command: How it was made, for the last section.
+        title: The question; what the model of the vehicle lacks by default.
+        answer: What stands before that of the trace.
+        evidence: What stands behind the errors of model and estimators.
+    """
+    blocks: list[Block] = [
+        *summary.blocks(outcome, answer),
+        Section(lambda: _errors(outcome), "How large is the simulation error?"),
+        Section(lambda: _estimators(outcome), "How large are the errors of the estimators?"),
+        *evidence,
+        Section(lambda: _found(outcome), "How large is it?"),
+        Section(lambda: residual_sections.unnamed(outcome), "Which disturbance is not in the library?"),
+        Section(lambda: study_gain.blocks(outcome.worth), "What does the amendment gain in a study?"),
+        Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
+        Section(lambda: _rounds(outcome), "What else was tried?"),
+        _SETTLED,
+        Section(lambda: _residual(outcome), "Are the innovations white?"),
+        Section(lambda: residual_sections.innovations(outcome), "What do the innovations depend on?"),
+        _SETTLED,
+        Section(lambda: _over_time(outcome), "Does the simulation follow the drives?"),
+        _SETTLED,
+        Section(lambda: _excitation(outcome), "Which effects could these drives have shown?"),
+        Section(lambda: _made(outcome, command), "How was it made?"),
+    ]
+    vehicle = words(outcome.trace.fitting.whole.spec.vehicle)
+    return Document(title or f"What does the model of the {vehicle} lack?", blocks)
+
+
+def _errors(outcome: Outcome) -> list[Block]:
+    before, after, rows = outcome.trace.before, outcome.after, []
+    noise = outcome.trace.held_out.variances**0.5
+    for a, name in enumerate(outcome.trace.fitting.whole.model.outputs):
+        q = quantity(name)
+        numbers = (noise[a], before.error[a], after.error[a])
+        rows.append([q.words, q.unit, *(style.number(q.scale * v) for v in numbers)])
+    caption = (
+        "Simulation error (root mean square) on the held-out drives, out of sample. Before: the nominal model, its own "
+        "parameters refitted. After: the amended one. No model is expected to fall below the sensor noise."
+    )
+    return [Sheet(["output", "unit", "sensor noise", "before", "after"], rows, caption, left=2)]
+
+
+def _estimators(outcome: Outcome) -> list[Block]:
+    if not outcome.estimators:
+        return []
+    rows = []
+    for e in outcome.estimators:
+        for a, name in enumerate(outcome.trace.fitting.whole.model.outputs):
+            q = quantity(name)
+            numbers = (style.number(q.scale * v) for v in (e.before[a], e.after[a]))
+            rows.append([e.kind.upper(), q.words, q.unit, *numbers])
+    caption = (
+        "Estimators on the held-out drives: root mean square error of each output, estimated from the other "
+        "measurements alone, with the nominal and with the amended model. It includes the sensor's own noise. A "
+        "dash: diverged."
+    )
+    return [Sheet(["estimator", "target", "unit", "before", "after"], rows, caption, left=3)]
+
+
+def _found(outcome: Outcome) -> list[Block]:
+    trace = outcome.trace
+    if not outcome.added:
+        return []
+    blocks: list[Block] = [Heading("How large is it?")]
+    rows = []
+    for h in outcome.added:
+        for v in outcome.values[h.name]:
+            stated = trace.fitting.whole.spec.values.get(v.name, math.nan)
+            moved = abs(v.value - stated) > 3 * v.std if math.isfinite(stated) else True
+            if h.name == ALL_PARAMETERS and not moved:
+                continue
+            (was, unit), (now, _), (spread, _) = (scaled(v.name, x, v.unit) for x in (stated, v.value, v.std))
+            row = [called(h.name), words(v.name.replace("@", " in ")), unit]
+            rows.append([*row, style.number(was), style.number(now, 4), style.number(spread)])
+    header = ["addition", "parameter", "unit", "stated", "found", "std. error"]
+    if rows:
+        blocks.append(Sheet(header, rows, "What was added, in the order in which it was found.", left=3))
+    else:
+        said = "Many parameters changed together, none of them by more than three standard errors."
+        blocks.append(Prose(plain(said)))
+    for h in (h for h in outcome.added if h.kind == "effect"):
+        for port, text in equation(h, outcome).items():
+            before, after = (_breakable(text[k]) for k in ("before", "after"))
+            blocks.append(Listing(f"{port}\n  before  {before}\n  after   {after}"))
+    return blocks
+
+
+def _breakable(equation: str) -> str:
+    """Return an equation with room around its products, so that a long one breaks into lines."""
+    return re.sub(r"(?<!\*)\*(?!\*)", " * ", equation)
+
+
+def _rounds(outcome: Outcome) -> list[Block]:
+    blocks: list[Block] = [
+        Heading("What else was tried?"),
+        Prose(
+            plain(
+                "Every effect of the library at every place, and every parameter that was held fixed. The score test "
+                "predicts a gain for each; the best few are fitted jointly with the nominal parameters. An addition "
+                f"needs {BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out "
+                f"drives, and {style.percent(ERROR_NEEDED)} less simulation error there beyond the sensor noise."
+            )
+        ),
+    ]
+    for number, r in enumerate(outcome.trace.rounds, 1):
+        if r.candidates and max(c.bic for c in r.candidates) > 1.0:
+            title = f"Gain in BIC of the best hypotheses of round {number}, over the model as it was then."
+            blocks.append(Drawing(partial(figures.ranking, r, number), title, title))
+        fitted = [c for c in r.candidates if c.fitted is not None]
+        if fitted:
+            blocks.append(_fitted(fitted, r.before.log_likelihood, r.before.excess, number))
+    return blocks
+
+
+def _fitted(fitted: list[Candidate], likelihood: float, excess: float, number: int) -> Sheet:
+    rows = [
+        [
+            called(c.hypothesis.name),
+            style.number(c.bic),
+            style.number(c.held_out.log_likelihood - likelihood),
+            style.number(excess),
+            style.number(c.held_out.excess),
+        ]
+        for c in fitted
+        if c.held_out is not None
+    ]
+    header = ["hypothesis", "gain in BIC", "held-out log-likelihood", "excess before", "after"]
+    caption = (
+        f"Round {number}: hypotheses that were fitted. Excess: mean square of the simulation error on the held-out "
+        "drives over the variance of the sensor noise, less one, summed over the outputs."
+    )
+    return Sheet(header, rows, caption)
+
+
+def _excitation(outcome: Outcome) -> list[Block]:
+    """Return the detection limit of every effect by its Fisher information, three standard errors."""
+    rows, hidden = [], []
+    parameters = {p.name: p for p in outcome.trace.fitting.whole.model.parameters}
+    for c in sorted(outcome.trace.rounds[0].candidates, key=lambda c: c.hypothesis.name):
+        if c.hypothesis.kind != "effect" or ("@" not in c.hypothesis.name and len(c.hypothesis.amplitudes) > 1):
+            continue
+        if not c.score.excited:
+            hidden.append(called(c.hypothesis.name))
+            continue
+        for name, error in zip(c.hypothesis.amplitudes, c.score.error, strict=True):
+            least, unit = scaled(name, 3 * error, parameters[name].unit)
+            rows.append([called(c.hypothesis.name), words(name), unit, style.number(least)])
+    said = f"Not excited by these drives: {', '.join(hidden)}." if hidden else "These drives excite every effect."
+    caption = "Smallest size that these drives show with three standard errors, all fitted parameters free."
+    return [
+        Heading("Which effects could these drives have shown?"),
+        Prose(plain(said)),
+        Sheet(["effect", "parameter", "unit", "detectable"], rows, caption, left=3),
+    ]
+
+
+def _residual(outcome: Outcome) -> list[Block]:
+    outputs = list(outcome.trace.fitting.whole.model.outputs)
+    rows, coloured = [], []
+    if not outcome.judged:
+        return [Heading("Are the innovations white?"), Prose(plain("It could not be tested."))]
+    for j in outcome.judged:
+        for name, w in zip(outputs, j.whiteness, strict=True):
+            tests = [style.probability(w.ljung_box), style.probability(w.periodogram)]
+            rows.append([j.drive.name, words(name), style.number(w.variance), *tests])
+            if min(w.ljung_box, w.periodogram) < COLOURED:
+                coloured.append(f"{words(name)} of {j.drive.name}")
+    said = "Yes: no test rejects it." if not coloured else f"No: those of {', '.join(coloured)} are coloured."
+    return [
+        Heading("Are the innovations white?"),
+        Prose(strong(said)),
+        Drawing(
+            lambda: fit_figures.periodograms(list(outcome.judged), outputs),
+            "Cumulative periodogram of the whitened innovations of the final model, less that of white noise, with the "
+            "95 % band of white noise.",
+            "Cumulative share of power over frequency for each output, less that of white noise.",
+        ),
+        Sheet(
+            ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"],
+            rows,
+            "Whitened innovations of the final model; those of a correct model are white with variance 1.",
+            left=2,
+        ),
+    ]
+
+
+def _over_time(outcome: Outcome) -> list[Block]:
+    outputs = list(outcome.trace.fitting.whole.model.outputs)
+    return [
+        Heading("Does the simulation follow the drives?"),
+        *(
+            Drawing(
+                partial(fit_figures.over_time, j, outputs),
+                f"{j.drive.name}, held out: measured, and simulated before and after.",
+                f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
+            )
+            for j in outcome.judged
+            if j.held_out
+        ),
+    ]
+
+
+def _made(outcome: Outcome, command: str) -> list[Block]:
+    trace = outcome.trace
+    text = (
+        f"{len(trace.rounds[0].candidates)} hypotheses, {len(trace.fitting.drives)} fitted and "
+        f"{len(trace.held_out.drives)} held-out drives, {trace.fitting.samples} fitted values. Nominal parameters "
+        f"refitted: {', '.join(words(n) for n in trace.free)}. Hypotheses count as hardly "
+        f"distinguishable if the cosine of their responses exceeds {ALIKE:g}."
+    )
+    return [Heading("How was it made?"), Prose(plain(text)), Listing(command, "sh")]

@@ -1,0 +1,185 @@
+"""Figures of where a model lacks something and of what its innovations depend on, as SVG in the look of all reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter, ScalarFormatter
+
+from harness.diagnosis.residuals.disturbance_ranking import History, Pinpoint, Suspect
+from harness.diagnosis.residuals.innovation_tests import Consistency, CrossCorrelation
+from harness.diagnosis.residuals.order_analysis import WAVELENGTHS, Turning
+from harness.diagnosis.residuals.regressors import Driver
+from harness.diagnosis.residuals.spline_curves import Curve
+from harness.diagnosis.result.wording import entry, shown
+from harness.identification.data import Drive
+from harness.models.quantities import print_unit, quantity, words
+from harness.reporting import style
+
+SHOWN = 15
+"""Entries in the ranking."""
+
+DRAWN = 5
+"""Signals in the figure of correlations."""
+
+_POINTS = 1500
+_BINS = 30
+_BEFORE, _AFTER = style.looks(["before", "after"]).values()
+
+
+def ranking(nominal: Sequence[Suspect], final: Sequence[Suspect]) -> bytes:
+    """Return what a disturbance at each of the most suspect entries gains, before and after what was added, if any."""
+    drawn = [s for s in nominal[:SHOWN] if s.gain > 0]
+    rankings = {"nominal model": nominal} if nominal is final else {"nominal model": nominal, "final model": final}
+    gains = [{s.channel.name: s.gain for s in suspects} for suspects in rankings.values()]
+    height = 0.72 / len(gains)
+    with style.drawing():
+        fig = style.figure(1.2 + 0.26 * len(drawn))
+        axes = fig.subplots()
+        at = np.arange(len(drawn))[::-1]
+        for j, (known, look) in enumerate(zip(gains, (_BEFORE, _AFTER), strict=False)):
+            places = at + 0.36 - height * (j + 0.5)
+            widths = [known[s.channel.name] for s in drawn]
+            axes.barh(places, widths, 0.9 * height, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
+        axes.set_yticks(at, [f"{entry(s.channel)}  {rank}" for rank, s in enumerate(drawn, 1)])
+        axes.set_xlabel("gain in log-likelihood")
+        axes.grid(True, axis="x")
+        names = list(rankings)
+        handles = style.patches(names, dict(zip(names, (_BEFORE, _AFTER), strict=False)))
+        style.head(fig, "What would an unknown disturbance explain?", handles)
+        return style.svg(fig)
+
+
+def histories(drive: Drive, suspects: Sequence[Suspect], found: Sequence[History]) -> bytes:
+    """Return the disturbance over one drive at the most suspect entries, each with its 95 % band."""
+    with style.drawing():
+        fig = style.figure(0.8 + 1.5 * len(suspects))
+        panels = fig.subplots(len(suspects), 1, sharex=True, squeeze=False)[:, 0]
+        some = slice(None, None, max(1, len(drive.time) // _POINTS))
+        for axes, s, h in zip(panels, suspects, found, strict=True):
+            unit, scale = shown(s.channel)
+            mean, half = scale * h.mean[some], 1.96 * scale * h.error[some]
+            axes.fill_between(drive.time[some], mean - half, mean + half, color=_BEFORE.tint, lw=0)
+            axes.plot(drive.time[some], mean, color=_BEFORE.line)
+            axes.axhline(0.0, color=style.TRUTH, lw=0.5)
+            axes.set_title(entry(s.channel), loc="left")
+            axes.set_ylabel(style.in_unit(unit).strip())
+            axes.grid(True)
+        panels[-1].set_xlabel("time in s")
+        style.head(fig, f"What would the disturbance look like in {drive.name}?")
+        return style.svg(fig)
+
+
+def nis(names: Sequence[str], found: Sequence[Consistency]) -> bytes:
+    """Return the normalised innovation squared over time with its 95 % band, a panel per drive."""
+    with style.drawing():
+        fig = style.figure(0.9 + min(1.5, 7.5 / len(found)) * len(found))
+        panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, name, c in zip(panels, names, found, strict=True):
+            axes.fill_between(c.time, *c.band, color=style.SHADE, lw=0)
+            axes.plot(c.time, c.nis, color=_AFTER.line)
+            axes.set_title(f"{name}: {style.percent(c.inside)} of the samples inside their own band", loc="left")
+            axes.set_ylabel("NIS per value")
+            most = float(np.quantile(c.nis, 0.99)) if len(c.nis) else 0.0
+            axes.set_ylim(0.0, max(1.6, 1.05 * most))
+            axes.grid(True)
+        panels[-1].set_xlabel("time in s")
+        style.head(fig, "Are the innovations as large as the filter states?")
+        return style.svg(fig)
+
+
+def correlations(found: CrossCorrelation, outputs: Sequence[str], drivers: Sequence[Driver]) -> bytes:
+    """Return the correlation of every innovation with the past of the signals of the largest correlations."""
+    strength = np.abs(found.values / found.band[:, None]).max(axis=(0, 1))
+    drawn = np.argsort(-strength)[:DRAWN]
+    chosen = style.looks([drivers[j].name for j in drawn])
+    with style.drawing():
+        fig = style.figure(1.2 + 1.3 * len(outputs))
+        panels = fig.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]
+        for a, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
+            axes.axhspan(-found.band[a], found.band[a], color=style.SHADE, lw=0)
+            for j in drawn:
+                look = chosen[drivers[j].name]
+                axes.plot(found.lag, found.values[:, a, j], color=look.line, ls=look.dashes)
+            reach = 1.15 * max(float(np.abs(found.values[:, a]).max()), 2.0 * float(found.band[a]))
+            axes.set_ylim(-reach, reach)
+            axes.set_ylabel(words(name).replace(" ", "\n", 1))
+            axes.grid(True)
+        panels[-1].set_xlabel("lag of the innovation behind the signal in s")
+        handles = [
+            Line2D([], [], color=chosen[d.name].line, ls=chosen[d.name].dashes, label=d.words)
+            for d in (drivers[j] for j in drawn)
+        ]
+        style.head(fig, "Are the innovations correlated with the past?", handles)
+        return style.svg(fig)
+
+
+def curves(pinpoint: Pinpoint, found: Sequence[Curve]) -> bytes:
+    """Return each curve with its 95 % band, over the disturbance that the smoother finds in the fitted drives."""
+    with style.drawing():
+        fig = style.figure(0.9 + 2.1 * len(found))
+        panels = fig.subplots(len(found), 1, squeeze=False)[:, 0]
+        for axes, c in zip(panels, found, strict=True):
+            unit, scale = shown(c.channel)
+            across, along = shown_driver(c.driver)
+            grid = np.linspace(*c.basis.ends, 300)
+            value, half = scale * c.at(grid), 1.96 * scale * c.error(grid)
+            places, means = _binned(pinpoint, c)
+            axes.plot(along * places, scale * means, ls="", marker="o", ms=3.5, color=style.MEASURED)
+            axes.fill_between(along * grid, value - half, value + half, color=_AFTER.tint, lw=0)
+            axes.plot(along * grid, value, color=_AFTER.line)
+            axes.set_xlabel(f"{c.driver.words}{style.in_unit(across)}")
+            axes.set_ylabel(f"{entry(c.channel)}{style.in_unit(unit)}".replace(" ", "\n", 1))
+            axes.grid(True)
+        handles = [
+            Line2D([], [], color=_AFTER.line, label="curve with 95 % band"),
+            Line2D([], [], color=style.MEASURED, ls="", marker="o", ms=3.5, label="smoothed disturbance, mean"),
+        ]
+        style.head(fig, "What does the missing effect depend on?", handles)
+        return style.svg(fig)
+
+
+def spectra(found: Sequence[Turning]) -> bytes:
+    """Return the gain of disturbances that are periodic in the distance driven, over the wavelength, a panel each."""
+    with style.drawing():
+        fig = style.figure(0.9 + 1.9 * len(found))
+        panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, t in zip(panels, found, strict=True):
+            axes.plot(t.spectrum.wavelength, t.spectrum.gain, color=_BEFORE.line, lw=0.6)
+            axes.plot([t.wavelength], [t.gain], ls="", marker="v", ms=6, color=_AFTER.line)
+            axes.annotate(
+                style.with_unit(t.wavelength, "m"), (t.wavelength, t.gain), (8, -3), textcoords="offset points"
+            )
+            axes.set_title(entry(t.channel), loc="left")
+            axes.set_ylabel("gain in log-\nlikelihood")
+            axes.set_ylim(0.0, 1.15 * t.gain)
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(ScalarFormatter())
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            axes.set_xticks([0.5, 1.0, 2.0, 5.0, 10.0])
+            axes.set_xlim(*WAVELENGTHS)
+            axes.grid(True)
+        panels[-1].set_xlabel("wavelength in m driven")
+        style.head(fig, "What is periodic in the distance driven?")
+        return style.svg(fig)
+
+
+def shown_driver(driver: Driver) -> tuple[str, float]:
+    """Return the unit in which reports show a driver, and how many of it make an SI unit."""
+    q = quantity(driver.name, driver.unit)
+    return (q.unit, q.scale) if q.meaning else (print_unit(driver.unit), 1.0)
+
+
+def _binned(pinpoint: Pinpoint, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean of the smoothed disturbance over bins of the signal: where the bins are, and the means."""
+    suspect = next(s for s in pinpoint.suspects if s.channel == curve.channel)
+    signal = np.concatenate([curve.driver.over(p.states, p.drive) for p in pinpoint.linear])
+    smoothed = np.concatenate([h.mean for h in pinpoint.history(suspect)])
+    edges = np.linspace(*curve.basis.ends, _BINS + 1)
+    which = np.digitize(signal, edges) - 1
+    kept = [b for b in range(_BINS) if np.sum(which == b) >= 50]
+    return np.array([0.5 * (edges[b] + edges[b + 1]) for b in kept]), np.array(
+        [smoothed[which == b].mean() for b in kept]
+    )

@@ -1,0 +1,189 @@
+"""Sections of a trace's report: where something is missing, what is unmodelled, and what the innovations depend on."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.report import residual_figures, vehicle_picture
+from harness.diagnosis.residuals.innovation_tests import LARGEST_LAG, consistency, cross_correlation
+from harness.diagnosis.residuals.localisation import Where
+from harness.diagnosis.residuals.regressors import drivers_of
+from harness.diagnosis.residuals.unmodelled import Unnamed
+from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.result.wording import amount, entry, unnamed_words
+from harness.models.quantities import words
+from harness.reporting import style
+from harness.reporting.document import (
+    Block,
+    Bullets,
+    Drawing,
+    Heading,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
+
+
+def where(outcome: Outcome) -> list[Block]:
+    """Return where an unknown disturbance would explain most, and its smoothed course."""
+    found, whole = outcome.where, outcome.trace.fitting.whole
+    blocks: list[Block] = [Heading("Where is something missing?")]
+    if found.nominal is None or found.final is None:
+        return [*blocks, Prose(plain("It could not be looked for."))]
+    if not found.shown:
+        said = "Nowhere: no slowly varying disturbance raises the likelihood of the drives."
+        return [*blocks, Prose(strong(said))]
+    first = found.shown[0]
+    said = (
+        f"A disturbance of the {entry(first.channel)} would explain most, with a standard deviation of "
+        f"{amount(first.deviation, first.channel)} and a time constant of {style.number(first.time_constant)} s."
+    )
+    caveat = (
+        "An unknown Gauss-Markov disturbance is put into each equation, each published force, moment or angle and each "
+        "sensor in turn. The ranking is a hint: inputs of similar effect share the gain, and a disturbance absorbs "
+        "whatever the model does not explain, random errors included."
+    )
+    title = "Gain in log-likelihood by an unknown disturbance at each input, nominal model and final one."
+    blocks += [
+        Prose(strong(said)),
+        Prose(plain(caveat)),
+        Drawing(partial(residual_figures.ranking, found.nominal.suspects, found.final.suspects), title, title),
+        Section(lambda: _from_above(whole, found), "Where on the vehicle?"),
+        Section(lambda: _histories(found), "How would the disturbance look?"),
+    ]
+    return blocks
+
+
+def _from_above(whole: AugmentedModel, found: Where) -> list[Block]:
+    """Return the vehicle from above; nothing if its equations do not say where its axles stand."""
+    assert found.nominal is not None
+    plan = vehicle_picture.plan_of(whole)
+    if plan is None:
+        return []
+    caption = (
+        "The vehicle from above, not to scale across. The area of a mark is the gain in log-likelihood of the "
+        "nominal model; numbers are ranks. Inputs at the same place are drawn side by side."
+    )
+    draw = partial(vehicle_picture.picture, plan, found.nominal.suspects)
+    return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
+
+
+def _histories(found: Where) -> list[Block]:
+    """Return the disturbances over the drive in which they stand out most from their errors."""
+    assert found.nominal is not None
+    clarity = [np.mean([np.mean((h[i].mean / h[i].error.mean()) ** 2) for h in found.histories])
+               for i in range(len(found.nominal.drives))]  # fmt: skip
+    i = int(np.argmax(clarity))
+    drive = found.nominal.drives[i]
+    caption = f"Smoothed disturbance of the nominal model over {drive.name}, with its 95 % band, one input at a time."
+    draw = partial(residual_figures.histories, drive, found.shown, [h[i] for h in found.histories])
+    return [Drawing(draw, caption, f"Disturbances over time in {drive.name} with bands.")]
+
+
+def unnamed(outcome: Outcome) -> list[Block]:
+    """Return the disturbance that no effect of the library explains, if one was found."""
+    found = outcome.where.unnamed
+    if found is None:
+        return []
+    blocks: list[Block] = [
+        Heading("Which disturbance is not in the library?"),
+        Bullets([strong(_sentence(text)) for text in unnamed_words(found)]),
+        Prose(plain(_worth(outcome, found))),
+    ]
+    return [*blocks, *_turning(found), *_curves(outcome, found)]
+
+
+def _turning(found: Unnamed) -> list[Block]:
+    if not found.turning:
+        return []
+    caption = (
+        "Gain in log-likelihood of the fitted drives by a disturbance that is periodic in the distance driven, at "
+        "the input where it gains most; each drive has its own phase. Mark: what was taken. A wheel turns once per "
+        "circumference; a half or a third of that is one of its orders."
+    )
+    draw = partial(residual_figures.spectra, found.turning)
+    return [Drawing(draw, caption, "Gain over the wavelength.")]
+
+
+def _curves(outcome: Outcome, found: Unnamed) -> list[Block]:
+    if not found.curves or outcome.where.final is None:
+        return []
+    return [
+        Drawing(
+            partial(residual_figures.curves, outcome.where.final, found.curves),
+            "Curves fitted to the innovations of the fitted drives. Points: mean of the disturbance that the smoother "
+            "estimates without the signal; it shrinks towards zero where the drives carry little information.",
+            "Disturbance over the signal that it depends on, with its band.",
+        ),
+        Sheet(
+            ["input", "depends on", "stability", "predicted gain"],
+            [
+                [entry(c.channel), c.driver.words, style.percent(c.stability), style.number(c.predicted)]
+                for c in found.curves
+            ],
+            "Stability: share of the halves of the fitted drives in which the lasso selected the pair. "
+            "Predicted gain: in log-likelihood of each fitted drive, from the curve fitted to the others.",
+            left=2,
+        ),
+    ]
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _worth(outcome: Outcome, found: Unnamed) -> str:
+    before, after = outcome.trace.after.excess, found.judgement.excess
+    moved = f"The log-likelihood of the held-out drives rises by {style.number(found.held_out_gain)}."
+    parts = []
+    if found.curves:
+        parts.append("the curves are functions of the simulated motion and the recorded inputs, not of the measured "
+                     "motion")  # fmt: skip
+    if found.turning:
+        parts.append("what is periodic has the phase that fits the drive best")
+    fed = f"In the simulation, {', and '.join(parts)}."
+    if after < before:
+        return f"{moved} Their excess falls from {style.number(before)} to {style.number(after)}. {fed}"
+    return f"{moved} Their simulation error does not fall, so the final model is the one without it. {fed}"
+
+
+def innovations(outcome: Outcome) -> list[Block]:
+    """Return whether the innovations are as large as the filter states, and which signals they depend on."""
+    if outcome.where.final is None:
+        return []
+    whole, linear = outcome.trace.fitting.whole, outcome.where.final.linear
+    drivers = drivers_of(whole)
+    whitened = [p.whitened for p in linear]
+    checks = [consistency(p.drive.time[1:], w[1:]) for p, w in zip(linear, whitened, strict=True)]
+    signals = [np.column_stack([d.over(p.states, p.drive) for d in drivers]) for p in linear]
+    found = cross_correlation([w[1:] for w in whitened], [s[1:] for s in signals], whole.spec.step)
+    outputs = list(whole.model.outputs)
+    share = np.abs(found.values / found.band[:, None])
+    _, a, j = np.unravel_index(int(np.argmax(share)), share.shape)
+    said = (
+        f"The largest correlation is that of the innovation of the {words(outputs[a])} with the past of the "
+        f"{drivers[j].words}: {style.number(share.max())} times the 95 % band of white innovations."
+        if share.max() > 2.0
+        else "No innovation is correlated with the past of a signal by more than twice the band of white innovations."
+    )
+    return [
+        Prose(plain(said)),
+        Drawing(
+            partial(residual_figures.nis, [p.drive.name for p in linear], checks),
+            "Normalised innovation squared of the final model over the number of measured values, mean of a second, "
+            "with its 95 % band for a consistent filter.",
+            "Normalised innovation squared over time with its band.",
+        ),
+        Drawing(
+            partial(residual_figures.correlations, found, outputs, drivers),
+            f"Correlation of the whitened innovations of the final model with signals up to {LARGEST_LAG:g} s before, "
+            "all fitted drives; grey: the 95 % band of white innovations. Drawn are the signals with the largest "
+            "correlations.",
+            "Cross-correlations of innovations and earlier signals.",
+        ),
+    ]

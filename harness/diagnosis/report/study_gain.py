@@ -1,0 +1,128 @@
+"""The part of a trace's report that says what the amendment is worth in a study."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from harness.diagnosis.result.study_gain import Worth
+from harness.models.quantities import listed, words
+from harness.reporting import style
+from harness.reporting.document import Block, Heading, Prose, Sheet, plain, strong
+from harness.study.report.analysis import Analysis
+from harness.study.report.sections import boxes
+from harness.study.results import Design, Store
+
+BELIEFS = ("nominal", "amended")
+
+
+def blocks(worth: Worth | str | None) -> list[Block]:
+    """Return the section: in a sentence, as box plots and as a table; nothing where no study was asked for."""
+    if worth is None:
+        return []
+    heading = Heading("What does the amendment gain in a study?")
+    if isinstance(worth, str):
+        return [heading, Prose(plain(worth))]
+    analysis = _analysis(worth)
+    return [
+        heading,
+        Prose(strong(answer(worth))),
+        Prose(plain(_explain(worth))),
+        *boxes.pictures(analysis, analysis.main),
+        _table(worth),
+    ]
+
+
+def answer(worth: Worth) -> str:
+    """Return what believing the amended model does to the median errors, in a sentence."""
+    matched = worth.amended.matched
+    parts = [] if matched is None else [f"{_shares(worth, matched)}{_at(worth, matched)}"]
+    if len(worth.amended.bands) > 1:
+        parts.append(f"{_shares(worth, None)} over all levels")
+    elif matched is None:
+        parts.append(_shares(worth, None))
+    return f"Of the median error with the nominal model believed, the amended one leaves {'; '.join(parts)}."
+
+
+def _at(worth: Worth, band: int) -> str:
+    design = worth.amended
+    names = listed([f.words for f in design.factors]) if design.factors else ""
+    return f" with the {names} {design.matched_is} ({design.bands[band]})" if names else ""
+
+
+def _shares(worth: Worth, band: int | None) -> str:
+    """Return the ratios of all targets at a level as shares, each from the best to the worst estimator."""
+    found = []
+    for t, target in enumerate(worth.nominal.targets):
+        ratios = [worth.gain(e, t, band).ratio for e in range(len(worth.nominal.estimators))]
+        known = sorted(r.value for r in ratios if np.isfinite(r.value))
+        if not known:
+            found.append(f"nothing to compare in {target.words}")
+            continue
+        low, high = (style.percent(share) for share in (known[0], known[-1]))
+        shown = any(r.upper < 1.0 or r.lower > 1.0 for r in ratios)
+        share = low if low == high else f"{low.removesuffix(' %')} to {high}"
+        found.append(f"{share} in {target.words}{'' if shown else ' (no difference shown)'}")
+    return listed(found)
+
+
+def _explain(worth: Worth) -> str:
+    design = worth.nominal
+    text = (
+        f"“{worth.title}” ({worth.study}, design “{design.name}”), run again with the amended model as the plant: "
+        f"{len(design.drives)} drives, {design.planned} runs per level and estimator. Both beliefs are run on the same "
+        "drives and noise, each with the noise variances that were fitted with it."
+    )
+    if worth.moments:
+        begins = listed([f"{words(n)} {t:g} s" for n, t in worth.moments.items()])
+        text += f" Changes begin at the same time in every drive, known to the amended belief: {begins}."
+    return text
+
+
+def _analysis(worth: Worth) -> Analysis:
+    """Return both runs of the study as one whose estimators are pairs of estimator and belief."""
+    names = [f"{e}, {belief}" for e in worth.nominal.estimators for belief in BELIEFS]
+    parts = [
+        design.data[["rmse", "status"]].isel(estimator=[e])
+        for e in range(len(worth.nominal.estimators))
+        for design in (worth.nominal, worth.amended)
+    ]
+    like = worth.amended
+    both = Design(
+        name=like.name,
+        data=xr.concat(parts, dim="estimator").assign_coords(estimator=names),
+        estimators=names,
+        targets=like.targets,
+        drives=like.drives,
+        bands=like.bands,
+        factors=like.factors,
+        state_dimension=like.state_dimension,
+        output_dimension=like.output_dimension,
+    )
+    analysis = Analysis(Store(worth.study, {"seed": worth.seed}, [both], []))
+    own = style.looks(worth.nominal.estimators)
+    for name, belief in ((n, b) for n in own for b in BELIEFS):
+        look = own[name]
+        colour = style.MEASURED if belief == "nominal" else look.colour
+        analysis.looks[f"{name}, {belief}"] = style.Look(colour, look.hatch, look.marker, look.dashes)
+    return analysis
+
+
+def _table(worth: Worth) -> Sheet:
+    levels: list[int | None] = [None]
+    if worth.amended.matched is not None and len(worth.amended.bands) > 1:
+        levels.insert(0, worth.amended.matched)
+    rows = []
+    for t, target in enumerate(worth.nominal.targets):
+        for e in range(len(worth.nominal.estimators)):
+            for g in (worth.gain(e, t, band) for band in levels):
+                level = "all" if g.band is None else worth.amended.bands[g.band]
+                numbers = map(style.number, (g.before, g.after, *g.ratio))
+                rows.append([target.words, g.estimator, level, target.unit, *numbers, f"{g.lost[0]}, {g.lost[1]}"])
+    header = ["target", "estimator", "level", "unit", "nominal", "amended", "ratio", "from", "to", "lost"]
+    caption = (
+        "Median RMSE with the nominal and with the amended belief, over the runs that both finished; ratio of the two "
+        "with its 95 % bootstrap interval, runs resampled in pairs and by drive; lost: runs without a score with "
+        "the nominal and with the amended belief."
+    )
+    return Sheet(header, rows, caption, left=4)

@@ -1,0 +1,185 @@
+"""The head of a trace's report: verdict, effect, size, uncertainty and improvement in one table."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.report import study_gain
+from harness.diagnosis.report.figures import called
+from harness.diagnosis.result.outcome import Outcome, Value
+from harness.diagnosis.result.study_gain import Worth
+from harness.diagnosis.result.wording import unnamed_words
+from harness.diagnosis.selection.acceptance import BIC_NEEDED
+from harness.diagnosis.selection.forward_selection import Trace
+from harness.models.quantities import listed, print_unit, quantity, words
+from harness.reporting import style
+from harness.reporting.document import Block, Bullets, Heading, Prose, Section, Sheet, plain, strong
+
+Floats = NDArray[np.float64]
+
+_MEANING = {
+    "adequate": "adequate: nothing is missing that these drives can show",
+    "amended": "amended: what is missing has a name, and is confirmed by the held-out drives",
+    "unresolved": "unresolved: something is missing that no effect of the library explains",
+}
+
+_NAMELESS = "amended: what is missing has no name, but its effect is known and is confirmed by the held-out drives"
+
+
+def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
+    """Return the answer, the table, what was odd about the recordings, and how each round of the search ended.
+
+    Args:
+        outcome: The trace, judged.
+        answer: What stands before that of the trace.
+    """
+    found: list[Block] = [Heading("What was found?")]
+    if answer:
+        found += [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))]
+    found += [Prose(strong(outcome.answer)), Section(lambda: [_table(outcome)], "The answer at a glance")]
+    if outcome.failures.sentences:
+        found += [
+            Prose(plain("These parts of the result could not be made:")),
+            Bullets([plain(sentence) for sentence in outcome.failures.sentences]),
+        ]
+    if outcome.notes:
+        found += [
+            Prose(plain("These irregularities of the recordings may look like a missing effect:")),
+            Bullets([plain(note) for note in outcome.notes]),
+        ]
+    return [*found, Section(lambda: _search(outcome), "How did the search go?")]
+
+
+def _search(outcome: Outcome) -> list[Block]:
+    return [Prose(plain("How the search went:")), Bullets([plain(s) for s in _rounds(outcome)])]
+
+
+def _table(outcome: Outcome) -> Sheet:
+    nameless = outcome.verdict == "amended" and not outcome.added
+    rows = [["verdict", _NAMELESS if nameless else _MEANING[outcome.verdict]]]
+    rows += [["what", called(h.name)] for h in outcome.added]
+    if outcome.where.unnamed is not None:
+        rows += [["what", f"not in the library: {text}"] for text in unnamed_words(outcome.where.unnamed)]
+    rows += [["how large", line] for line in _sizes(outcome)]
+    rows += [["how sure", line] for line in _certainty(outcome)]
+    rows += [["how much better", line] for line in _improvements(outcome)]
+    if isinstance(outcome.worth, Worth):
+        rows.append(["in a study", study_gain.answer(outcome.worth)])
+    shown = [[label if i == 0 or rows[i - 1][0] != label else "", text] for i, (label, text) in enumerate(rows)]
+    return Sheet(["", ""], shown, "The answer at a glance; the sections below give the evidence.", left=2)
+
+
+def _sizes(outcome: Outcome) -> list[str]:
+    """Return the parameters of what was added, largest in standard errors first where they are many."""
+    stated, found = outcome.trace.fitting.whole.spec.values, []
+    for h in outcome.added:
+        values = outcome.values[h.name]
+        if h.name == ALL_PARAMETERS:
+            moved = sorted(values, key=lambda v: -abs(v.value - stated[v.name]) / v.std if v.std else 0.0)[:3]
+            found += [f"{_size(v)}, stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" for v in moved]
+            continue
+        for v in values:
+            was = f", stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" if v.name in stated else ""
+            found.append(f"{_size(v)}{was}")
+    return found
+
+
+def _size(v: Value) -> str:
+    value, unit = scaled(v.name, v.value, v.unit)
+    spread = f" ± {style.number(scaled(v.name, v.std, v.unit)[0], 2)}" if math.isfinite(v.std) else ""
+    return f"{words(v.name.replace('@', ' in '))} {style.number(value)}{spread} {unit}".rstrip()
+
+
+def scaled(name: str, value: float, unit: str) -> tuple[float, str]:
+    """Return a parameter in SI units as reports show it, with its unit: angles in degrees, frequencies in Hz."""
+    if "frequency" in name and unit == "rad/s":
+        return value / (2 * math.pi), "Hz"
+    angle = unit == "rad" or unit.startswith("rad/")
+    return (math.degrees(value) if angle else value), print_unit(unit.replace("rad", "deg", 1) if angle else unit)
+
+
+def _certainty(outcome: Outcome) -> list[str]:
+    """Return the evidence for each addition, and what these drives hardly distinguish from it."""
+    found = []
+    for r in outcome.trace.rounds:
+        if r.added is None or r.added.held_out is None or r.added.hypothesis not in outcome.trace.added:
+            continue
+        gain = r.added.held_out.log_likelihood - r.before.log_likelihood
+        text = (
+            f"{called(r.added.hypothesis.name)}: {style.number(r.added.bic)} units of BIC on the fitted drives "
+            f"({BIC_NEEDED:.0f} needed), log-likelihood {style.number(gain)} higher on the held-out drives"
+        )
+        if r is not outcome.trace.rounds[0]:
+            text += ", both over the model with what earlier rounds had added"
+        others = [called(n) for n in r.confusable[1:]]
+        found.append(f"{text}; hardly distinguishable from {listed(others)}" if others else text)
+    if instead := _in_place(outcome.trace):
+        names = listed([called(h.name) for h in outcome.trace.dropped])
+        found += [
+            f"{called(h.name)}: explains as much as {names}, to {BIC_NEEDED:.0f} units of BIC on the fitted drives, "
+            "and takes its place; these drives hardly distinguish them"
+            for h in instead
+        ]
+    if (process := outcome.where.wandering) is not None:
+        found.append(
+            f"{called(process.hypothesis.name)}: log-likelihood of a filter with it {style.number(process.gain)} "
+            f"higher on the fitted drives, {style.number(process.held_out_gain)} on the held-out drives, where it "
+            f"leaves {'white' if process.white else 'almost white'} innovations"
+        )
+    return found
+
+
+def _improvements(outcome: Outcome) -> list[str]:
+    """Return how far the errors of simulation and estimators fall on the held-out drives."""
+    trace, found = outcome.trace, []
+    if not outcome.added and outcome.where.unnamed is None:
+        return []
+    outputs, after_all = list(trace.fitting.whole.model.outputs), outcome.after.error
+    fall = _fall(trace.before.error, after_all)
+    foretold = trace.added or outcome.where.unnamed is not None  # no simulation predicts a random process
+    for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2] if foretold else ():
+        q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
+        before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], after_all[a], noise))
+        found.append(f"simulation, {q.words}: RMSE {before} to {after} {q.unit} (sensor noise {floor})")
+    for e in outcome.estimators:
+        gained = _fall(e.before, e.after)
+        a = int(np.argmax(np.where(np.isfinite(e.after) & ~np.isnan(gained), gained, -np.inf)))
+        q = quantity(outputs[a])
+        before, after = (style.number(q.scale * v) for v in (e.before[a], e.after[a]))
+        found.append(f"{e.kind.upper()}, {q.words} without its sensor: RMSE {before} to {after} {q.unit}")
+    return found
+
+
+def _fall(before: Floats, after: Floats) -> Floats:
+    """Return the factor by which each error falls, NaN where neither says it."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return before / after
+
+
+def _rounds(outcome: Outcome) -> list[str]:
+    sentences = []
+    for number, r in enumerate(outcome.trace.rounds, 1):
+        if r.added is not None:
+            sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
+        elif any(c.fitted for c in r.candidates):
+            best = called(r.confusable[0])
+            sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
+        else:
+            sentences.append(f"Round {number} added nothing: {r.reason}.")
+    if outcome.trace.dropped:
+        names = listed([called(h.name) for h in outcome.trace.dropped])
+        if instead := [called(h.name) for h in _in_place(outcome.trace)]:
+            sentences.append(f"A wrong {listed(instead)} explains as much as {names}, and takes its place.")
+        else:
+            sentences.append(f"Later additions made {names} redundant.")
+    return sentences
+
+
+def _in_place(trace: Trace) -> list[Hypothesis]:
+    """Return what no round added: parameters that took the place of an effect."""
+    rounds = {r.added.hypothesis for r in trace.rounds if r.added is not None}
+    return [h for h in trace.added if h not in rounds]

@@ -1,0 +1,1 @@
+"""What the innovations still hold after the effects with a name: where, when, and along what."""

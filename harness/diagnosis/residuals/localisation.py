@@ -1,0 +1,70 @@
+"""Where a model lacks something, before and after what was added, and the unmodelled disturbance that is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from harness.common.failures import RAISED, Failures
+from harness.config import ModelSpec
+from harness.diagnosis.residuals.disturbance_ranking import History, Pinpoint, Suspect
+from harness.diagnosis.residuals.random_process import Wandering, find_wandering
+from harness.diagnosis.residuals.unmodelled import Unnamed, find_unnamed
+from harness.diagnosis.selection.forward_selection import Trace
+
+SHOWN = 3
+"""Inputs whose disturbance is shown over time."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """The pinpointed model.
+
+    Attributes:
+        nominal: The nominal model, refitted; ``None`` if it could not be pinpointed.
+        final: With everything added; the same if nothing was.
+        histories: Disturbances at the inputs of the largest gain of the nominal model, each over every fitted drive.
+        unnamed: What is left, as curves; ``None`` if it was not sought or nothing improves the held-out drives.
+        wandering: What is left, as a random process of the library; then no curve is looked for.
+    """
+
+    nominal: Pinpoint | None
+    final: Pinpoint | None
+    histories: tuple[tuple[History, ...], ...]
+    unnamed: Unnamed | None
+    wandering: Wandering | None = None
+
+    @property
+    def shown(self) -> tuple[Suspect, ...]:
+        """The inputs of the largest gain of the nominal model, where a disturbance gains anything."""
+        return tuple(s for s in self.nominal.suspects[:SHOWN] if s.gain > 0) if self.nominal else ()
+
+
+NOWHERE = Where(None, None, (), None)
+"""Where it could not be looked for."""
+
+
+def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED) -> Where:
+    """Pinpoint what the nominal model and the final one lack.
+
+    Args:
+        trace: What was found.
+        amended: The final model.
+        unexplained: Whether anything is left to explain.
+        failures: Takes what cannot be computed; by default it is raised.
+    """
+    nominal = final = Pinpoint(trace.fitting, trace.nominal.point)
+    if trace.added:
+        final = Pinpoint(trace.fitting, trace.final.point, nominal.channels)
+    histories = tuple(nominal.history(s) for s in nominal.suspects[:SHOWN] if s.gain > 0)
+    wandering = unnamed = None
+    if unexplained:
+        wandering = failures.attempt(
+            "the search for a random process", lambda: find_wandering(trace, amended, final), lambda _: None
+        )
+    if unexplained and wandering is None:
+        unnamed = failures.attempt(
+            "the search for an unmodelled disturbance",
+            lambda: find_unnamed(trace.fitting, trace.held_out, trace.final, trace.after, final),
+            lambda _: None,
+        )
+    return Where(nominal, final, histories, unnamed, wandering)

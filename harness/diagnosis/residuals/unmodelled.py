@@ -1,0 +1,381 @@
+"""An unmodelled disturbance that no effect of the library explains: a function of a signal, or periodic in distance.
+
+What is periodic in the distance driven is sought first (``turning``), because no function of a signal explains it. The
+dictionary proposes pairs of an input and a signal. For each pair a smooth curve is fitted to the innovations together
+with the fitted parameters of the model, and assessed by cross-validation over the drives. Forward selection takes the
+best, then the best beside it, as long as the cross-validated likelihood rises. The likelihood of the held-out drives
+must rise as well.
+
+In the simulation, a curve over motion is a function of the simulated motion and not of the measured one, so that its
+part in the simulation error is a prediction. Inputs are those of the recording, as for every model. What is periodic
+has the phase that fits the drive best.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.innovations.disturbance_inputs import Channel
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
+from harness.diagnosis.residuals.order_analysis import Ride, Turning, Waves, find_turning, ridden
+from harness.diagnosis.residuals.regressors import Driver, drivers_of, rates, with_quick
+from harness.diagnosis.residuals.spline_curves import FUNCTIONS, Basis, Curve
+from harness.diagnosis.residuals.stability_selection import Proposal, proposals
+from harness.diagnosis.selection.validation import HeldOut, Judgement, strayed
+from harness.engine.compile import compile_model
+from harness.engine.simd.lanes import LANES
+from harness.identification.coordinates import Coordinate
+from harness.identification.data import Drive
+from harness.identification.uncertainty import covariance_of
+
+Floats = NDArray[np.float64]
+
+NEEDED = 25.0
+"""Least gain in log-likelihood of the drives left out with which a curve is taken."""
+
+CURVES = 3
+"""Largest number of curves."""
+
+TRUSTED = 0.03
+"""Largest standard deviation of the prior on the step of a parameter: further from the fit its linear response does not
+hold, and a parameter that these drives hardly excite would leave the model's range."""
+
+TURNS = 3
+"""Largest number of periodic disturbances: an order and its harmonics."""
+
+_ENTRIES = 8
+_PAIRS = 12
+_STABLE = 0.2
+"""Entries that the dictionary sees, pairs of which curves are fitted, and the least stability of a pair."""
+
+_SPEED = ("speed", "longitudinal_velocity")
+"""Signals, the integral of either of which is the distance driven."""
+
+_STIFFNESS = (1e-4, 1e-2, 1.0)
+"""Penalty on second differences, over the mean information on a weight."""
+
+
+@dataclass(frozen=True)
+class Unnamed:
+    """An unmodelled disturbance.
+
+    Attributes:
+        curves: In the order they were taken.
+        shift: Parameters that move with them: value by name.
+        held_out_gain: In log-likelihood of the held-out drives, predicted by the linearised innovations.
+        judgement: The model with the curves, simulated on the held-out drives.
+        turning: What is periodic in the distance driven, in the order it was taken.
+    """
+
+    curves: tuple[Curve, ...]
+    shift: dict[str, float]
+    held_out_gain: float
+    judgement: Judgement
+    turning: tuple[Turning, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Term:
+    """A curve that may be taken: its pair, its functions, and what they do to the innovations of each drive."""
+
+    proposal: Proposal
+    basis: Basis
+    responses: list[Floats]
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Gram matrix and pull of columns over one fold."""
+
+    gram: Floats
+    pull: Floats
+
+
+class _Drives:
+    """Drives with a pinpointed model: signals, and the innovations' response to curves and to parameters."""
+
+    def __init__(self, pinpoint: Pinpoint, fitting: Fitting, point: Point, moved: Sequence[Coordinate]) -> None:
+        self.pinpoint, self.drives = pinpoint, fitting.drives
+        self.drivers = with_quick(drivers_of(fitting.whole))
+        self.moved = [-columns for columns in fitting.columns(moved, point)]
+        states = [linear.states for linear in pinpoint.linear]
+        self.signals = [
+            np.column_stack([d.over(x, drive) for d in self.drivers])
+            for x, drive in zip(states, self.drives, strict=True)
+        ]
+        self.rides = ridden(pinpoint, self._speeds())
+
+    @property
+    def followed(self) -> bool:
+        """Whether the filter followed every drive to its end; its states are NaN from where it did not."""
+        return all(np.isfinite(s).all() for s in self.signals)
+
+    def _speeds(self) -> list[Floats]:
+        """Return the speed by drive; zero if the model has none, so that no distance is driven."""
+        for driver in self.drivers:
+            if driver.name in _SPEED:
+                return self.signal(driver)
+        return [np.zeros(len(s)) for s in self.signals]
+
+    def turned(self, turning: Turning) -> tuple[list[Ride], float, list[Waves]]:
+        """Give each drive its phase of a disturbance.
+
+        Returns:
+            The drives with what it leaves of their innovations, the gain in log-likelihood, and the disturbance by
+            drive.
+        """
+        rides, total, disturbances = [], 0.0, []
+        for ride, inlet in zip(self.rides, self.pinpoint.inlets(turning.channel), strict=True):
+            waves = turning.waves(ride)
+            shares, gain, explained = ride.phase(inlet, waves)
+            rides.append(replace(ride, residual=ride.residual - explained))
+            disturbances.append(waves.of(shares))
+            total += gain
+        return rides, total, disturbances
+
+    def signal(self, driver: Driver) -> list[Floats]:
+        """Return a signal by drive."""
+        j = self.drivers.index(driver)
+        return [s[:, j] for s in self.signals]
+
+    def responses(self, proposal: Proposal, basis: Basis) -> list[Floats]:
+        """Return what the functions of a curve do to the innovations, by drive ``(samples * ny, FUNCTIONS)``."""
+        return [
+            linear.innovations.responses(inlet, basis.of(s)).reshape(-1, FUNCTIONS)
+            for linear, inlet, s in zip(
+                self.pinpoint.linear,
+                self.pinpoint.inlets(proposal.channel),
+                self.signal(proposal.driver),
+                strict=True,
+            )
+        ]
+
+    def sums(self, columns: Sequence[Sequence[Floats]]) -> list[_Sums]:
+        """Return the sums by fold: a drive each, or halves of the only one."""
+        found = []
+        for i, r in enumerate(ride.residual.reshape(-1) for ride in self.rides):
+            X = np.concatenate([self.moved[i], *(c[i] for c in columns)], axis=1)
+            cuts = (0, len(r)) if len(self.rides) > 1 else (0, len(r) // 2, len(r))
+            for a, b in itertools.pairwise(cuts):
+                found.append(_Sums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
+        return found
+
+
+def find_unnamed(
+    fitting: Fitting, held_out: HeldOut, final: Fitted, before: Judgement, pinpoint: Pinpoint
+) -> Unnamed | None:
+    """Return what no effect of the library explains; ``None`` if nothing improves the held-out drives.
+
+    Where the filter itself leaves the model's range there are no innovations to explain, and nothing is sought.
+
+    Args:
+        fitting: The fitted drives.
+        held_out: The held-out drives.
+        final: Where the model was fitted.
+        before: The model on the held-out drives.
+        pinpoint: At ``final``.
+    """
+    whole = fitting.whole
+    moved = [c for c in final.coordinates if not c.drives]
+    here = _Drives(pinpoint, fitting, final.point, moved)
+    suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
+    there = Pinpoint(held_out.fitting, before.point, pinpoint.channels, ranked=False)
+    kept_aside = _Drives(there, held_out.fitting, before.point, moved)
+    if not (here.followed and kept_aside.followed):
+        return None
+    turnings, disturbances, gain = _turning(here, kept_aside, held_out.fitting.samples)
+    pairs: list[Proposal] = []
+    if suspects:
+        residuals = [r.residual for r in here.rides]
+        pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved, residuals)
+        pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
+    prior = np.array([min(c.prior, TRUSTED) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
+    alone = _solved(here.sums([]), prior, 0, _STIFFNESS[0])[0]
+    curves, weights = _selected(here, pairs, prior)
+    columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
+    by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
+
+    def judged(curves: Sequence[Curve], weights: Floats, by_curves: float) -> Unnamed:
+        """Return the periodic disturbances with these curves, simulated on the held-out drives."""
+        point = _shifted(before.point, moved, weights[: len(moved)])
+
+        def run(i: int) -> Floats:
+            turned = [(t.channel, d[i]) for t, d in zip(turnings, disturbances, strict=True)]
+            return _run(whole, held_out.drives[i], point.values[:, i], there, i, curves, turned)
+
+        free = tuple(whole.share(run, range(len(held_out.drives))))
+        error, excesses = strayed(held_out.drives, free, held_out.variances)
+        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excesses, (), point)
+        shift = {c.name: point.value(c) for c in moved}
+        return Unnamed(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
+
+    found = []
+    if turnings:
+        found.append(judged((), alone, 0.0))
+    if by_curves > 0:
+        found.append(judged(curves, weights, by_curves))
+    # The gains of the filter were fitted with the periodic part as noise, and curves may explain them.
+    return min(found, key=lambda u: u.judgement.excess, default=None)
+
+
+def _turning(here: _Drives, there: _Drives, samples: int) -> tuple[list[Turning], list[list[Waves]], float]:
+    """Take one periodic disturbance after the other, as long as the likelihood of the held-out drives rises.
+
+    Returns:
+        The disturbances; each over the held-out drives, by drive; and the gain there, less the penalty of the
+        phases that were fitted to them.
+    """
+    found: list[Turning] = []
+    disturbances: list[list[Waves]] = []
+    total = 0.0
+    while len(found) < TURNS:
+        best = find_turning(here.pinpoint, there.pinpoint.channels, here.rides, NEEDED)
+        if best is None:
+            break
+        rides, gain, disturbance = there.turned(best)
+        gain -= 0.5 * len(rides) * np.log(samples)
+        if gain <= 0:
+            break
+        here.rides, there.rides = here.turned(best)[0], rides
+        found.append(best)
+        disturbances.append(disturbance)
+        total += gain
+    return found, disturbances, total
+
+
+def _gain(sums: _Sums, weights: Floats) -> float:
+    return float(sums.pull @ weights - 0.5 * weights @ sums.gram @ weights)
+
+
+def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[list[Curve], Floats]:
+    """Return curves by forward selection with cross-validation, and the weights of parameters and curves.
+
+    Args:
+        here: The fitted drives.
+        pairs: What may be taken.
+        prior: Inverse variance of the prior of each parameter that moves as well ``(parameters,)``.
+    """
+    tried = []
+    for pair in pairs:
+        basis = Basis.over(np.concatenate(here.signal(pair.driver)))
+        tried.append(_Term(pair, basis, here.responses(pair, basis)))
+    chosen: list[_Term] = []
+    predicted: list[float] = []
+    stiffness = _STIFFNESS[0]
+    reached = _left_out(here.sums([]), prior, 0, stiffness)
+    while len(chosen) < CURVES:
+        best: tuple[float, float, _Term] | None = None
+        for term in tried:
+            if any(term is c for c in chosen):
+                continue
+            terms = [*chosen, term]
+            sums = here.sums([t.responses for t in terms])
+            for tension in _STIFFNESS:
+                value = _left_out(sums, prior, len(terms), tension)
+                if (best is None or value > best[0]) and _possible(sums, prior, terms, tension):
+                    best = (value, tension, term)
+        if best is None or best[0] - reached < NEEDED:
+            break
+        predicted.append(best[0] - reached)
+        reached, stiffness = best[0], best[1]
+        chosen.append(best[2])
+    weights, covariance = _solved(here.sums([t.responses for t in chosen]), prior, len(chosen), stiffness)
+    curves = []
+    for j, (term, gain) in enumerate(zip(chosen, predicted, strict=True)):
+        rows = _rows(prior, j)
+        pair, own = term.proposal, (weights[rows], covariance[rows, rows])
+        curves.append(Curve(pair.channel, pair.driver, term.basis, *own, pair.stability, gain))
+    return curves, weights
+
+
+def _possible(sums: Sequence[_Sums], prior: Floats, terms: Sequence[_Term], tension: float) -> bool:
+    """Whether no curve leaves the range that the library allows at its entry; B-splines lie within their weights."""
+    weights, _ = _solved(sums, prior, len(terms), tension)
+    sizes = np.abs(weights[len(prior) :]).reshape(len(terms), FUNCTIONS).max(axis=1)
+    return all(size <= term.proposal.channel.limit for size, term in zip(sizes, terms, strict=True))
+
+
+def _left_out(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> float:
+    """Return the gain of every fold, predicted from the others."""
+    found = 0.0
+    for i, left_out in enumerate(sums):
+        weights, _ = _solved([s for j, s in enumerate(sums) if j != i], prior, curves, tension)
+        found += _gain(left_out, weights)
+    return found
+
+
+def _solved(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> tuple[Floats, Floats]:
+    """Return the penalised weights of parameters and curves, and their covariance."""
+    gram, pull = sum(s.gram for s in sums), sum(s.pull for s in sums)
+    information = np.array(gram, dtype=float)
+    information[: len(prior), : len(prior)] += np.diag(prior)  # the fit has weighed the prior: a step starts from there
+    for j in range(curves):
+        rows = _rows(prior, j)
+        mean = np.trace(information[rows, rows]) / FUNCTIONS
+        information[rows, rows] += mean * (tension * Basis.roughness() + 1e-8 * np.eye(FUNCTIONS))
+    covariance = covariance_of(information, singular=1e-10, dropped=True).matrix
+    return covariance @ pull, covariance
+
+
+def _rows(prior: Floats, curve: int) -> slice:
+    """Return the rows of a curve's weights, behind those of the parameters."""
+    return slice(len(prior) + curve * FUNCTIONS, len(prior) + (curve + 1) * FUNCTIONS)
+
+
+def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
+    """Return a point with its parameters moved within their bounds."""
+    values = point.values.copy()
+    for c, step in zip(moved, steps, strict=True):
+        values[c.rows[0]] = c.value(float(np.clip(c.coordinate(point.value(c)) + step, c.lower, c.upper)))
+    return replace(point, values=values)
+
+
+def _run(
+    whole: AugmentedModel,
+    drive: Drive,
+    values: Floats,
+    pinpoint: Pinpoint,
+    number: int,
+    curves: Sequence[Curve],
+    turned: Sequence[tuple[Channel, Waves]],
+) -> Floats:
+    """Simulate the model with the disturbances that its own motion makes; return its outputs ``(samples, ny)``.
+
+    Periodic disturbances are given at every sample. How an input moves the next state is taken along the measured
+    drive; it hardly depends on the motion.
+    """
+    spec = whole.spec
+    compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False, jacobians=False)
+    ahead, direct = pinpoint.linear[number].raw([*(c.channel for c in curves), *(channel for channel, _ in turned)])
+    nothing = np.zeros((len(drive.time), 0))
+    now, during = (np.column_stack([nothing, *p]) for p in ([w.now for _, w in turned], [w.during for _, w in turned]))
+    grids = [np.linspace(*c.basis.ends, 400) for c in curves]
+    tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
+    constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
+    x = np.repeat(whole.first_state(drive, values)[:, None], LANES, axis=1)
+    y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
+    limits = np.array([whole.model.valid.get(name, np.inf) for name in whole.model.states])
+    outputs = np.full((len(drive.time), compiled.ny), np.nan)
+    slopes, renewed = rates(drive), np.array([c.driver.renewed(spec.step) for c in curves])
+    slow, quick = None, np.zeros(len(curves))
+    for k in range(len(drive.time)):
+        if not np.all(np.abs(x[:, 0]) <= limits):
+            break
+        read = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
+        signals = np.array([driver.of(*read)[0] for driver, _, _ in tables])
+        driven = np.where(renewed > 0, quick, signals)  # what is quick, of the sample before: see ``Driver.over``
+        slow = signals if slow is None else slow + renewed * (signals - slow)
+        quick = signals - slow
+        d = [float(np.interp(s, grid, table)) for s, (_, grid, table) in zip(driven, tables, strict=True)]
+        compiled.kernels.output(x, np.repeat(drive.inputs[k][:, None], LANES, axis=1), constants, y)
+        outputs[k] = y[:, 0] + direct[k] @ [*d, *now[k]]
+        compiled.kernels.next_state(x, np.repeat(drive.between[k][:, None], LANES, axis=1), constants, xn, w)
+        x, xn = xn + (ahead[k] @ [*d, *during[k]])[:, None], x
+    return outputs

@@ -1,0 +1,99 @@
+"""What the amendment gains estimators: each one on the held-out drives, with the nominal and the amended model.
+
+Each output in turn is estimated without its own measurement: its variance is stated so large that the measurement has
+no weight, and the prediction of the filter is compared with what was measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.config import ModelSpec
+from harness.diagnosis.fitting.fit import Point
+from harness.diagnosis.result.fitted_model import fitted_model
+from harness.diagnosis.selection.forward_selection import Trace
+from harness.identification.data import Drive, joined
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
+
+Floats = NDArray[np.float64]
+
+ESTIMATORS = ("ekf", "ukf", "cdkf")
+"""Estimators that are tried unless others are asked for."""
+
+_UNSEEN = 1e12
+"""Factor on the variance of a measurement that an estimator must not use."""
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """One estimator on the held-out drives.
+
+    Attributes:
+        kind: File in ``harness/estimation/methods``.
+        before: Root mean square error of each output, estimated without its own measurement, with the nominal model
+            ``(ny,)``; infinite if the filter diverged.
+        after: The same with the amended model.
+    """
+
+    kind: str
+    before: Floats
+    after: Floats
+
+
+def estimators_on(
+    trace: Trace,
+    amended: ModelSpec,
+    recordings: Sequence[xr.Dataset],
+    kinds: Sequence[str],
+    say: Callable[[str], None] = lambda _: None,
+) -> tuple[Estimated, ...]:
+    """Run estimators on the held-out drives with both models.
+
+    Args:
+        trace: What was found.
+        amended: The final model.
+        recordings: The held-out drives, in the order of ``trace.held_out``.
+        kinds: Files in ``harness/estimation/methods``.
+        say: Is told what is being run.
+
+    Raises:
+        ModelError: If there is no such estimator.
+    """
+    nominal = trace.fitting.whole.spec
+    found = []
+    for kind in kinds:
+        errors = []
+        for spec, point, words in ((nominal, trace.before.point, "nominal"), (amended, trace.after.point, "amended")):
+            say(f"{kind} with the {words} model")
+            errors.append(_errors(trace, spec, point, recordings, kind))
+        found.append(Estimated(kind, *errors))
+    return tuple(found)
+
+
+def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr.Dataset], kind: str) -> Floats:
+    """Return the root mean square errors of all outputs ``(ny,)``."""
+    whole = trace.fitting.whole
+    filters = Innovations(fitted_model(trace, spec, point), kind, whole.jobs)
+    squares = []
+    for i, (drive, recording) in enumerate(zip(trace.held_out.drives, recordings, strict=True)):
+        known = dict(zip(whole.names, point.values[:, i], strict=True))
+        values = np.array([[known[n] if n in known else spec.values[n]] for n in filters.model.parameter_names])
+        held = replace(Candidates.of(filters.spec), values=values)
+        own = joined(filters.drive(recording, drive.name), filters.model)
+        squares.append(whole.share(partial(_unseen, filters, own, held), range(len(held.measurement))))
+    return np.array([np.sqrt(np.nanmean(np.concatenate(parts))) for parts in zip(*squares, strict=True)])
+
+
+def _unseen(filters: Innovations, drive: Drive, held: Candidates, output: int) -> Floats:
+    """Return the squared errors of an output that the filter does not use ``(samples,)``."""
+    variance = held.measurement.copy()
+    variance[output] *= _UNSEEN
+    run = filters.run(drive, replace(held, measurement=variance))
+    return run.innovation[:, output] ** 2 if np.isfinite(run.log_likelihood) else np.array([np.inf])

@@ -1,0 +1,162 @@
+"""A trace judged: its verdict, what was found where, and the amended model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.failures import RAISED, Failures
+from harness.config import ModelSpec
+from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
+from harness.diagnosis.residuals.random_process import EXPLAINED, Wandering
+from harness.diagnosis.result.answer import answer
+from harness.diagnosis.result.estimator_gain import Estimated
+from harness.diagnosis.result.fitted_model import fitted_model
+from harness.diagnosis.result.study_gain import Worth
+from harness.diagnosis.result.verdict import Verdict, final_judgement, strays, verdict_of
+from harness.diagnosis.selection.candidate_fits import Say
+from harness.diagnosis.selection.forward_selection import Trace
+from harness.diagnosis.selection.validation import Judgement
+from harness.identification.judgement import judged_on
+from harness.identification.result import Judged
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter as found: value and standard error in SI units."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A trace, judged.
+
+    Attributes:
+        trace: What was found.
+        verdict: As ``trace.json`` has it.
+        answer: The result in sentences.
+        values: What each addition holds, by its name.
+        judged: Every drive against the nominal model and the final one.
+        nominal: The nominal model, refitted, for studies.
+        amended: The final model, for studies; effects with moments hold those of the first fitted drive.
+        where: Where the model lacks something, and the unmodelled disturbance that is left.
+        estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
+        worth: A study with the amended plant against both beliefs, where asked for; why it could not be run, in words.
+        notes: What is odd about the recordings, with the evidence.
+        failures: What could not be made after the search.
+    """
+
+    trace: Trace
+    verdict: Verdict
+    answer: str
+    values: dict[str, tuple[Value, ...]]
+    judged: tuple[Judged, ...]
+    nominal: ModelSpec
+    amended: ModelSpec
+    where: Where
+    estimators: tuple[Estimated, ...] = ()
+    worth: Worth | str | None = None
+    notes: tuple[str, ...] = ()
+    failures: Failures = RAISED
+
+    @property
+    def added(self) -> tuple[Hypothesis, ...]:
+        """Everything that was added, a random process last."""
+        process = self.where.wandering
+        return self.trace.added if process is None else (*self.trace.added, process.hypothesis)
+
+    @property
+    def after(self) -> Judgement:
+        """The final model on the held-out drives: with what has no name, if that helps there."""
+        return final_judgement(self.trace, self.where)
+
+
+def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAISED) -> Outcome:
+    """Return the verdict on a trace with all that the report and ``trace.json`` need.
+
+    Args:
+        trace: What was found.
+        say: Is told what is being done.
+        failures: Takes what cannot be computed; by default it is raised.
+    """
+    say("looking for where something is missing")
+    amended = _amended(trace)
+    errors = failures.attempt("the standard errors", lambda: _errors(trace), lambda _: {})
+    values = _values(trace, errors)
+    judged = failures.attempt("the tests of the innovations", lambda: _judged(trace), lambda _: ())
+    # Innovations that could not be tested are not taken for white.
+    coloured = not judged or any(
+        min(w.ljung_box, w.periodogram) < EXPLAINED for j in judged if j.held_out for w in j.whiteness
+    )
+    found = failures.attempt(
+        "the search for where something is missing",
+        lambda: where(trace, amended, coloured or strays(trace), failures),
+        lambda _: NOWHERE,
+    )
+    if found.wandering is not None:
+        amended = found.wandering.spec
+        values[found.wandering.hypothesis.name] = _of_process(found.wandering)
+    verdict = verdict_of(trace, found, coloured)
+    nominal = fitted_model(trace, trace.fitting.whole.spec, trace.nominal.point)
+    said = failures.attempt(
+        "the answer in sentences", lambda: answer(trace, verdict, found), lambda _: f"The verdict is: {verdict}."
+    )
+    return Outcome(trace, verdict, said, values, judged, nominal, amended, found, failures=failures)
+
+
+def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, tuple[Value, ...]]:
+    """Return the parameters of every addition with their standard errors, NaN where there is none."""
+    model, found = trace.fitting.whole, {}
+    for h in trace.added:
+        rows = []
+        for name in (*h.shared, *h.moments):
+            row = model.row(name)
+            for i in range(len(trace.fitting.drives)) if name in h.moments else (0,):
+                label = f"{name}@{trace.fitting.drives[i].name}" if name in h.moments else name
+                value = float(trace.final.point.values[row, i])
+                rows.append(Value(label, model.model.parameters[row].unit, value, errors.get((name, i), math.nan)))
+        found[h.name] = tuple(rows)
+    return found
+
+
+def _of_process(process: Wandering) -> tuple[Value, ...]:
+    units = {p.name: p.unit for p in process.spec.model().parameters}
+    return tuple(Value(n, units[n], process.spec.values[n], e) for n, e in process.errors.items())
+
+
+def _errors(trace: Trace) -> dict[tuple[str, int], float]:
+    """Return the standard errors of the final model by parameter and first drive in which it acts."""
+    errors = trace.fitting.standard_errors(trace.final)
+    moved = trace.final.coordinates
+    return {(c.name, c.drives[0] if c.drives else 0): float(e) for c, e in zip(moved, errors, strict=True)}
+
+
+def _judged(trace: Trace) -> tuple[Judged, ...]:
+    """Return every drive against the nominal model and the final one."""
+    fitting = trace.fitting
+    fitted = (
+        judged_on(fitting.whole, fitting.drives, fitting.candidates([f.point])) for f in (trace.nominal, trace.final)
+    )
+    return tuple(
+        Judged(held_out, before, after)
+        for held_out, both in ((False, fitted), (True, (trace.before.drives, trace.after.drives)))
+        for before, after in zip(*both, strict=True)
+    )
+
+
+def _amended(trace: Trace) -> ModelSpec:
+    """Return the final model with its effects at the places where they are in force."""
+    spec = trace.fitting.whole.spec
+    effects = (*spec.effects, *dict.fromkeys(h.name for h in trace.effects))
+    return fitted_model(trace, replace(spec, effects=effects), trace.final.point)

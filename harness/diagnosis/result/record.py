@@ -1,0 +1,255 @@
+"""``trace.json``, and both models as parameter files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.files import json_text, write_files
+from harness.config.parameter_set import set_text
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.residuals.localisation import Where
+from harness.diagnosis.residuals.order_analysis import Turning
+from harness.diagnosis.residuals.spline_curves import DEGREE, Curve
+from harness.diagnosis.residuals.unmodelled import Unnamed
+from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.result.study_gain import Worth
+from harness.diagnosis.result.wording import described
+from harness.diagnosis.selection.acceptance import Candidate, Round
+from harness.diagnosis.selection.validation import Judgement
+from harness.models.assembly.placement import load_effect, ports_of, split
+from harness.models.signals import SIGNALS
+
+Floats = NDArray[np.float64]
+
+
+def record(outcome: Outcome) -> dict[str, Any]:
+    """Return the content of ``trace.json`` in SI units; a part that cannot be made is ``None``."""
+    parts = {**_search(outcome), **_gains(outcome)}
+    found = {
+        key: outcome.failures.attempt(f"“{key}” of trace.json", make, lambda _: None) for key, make in parts.items()
+    }
+    said = {"verdict": outcome.verdict, "answer": outcome.answer}
+    return {**said, **found, "not_made": list(outcome.failures.sentences)}
+
+
+def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
+    """Return what makes the parts of the record that say what was tried and found."""
+    trace, outputs = outcome.trace, list(outcome.trace.fitting.whole.model.outputs)
+    return {
+        "notes": lambda: list(outcome.notes),
+        "residual": lambda: _residual(outcome, outputs),
+        "pinpoint": lambda: pinpoint_record(outcome.where),
+        "candidates": lambda: [_candidate(c, n, outputs) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
+        "added": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
+        "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
+        "unnamed": lambda: unnamed_record(outcome.where.unnamed),
+        "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
+        "confusable": lambda: [list(r.confusable) for r in trace.rounds if r.added and len(r.confusable) > 1],
+        "not_excited": lambda: [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
+    }
+
+
+def _gains(outcome: Outcome) -> dict[str, Callable[[], Any]]:
+    """Return what makes the parts of the record that say how much better the final model is."""
+    trace, outputs = outcome.trace, list(outcome.trace.fitting.whole.model.outputs)
+    return {
+        "error": lambda: _before_and_after(outputs, trace.before.error, outcome.after.error),
+        "excess": lambda: {"before": trace.before.excess, "after": outcome.after.excess},
+        "log_likelihood": lambda: {
+            "train": {"before": trace.nominal.log_likelihood, "after": trace.final.log_likelihood},
+            "test": {"before": trace.before.log_likelihood, "after": trace.after.log_likelihood},
+        },
+        "estimators": lambda: {e.kind: _before_and_after(outputs, e.before, e.after) for e in outcome.estimators},
+        "worth": lambda: _worth(outcome.worth) if isinstance(outcome.worth, Worth) else None,
+    }
+
+
+def _before_and_after(outputs: Sequence[str], before: Floats, after: Floats) -> dict[str, Any]:
+    return {
+        name: {"unit": SIGNALS[name].unit, "before": b, "after": a}
+        for name, b, a in zip(outputs, before, after, strict=True)
+    }
+
+
+def _round(r: Round, outputs: list[str]) -> dict[str, Any]:
+    return {
+        "held_out_excess_by_output": _by_output(r.before, outputs),
+        "added": r.added.hypothesis.name if r.added else None,
+        "reason": r.reason,
+        "confusable": list(r.confusable),
+    }
+
+
+def _worth(worth: Worth) -> dict[str, Any]:
+    """Return the median errors of a study over all its levels, in SI units, with the ratio and its interval."""
+    targets = worth.nominal.targets
+    gains = [worth.gain(e, t) for e in range(len(worth.nominal.estimators)) for t in range(len(targets))]
+    found: dict[str, Any] = {}
+    for g in gains:
+        t = targets[g.target]
+        found.setdefault(g.estimator, {})[t.name] = {
+            "unit": SIGNALS[t.name].unit,
+            "before": g.before / t.scale,
+            "after": g.after / t.scale,
+            "ratio": g.ratio.value,
+            "ratio_interval_95": [g.ratio.lower, g.ratio.upper],
+            "lost": {"before": g.lost[0], "after": g.lost[1]},
+        }
+    return {"study": str(worth.study), "moments": worth.moments, "estimators": found}
+
+
+def _residual(outcome: Outcome, outputs: list[str]) -> dict[str, Any]:
+    return {
+        j.drive.name: {
+            name: {
+                "unit": SIGNALS[name].unit,
+                "rmse": j.free_error[1, a],
+                "variance_of_whitened_innovations": j.whiteness[a].variance,
+                "ljung_box_p": j.whiteness[a].ljung_box,
+                "cumulative_periodogram_p": j.whiteness[a].periodogram,
+            }
+            for a, name in enumerate(outputs)
+        }
+        for j in outcome.judged
+    }
+
+
+def _candidate(c: Candidate, number: int, outputs: list[str]) -> dict[str, Any]:
+    h = c.hypothesis
+    return {
+        "round": number,
+        "name": h.name,
+        "kind": h.kind,
+        "log_likelihood_gain": c.score.gain,
+        "bic_gain": c.bic,
+        "fitted": c.fitted is not None,
+        "held_out_log_likelihood": c.held_out.log_likelihood if c.held_out else None,
+        "held_out_excess": c.held_out.excess if c.held_out else None,
+        "held_out_excess_by_output": _by_output(c.held_out, outputs) if c.held_out else None,
+        "detectable": {a: 3.0 * e for a, e in zip(h.amplitudes, c.score.error, strict=True)},
+    }
+
+
+def _by_output(judged: Judgement, outputs: list[str]) -> dict[str, float]:
+    return dict(zip(outputs, judged.excesses, strict=True))
+
+
+def _added(h: Hypothesis, outcome: Outcome) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "effect": split(h.name)[0],
+        "place": split(h.name)[1],
+        "parameters": {v.name: {"value": v.value, "std": v.std, "unit": v.unit} for v in outcome.values[h.name]},
+    }
+    if h.kind == "effect":
+        entry["port"] = list(ports_of(load_effect(h.name)))
+        entry["equation"] = equation(h, outcome)
+    elif h.name != ALL_PARAMETERS:
+        entry["stated"] = outcome.trace.fitting.whole.spec.values[h.name]
+    return entry
+
+
+def equation(h: Hypothesis, outcome: Outcome) -> dict[str, dict[str, str]]:
+    """Return the ports that an effect changes, each before and after, as text over the model's names."""
+    spec = outcome.trace.fitting.whole.spec
+    before = spec.model().ports
+    after = replace(spec, effects=(*spec.effects, h.name)).model().ports
+    return {
+        port: {"before": str(before[port]), "after": str(after[port])}
+        for port in after
+        if port in before and before[port] != after[port]
+    }
+
+
+def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
+    """Write ``trace.json``, and both models as parameter files, and return their paths.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
+    written = write_files(folder, {"trace.json": json_text(record(outcome))})
+    return written + outcome.failures.attempt(
+        "nominal.toml and amended.toml", lambda: write_files(folder, _models(outcome)), lambda _: []
+    )
+
+
+def _models(outcome: Outcome) -> dict[str, str]:
+    names = ", ".join(d.name for d in outcome.trace.fitting.drives)
+    comments = {
+        v.name: f"{v.unit} +- {v.std:.3g}" for rows in outcome.values.values() for v in rows if math.isfinite(v.std)
+    }
+    return {
+        "nominal.toml": set_text(outcome.nominal, f"the nominal model refitted by harness trace on {names}", {}),
+        "amended.toml": set_text(outcome.amended, f"harness trace on {names}", comments),
+    }
+
+
+def pinpoint_record(found: Where) -> list[dict[str, Any]]:
+    """Return ``pinpoint`` of ``trace.json``: every entry, the one that explains most first."""
+    if found.nominal is None or found.final is None:
+        return []
+    left = {s.channel.name: s.gain for s in found.final.suspects}
+    return [
+        {
+            "channel": s.channel.name,
+            "kind": s.channel.kind,
+            "ports": list(s.channel.ports),
+            "unit": s.channel.unit,
+            "log_likelihood_gain": s.gain,
+            "time_constant": s.time_constant,
+            "deviation": s.deviation,
+            "log_likelihood_gain_after": left[s.channel.name],
+        }
+        for s in found.nominal.suspects
+    ]
+
+
+def unnamed_record(found: Unnamed | None) -> dict[str, Any] | None:
+    """Return ``unnamed`` of ``trace.json``."""
+    if found is None:
+        return None
+    return {
+        "curves": [_curve(c) for c in found.curves],
+        "turning": [_turning(t) for t in found.turning],
+        "parameters": found.shift,
+        "held_out_log_likelihood_gain": found.held_out_gain,
+        "excess": found.judgement.excess,
+        "driven_by": "the motion of the model itself and the recorded inputs",
+    }
+
+
+def _turning(t: Turning) -> dict[str, Any]:
+    return {
+        "channel": t.channel.name,
+        "ports": list(t.channel.ports),
+        "unit": t.channel.unit,
+        "words": described(t),
+        "wavelength": t.wavelength,
+        "amplitude": t.amplitude,
+        "speed": t.speed,
+        "grows_with_speed_to_the": t.growth,
+        "log_likelihood_gain": t.gain,
+    }
+
+
+def _curve(c: Curve) -> dict[str, Any]:
+    return {
+        "channel": c.channel.name,
+        "ports": list(c.channel.ports),
+        "unit": c.channel.unit,
+        "driver": c.driver.name,
+        "driver_unit": c.driver.unit,
+        "driver_within": c.driver.within,
+        "words": described(c),
+        "degree": DEGREE,
+        "knots": c.basis.knots.tolist(),
+        "coefficients": c.weights.tolist(),
+        "stability": c.stability,
+        "predicted_log_likelihood_gain": c.predicted,
+    }

@@ -1,0 +1,55 @@
+"""The verdict on a trace: whether the model is adequate, was amended, or lacks something that stays unexplained."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from harness.diagnosis.residuals.localisation import Where
+from harness.diagnosis.selection.acceptance import BIC_NEEDED, beyond_belief
+from harness.diagnosis.selection.forward_selection import Trace
+from harness.diagnosis.selection.validation import EXCESS, Judgement, leaves_nothing
+
+Verdict = Literal["adequate", "amended", "unresolved"]
+
+COLOURED = 1e-4
+"""p-value below which innovations count as coloured; each output of each drive is a test of its own."""
+
+
+def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
+    """Return whether the model is adequate, amended, or lacks something that has no name here.
+
+    Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
+    added: then an effect may stand for another one. So it is if the simulation error there, with the unmodelled
+    disturbance if one was found, exceeds the sensor noise, and either one was found or the last round held a hypothesis
+    that gained enough but was not accepted. A random process is accepted where it leaves white innovations, or almost.
+    Many wrong parameters explain nothing if one would be wrong by an implausible factor.
+    """
+    if beyond_belief(trace.final):
+        return "unresolved"
+    if found.wandering is not None:
+        return "amended" if found.wandering.white else "unresolved"
+    if coloured and (trace.effects or found.unnamed is None):
+        return "unresolved"
+    if found.unnamed is not None and final_judgement(trace, found).excess > EXCESS:
+        return "unresolved"
+    if found.unnamed is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
+        return "unresolved"
+    return "amended" if trace.effects or found.unnamed is not None else "adequate"
+
+
+def final_judgement(trace: Trace, found: Where) -> Judgement:
+    """Return the final model on the held-out drives, with the unmodelled disturbance if that lowers its error."""
+    if found.unnamed is not None and found.unnamed.judgement.excess < trace.after.excess:
+        return found.unnamed.judgement
+    return trace.after
+
+
+def strays(trace: Trace) -> bool:
+    """Whether something is left that the named effects do not explain."""
+    return not leaves_nothing(trace.after, trace.before) and (_failed(trace) or not trace.effects)
+
+
+def _failed(trace: Trace) -> bool:
+    """Whether the last round held a hypothesis that gained enough on the fitted drives but was not accepted."""
+    last = trace.rounds[-1]
+    return last.added is None and any(c.fitted is not None and c.bic >= BIC_NEEDED for c in last.candidates)

@@ -1,0 +1,77 @@
+"""What a disturbance looks like, where it acts and how large it is, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.diagnosis.innovations.disturbance_inputs import Channel
+from harness.diagnosis.residuals.order_analysis import Turning
+from harness.diagnosis.residuals.spline_curves import Curve
+from harness.diagnosis.residuals.unmodelled import Unnamed
+from harness.models.quantities import print_unit, quantity, words
+from harness.models.signals import SIGNALS
+from harness.reporting import style
+
+_PURE = 0.8
+"""Share of a curve's power from which it counts as odd or even."""
+
+_FLAT = 0.3
+"""Slope at the end of a curve over its steepest one, below which it saturates."""
+
+
+def unnamed_words(found: Unnamed) -> list[str]:
+    """Return what each part of an unmodelled disturbance looks like."""
+    return [*map(described, found.turning), *map(described, found.curves)]
+
+
+def described(found: Curve | Turning) -> str:
+    """Say what a disturbance looks like."""
+    return _turning(found) if isinstance(found, Turning) else _curve(found)
+
+
+def _turning(turning: Turning) -> str:
+    grows = f" at {style.number(turning.speed)} m/s and growing with the square of the speed" if turning.growth else ""
+    size = amount(turning.amplitude, turning.channel)
+    return f"{entry(turning.channel)}, once per {style.number(turning.wavelength)} m driven, reaching {size}{grows}"
+
+
+def _curve(curve: Curve) -> str:
+    """Say what a curve looks like: ``coupling moment, odd in the articulation angle, reaching 16 kN·m``."""
+    low, high = curve.basis.ends
+    reach = min(-low, high)
+    kind = "a function of"
+    if reach > 0.3 * max(-low, high):
+        grid = np.linspace(0.0, reach, 100)
+        left, right = curve.at(-grid), curve.at(grid)
+        odd, even = 0.5 * (right - left), 0.5 * (right + left)
+        total = np.sum(odd**2) + np.sum(even**2)
+        kind = "odd in" if np.sum(odd**2) > _PURE * total else "even in" if np.sum(even**2) > _PURE * total else kind
+    grid = np.linspace(low, high, 200)
+    values = curve.at(grid)
+    slopes = np.abs(np.gradient(values, grid))
+    ends = max(slopes[2], slopes[-3])
+    largest = float(np.abs(values).max())
+    verb = "saturating at" if ends < _FLAT * slopes.max() and np.argmax(slopes) not in (0, 199) else "reaching"
+    return f"{entry(curve.channel)}, {kind} the {curve.driver.words}, {verb} {amount(largest, curve.channel)}"
+
+
+def entry(channel: Channel) -> str:
+    """Return an input in words."""
+    if channel.kind == "equation":
+        return f"equation of the {words(channel.ports[0])}"
+    return f"sensor of the {words(channel.name)}" if channel.kind == "sensor" else words(channel.name)
+
+
+def amount(value: float, channel: Channel) -> str:
+    """Write a disturbance with its unit as reports do."""
+    unit, scale = shown(channel)
+    return style.with_unit(scale * value, unit)
+
+
+def shown(channel: Channel) -> tuple[str, float]:
+    """Return the unit in which reports show a disturbance, and how many of it make an SI unit."""
+    if channel.kind == "equation":
+        return print_unit(channel.unit), 1.0
+    q = quantity(channel.ports[0].removeprefix("sensor_"))
+    known = SIGNALS.get(q.name)
+    return (q.unit, q.scale) if known and known.unit == channel.unit else (print_unit(channel.unit), 1.0)

@@ -1,0 +1,157 @@
+"""A trace from recordings to an outcome on disk: what ``harness trace`` and ``harness loop`` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import xarray as xr
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
+from threadpoolctl import threadpool_limits
+
+from harness.common.failures import Failures
+from harness.config import ModelSpec
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.recording_checks import oddities, refuse_recordings
+from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
+from harness.diagnosis.result.outcome import Outcome, outcome_of
+from harness.diagnosis.result.record import write_outcome
+from harness.diagnosis.result.study_gain import REPEATS, Worth, refuse_study, worth
+from harness.diagnosis.selection.forward_selection import ROUNDS, trace
+from harness.diagnosis.selection.parameter_changes import Changes, single_changes
+from harness.identification.data import Drive
+from harness.identification.measured_file import names_of
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be traced.
+
+    Attributes:
+        spec: The nominal model.
+        train: Recordings to fit, each with its ``name`` as attribute.
+        test: Recordings to judge on.
+        free: Parameters of the nominal model that are fitted in any case.
+        estimators: Files in ``harness/estimation/methods``, run with the nominal and the amended model.
+        study: Study that is run with the amended model as the plant and both as beliefs, if any.
+        repeats: Its runs of each level and drive with other noise.
+        excluded: Effects that are not tried.
+        rounds: Largest number of additions.
+        stated_noise: Whether the noise is held as stated.
+        jobs: Threads; all cores by default.
+        notes: What else the report has to say about the recordings.
+    """
+
+    spec: ModelSpec
+    train: list[xr.Dataset]
+    test: list[xr.Dataset]
+    free: tuple[str, ...]
+    estimators: tuple[str, ...]
+    study: Path | None = None
+    repeats: int = REPEATS
+    excluded: frozenset[str] = frozenset()
+    rounds: int = ROUNDS
+    stated_noise: bool = False
+    jobs: int | None = None
+    notes: tuple[str, ...] = ()
+
+
+def run_trace(task: Task, folder: Path, console: Console, whole: AugmentedModel | None = None) -> Outcome:
+    """Trace, run the estimators and the study, and write ``trace.json`` and both models.
+
+    What is odd about the recordings is printed before anything is computed, and stands in the outcome. The verdict is
+    written as soon as there is one; what fails thereafter is told by the outcome, and its traceback stands in
+    ``errors.txt``.
+
+    Args:
+        task: What is to be traced.
+        folder: Of the results.
+        console: Where warnings and what is being done are shown.
+        whole: The model of the task, compiled, from an earlier one that differs in its recordings only.
+
+    Raises:
+        UserError, ModelError: If recordings, model or study do not fit each other, or the folder cannot be written to.
+    """
+    recordings = task.train + task.test
+    refuse_recordings(recordings, task.spec.model())
+    if task.study is not None:
+        refuse_study(task.study, task.spec)
+    notes = (*task.notes, *oddities(recordings))
+    failures = Failures(folder, console)
+    for note in notes:
+        console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
+    # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
+    with threadpool_limits(1), _progress(console) as say:
+        whole = whole or whole_of(task)
+        fitted, held_out = drives_of(task, whole)
+        found = trace(whole, fitted, held_out, task.free, say, task.rounds, task.stated_noise)
+        outcome = replace(outcome_of(found, say, failures), notes=notes)
+        write_outcome(outcome, folder)
+        for kind in task.estimators:
+            outcome = replace(outcome, estimators=(*outcome.estimators, *_estimated(task, outcome, kind, say)))
+        if task.study is not None:
+            outcome = replace(outcome, worth=_worth(task, outcome, folder, say))
+        write_outcome(outcome, folder)
+    return outcome
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[Callable[[str], None]]:
+    """Show what is being tried and for how long; the number of rounds is not known, so the bar has no end."""
+    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("compiling the library of effects", total=None)
+        yield lambda what: progress.update(task, description=what)
+
+
+def whole_of(task: Task) -> AugmentedModel:
+    """Return the model of a task with everything that its recordings could show, compiled."""
+    signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
+    return AugmentedModel(task.spec, signals, task.jobs, task.excluded)
+
+
+def run_changes(task: Task, console: Console) -> Changes:
+    """Refit every parameter of the model of a task alone.
+
+    Raises:
+        UserError, ModelError: If recordings and model do not fit each other.
+    """
+    refuse_recordings(task.train + task.test, task.spec.model())
+    with threadpool_limits(1), _progress(console) as say:
+        whole = whole_of(task)
+        fitted, held_out = drives_of(task, whole)
+        return single_changes(whole, fitted, held_out, task.stated_noise, say)
+
+
+def drives_of(task: Task, whole: AugmentedModel) -> tuple[list[Drive], list[Drive]]:
+    """Return the fitted and the held-out drives of a task in terms of its model."""
+    recordings = task.train + task.test
+    drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    return drives[: len(task.train)], drives[len(task.train) :]
+
+
+def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], None]) -> tuple[Estimated, ...]:
+    """Return one estimator on the held-out drives; none if it cannot be run."""
+    return outcome.failures.attempt(
+        f"the estimates of {kind}",
+        lambda: estimators_on(outcome.trace, outcome.amended, task.test, (kind,), say),
+        lambda _: (),
+    )
+
+
+def _worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Worth | str:
+    """Run the study; a trace is not lost because a study cannot be run with what it found."""
+    assert task.study is not None
+    study = task.study
+    if not outcome.added:
+        return f"Nothing was added to the model, so {study} was not run."
+    models = {"nominal": outcome.nominal, "amended": outcome.amended}
+    return outcome.failures.attempt(
+        f"the study {study}",
+        lambda: worth(study, folder, models, task.estimators, task.repeats, task.jobs, say),
+        lambda why: f"{study} cannot be run with the amended model: {why}.",
+    )

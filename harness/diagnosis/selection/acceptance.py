@@ -1,0 +1,220 @@
+"""Judge what was tried in a round: what is added, why, and what the drives hardly distinguish from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
+
+from harness.diagnosis.fitting.fit import Fitted
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.selection.score_test import Score, cosine
+from harness.diagnosis.selection.validation import EXCESS, Judgement
+from harness.study.results import words
+
+BIC_NEEDED = 50.0
+"""Gain in BIC on the fitted drives below which nothing is added."""
+
+ERROR_NEEDED = 0.2
+"""Share of the simulation error on the held-out drives, beyond the sensor noise, that an addition must take away."""
+
+AHEAD = 50.0
+"""Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""
+
+HOPEFUL = 500.0
+"""Gain in BIC from which an addition that leaves the simulation error is tried with a further one: the error may be
+that of another effect."""
+
+SENSOR_NEEDED = 0.5
+"""Share of its own signal's simulation error, beyond the noise, that a fault of one sensor must take away where the
+error of other signals, on which it does not act, masks its share in that of all."""
+
+IMPLAUSIBLE = 3.0
+"""Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which an error of one of many
+parameters is implausible: without a bound, many parameters together fit whatever is missing."""
+
+ALIKE = 0.9
+"""Cosine of two responses from which hypotheses count as hardly distinguishable."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis as tried in a round.
+
+    Attributes:
+        score: Of the test, with the predicted gain.
+        fitted: Fitted jointly with everything found before; ``None`` if its predicted gain is too small.
+        bic: Gain in BIC over the model without it, predicted or fitted.
+        held_out: What the held-out drives say; ``None`` if it was not fitted.
+    """
+
+    score: Score
+    fitted: Fitted | None
+    bic: float
+    held_out: Judgement | None
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What was tried."""
+        return self.score.hypothesis
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the selection.
+
+    Attributes:
+        candidates: Everything tried, best first.
+        before: The model without any of them, on the held-out drives, where it was refitted as its fits do best there.
+        added: The one that was added; ``None`` in the last round.
+        reason: Why, or why not, in a sentence.
+        confusable: Names of what these drives hardly distinguish from the best, itself first.
+        hopeful: What was not added, but may be with a further addition.
+    """
+
+    candidates: tuple[Candidate, ...]
+    before: Judgement
+    added: Candidate | None
+    reason: str
+    confusable: tuple[str, ...]
+    hopeful: Candidate | None = None
+
+
+def decide(candidates: tuple[Candidate, ...], before: Judgement, room: int) -> Round:
+    """Return a round with what is added.
+
+    Args:
+        candidates: Everything tried, best first.
+        before: The model without any of them, on the held-out drives.
+        room: How much may be added yet.
+    """
+    tried = [c for c in candidates if c.fitted is not None]
+    if not tried:
+        return Round(candidates, before, None, "the score test predicts too little gain for any hypothesis", ())
+    best = preferred([c for c in tried if not objections(c, before)])
+    hopeful = None if best or room < 2 else next((c for c in tried if is_hopeful(c, before)), None)
+    best = best or hopeful or tried[0]
+    against = objections(best, before)
+    reason = "; ".join(against) or "meets all three criteria"
+    alike = [c.hypothesis.name for c in candidates if c is not best and _alike(best, c)]
+    added = None if against or room < 1 else best
+    return Round(candidates, before, added, reason, (best.hypothesis.name, *alike), hopeful)
+
+
+def with_sensor(found: Round) -> Round:
+    """Return a round without accepted hypothesis with the likeliest fault of a sensor that clears its own signal."""
+    best = next((c for c in found.candidates if clears_its_sensor(c, found.before)), None)
+    if best is None:
+        return found
+    reason = "takes away half of the simulation error, or more, of the one signal on which it acts"
+    alike = [c.hypothesis.name for c in found.candidates if c is not best and acts_alike(c.score, best.score)]
+    return Round(found.candidates, found.before, best, reason, (best.hypothesis.name, *alike))
+
+
+def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
+    """Whether a fault of one sensor takes away half of the error of its signal, while that of all does not grow."""
+    own = c.hypothesis.output
+    if own is None or c.held_out is None or before.excesses[own] <= EXCESS:
+        return False
+    likelier = c.bic >= BIC_NEEDED and c.held_out.log_likelihood > before.log_likelihood
+    less = c.held_out.excesses[own] <= (1 - SENSOR_NEEDED) * before.excesses[own]
+    return likelier and less and c.held_out.excess < before.excess
+
+
+def is_hopeful(c: Candidate, before: Judgement) -> bool:
+    """Whether the only objection to a hypothesis is that the simulation error falls too little."""
+    assert c.held_out is not None
+    likelier = c.bic >= HOPEFUL and c.held_out.log_likelihood > before.log_likelihood
+    return c.hypothesis.name != ALL_PARAMETERS and likelier and EXCESS < c.held_out.excess <= before.excess
+
+
+def with_further(found: Round, further: Round) -> Round:
+    """Return a round with what was hopeful added, because with a further addition it is among what passes."""
+    assert further.added is not None
+    reason = f"meets all three criteria together with {words(further.added.hypothesis.name.replace('@', ' of '))}"
+    return replace(found, added=found.hopeful, reason=reason)
+
+
+def _alike(best: Candidate, other: Candidate) -> bool:
+    return best.bic - other.bic < AHEAD or acts_alike(other.score, best.score)
+
+
+def acts_alike(one: Score, other: Score) -> bool:
+    """Whether the drives excite one hypothesis and hardly distinguish it from another."""
+    return one.excited and abs(cosine(one, other)) > ALIKE
+
+
+def objections(c: Candidate, before: Judgement) -> list[str]:
+    """Return which criteria a candidate that was fitted to the model ``before`` does not meet."""
+    assert c.held_out is not None
+    found = []
+    if c.bic < BIC_NEEDED:
+        found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
+    if c.held_out.log_likelihood <= before.log_likelihood:
+        found.append("the likelihood of the held-out drives does not rise")
+    if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
+        found.append("the simulation error on the held-out drives does not fall by a fifth")
+    # Where they leave nothing unexplained they are accepted, and the verdict is that it is unresolved.
+    if c.hypothesis.name == ALL_PARAMETERS and c.held_out.excess >= EXCESS:
+        assert c.fitted is not None
+        if far := beyond_belief(c.fitted):
+            found.append(f"stated values would be wrong by implausible factors: {far}")
+    return found
+
+
+def beyond_belief(fitted: Fitted) -> str:
+    """Return which of many parameters would be wrong by implausible factors, and by which; empty if none is."""
+    factors = {}
+    for at in fitted.coordinates:
+        away = at.coordinate(fitted.point.value(at)) - at.centre
+        if abs(away) > IMPLAUSIBLE * at.prior:
+            factors[words(at.name)] = math.exp(away)
+    worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]
+    return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)
+
+
+def preferred(passing: Sequence[Candidate]) -> Candidate | None:
+    """Return which of the accepted candidates, best first, is added.
+
+    Many parameters at once are added only if no single hypothesis has less simulation error: they fit anything a
+    little, and out of sample the right one does better.
+    """
+    best = next(iter(passing), None)
+    if best is None or best.hypothesis.name != ALL_PARAMETERS or best.held_out is None:
+        return best
+    reached = best.held_out.excess
+    return next((c for c in passing if c.held_out is not None and c.held_out.excess < reached), best)
+
+
+def hardest(judged: Sequence[Judgement]) -> Judgement:
+    """Return a model without addition with the best that its fits reach on the held-out drives.
+
+    The likeliest fit may be the worst out of sample; an addition must not be accepted because of that.
+    """
+    best = min(judged, key=lambda j: j.excess)
+    return replace(best, log_likelihood=max(j.log_likelihood for j in judged))
+
+
+def lookalikes(
+    winner: Candidate, before: Judgement, promised: Sequence[Score], tried: Container[Hypothesis]
+) -> list[Score]:
+    """Return what acts like the best of what was tried, if that passes, or may yet, but leaves something.
+
+    Another may be meant: a promise is linear, and of two that act alike, one that bends may promise less than half and
+    reach far more.
+    """
+    assert winner.held_out is not None
+    passes = not objections(winner, before) or is_hopeful(winner, before)
+    if winner.held_out.excess < EXCESS or not passes:
+        return []
+    single = [s for s in promised if s.hypothesis not in tried and s.hypothesis.name != ALL_PARAMETERS]
+    return [s for s in single if acts_alike(s, winner.score)]
+
+
+def distinct(scores: Sequence[Score]) -> list[Score]:
+    """Return scores, best first, without those whose response is that of a better one to a thousandth."""
+    kept: list[Score] = []
+    for s in scores[:12]:
+        if all(abs(cosine(s, k)) < 0.999 for k in kept):
+            kept.append(s)
+    return kept

@@ -1,0 +1,79 @@
+"""Fit and judge a model with some additions: what the rounds of a trace and the checks at its end share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
+from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
+from harness.diagnosis.selection.validation import HeldOut, Judgement
+
+Say = Callable[[str], None]
+Added = tuple[Hypothesis, ...]
+
+ITERATIONS = 8
+"""Most steps of the parameters in a turn of a fit."""
+
+_CLOSE = 500.0
+"""Lead in log-likelihood from which on a model without something need not be fitted to the end."""
+
+
+class Trials:
+    """Models with additions, on the drives to fit and on those to judge on.
+
+    Args:
+        fitting: The fitted drives.
+        held_out: The held-out drives.
+        free: Parameters of the nominal model that are fitted in any case.
+        say: Is told what is being tried.
+    """
+
+    def __init__(self, fitting: Fitting, held_out: HeldOut, free: tuple[str, ...], say: Say) -> None:
+        self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
+        self.whole = fitting.whole
+        self._log_samples = math.log(fitting.samples)
+        self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
+
+    def fit(self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS) -> Fitted:
+        """Fit the free parameters, additions and noise."""
+        moved = coordinates(self.whole, self.free, added, len(self.fitting.drives))
+        return self.fitting.fit(moved, start, iterations, turns)
+
+    def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
+        """Fit to the end only what comes near an objective."""
+        fitted = self.fit(added, start, turns=1)
+        return self.fit(added, fitted.point) if objective - fitted.objective < _CLOSE else fitted
+
+    def judge(self, added: Added, point: Point) -> Judgement:
+        """Judge a model on the held-out drives; the same one once."""
+        key = added, id(point)
+        if key not in self._judged:  # beside the point, whose id is its own as long as it is kept
+            self._judged[key] = self.held_out.judge(added, point), point
+        return self._judged[key][0]
+
+    def bic(self, gain: float, freedom: float) -> float:
+        """Return a gain in log-likelihood as gain in BIC."""
+        return 2.0 * gain - freedom * self._log_samples
+
+    def on_grids(self, point: Point, names: Sequence[str]) -> list[Point]:
+        """Return a point, and others with one parameter each at a value of its grid."""
+        found = [point]
+        for name in names:
+            for value in self.whole.model.parameters[self.whole.row(name)].grid:
+                values = point.values.copy()
+                values[self.whole.row(name)] = value
+                found.append(replace(point, values=values))
+        return found
+
+    def without(self, added: Added, rest: Added, best: Fitted) -> tuple[Fitted, float]:
+        """Return the model with some of its additions only, and what it loses in BIC."""
+        kept = {n for k in rest for n in (*k.shared, *k.moments)}
+        gone = {n for h in added for n in (*h.shared, *h.moments)} - kept
+        values, rows = best.point.values.copy(), [self.whole.row(n) for n in gone]
+        values[rows] = self.whole.stated()[rows, None]
+        starts = self.on_grids(replace(best.point, values=values), [n for h in rest for n in h.amplitudes])
+        fitted = self.fit_near(rest, self.fitting.best(starts), best.objective)
+        freed = len(best.coordinates) - len(fitted.coordinates)
+        return fitted, self.bic(best.objective - fitted.objective, freed)

@@ -1,0 +1,207 @@
+"""Find what a model lacks: forward selection over everything it may lack, checked backwards at the end.
+
+In each round (``rounds``) the score test ranks all hypotheses, the best few are fitted jointly with the nominal
+parameters, and the best of these is added if it meets three criteria: the Bayes information criterion on the fitted
+drives, the likelihood and the simulation error of drives that were never fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.diagnosis.fitting.fit import Fitted, Fitting
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.selection.acceptance import BIC_NEEDED, Round, with_further
+from harness.diagnosis.selection.candidate_fits import Added, Say, Trials
+from harness.diagnosis.selection.selection_round import Attempt, attempt
+from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.identification.data import Drive
+from harness.identification.methods.likelihood import white_noise
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 5
+"""Largest number of additions."""
+
+_INSTEAD = 3
+"""Parameters at most that are tried in the place of an effect."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What was found.
+
+    Attributes:
+        fitting: The fitted drives.
+        held_out: The held-out drives.
+        free: Parameters of the nominal model that were fitted.
+        nominal: The nominal model fitted; of its fits the one of least simulation error on the held-out drives.
+        final: The model with everything added.
+        added: In the order added, without what the checks at the end took away, and with what they put in its place.
+        rounds: Of the selection.
+        dropped: What the checks at the end took away.
+        before: The nominal model on the held-out drives.
+        after: The final one there.
+    """
+
+    fitting: Fitting
+    held_out: HeldOut
+    free: tuple[str, ...]
+    nominal: Fitted
+    final: Fitted
+    added: tuple[Hypothesis, ...]
+    rounds: tuple[Round, ...]
+    dropped: tuple[Hypothesis, ...]
+    before: Judgement
+    after: Judgement
+
+    @property
+    def effects(self) -> tuple[Hypothesis, ...]:
+        """Effects among what was added."""
+        return tuple(h for h in self.added if h.kind == "effect")
+
+
+def trace(
+    whole: AugmentedModel,
+    train: Sequence[Drive],
+    test: Sequence[Drive],
+    free: Sequence[str],
+    say: Say = lambda _: None,
+    rounds: int = ROUNDS,
+    stated_noise: bool = False,
+) -> Trace:
+    """Find what the model lacks.
+
+    Args:
+        whole: The nominal model with everything it may lack.
+        train: Drives to fit.
+        test: Drives to judge on.
+        free: Parameters of the nominal model that are fitted in any case.
+        say: Is told what is being tried.
+        rounds: Largest number of additions.
+        stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
+            a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
+    """
+    variances = first_variances(whole, [*train, *test], stated_noise)
+    fitting = Fitting(whole, train, variances, stated_noise)
+    return _Search(Trials(fitting, HeldOut(whole, test, variances), tuple(free), say), rounds).run()
+
+
+def first_variances(whole: AugmentedModel, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
+    """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it.
+
+    With ``stated_noise`` it is that of the model where the signals have less.
+    """
+    stated = np.array([whole.spec.measurement_noise[n] for n in whole.model.outputs])
+    found = np.array([white_noise(drives, a) for a in range(len(stated))])
+    found = np.where(found > 1e-12 * stated, found, stated)
+    return np.maximum(found, stated) if stated_noise else found
+
+
+class _Search:
+    def __init__(self, trials: Trials, rounds: int) -> None:
+        self.trials, self.rounds = trials, rounds
+
+    def run(self) -> Trace:
+        """Return what was found: round after round until nothing is accepted, then the checks of all additions."""
+        trials = self.trials
+        trials.say("fitting the nominal model")
+        nominal = best = trials.fit((), trials.fitting.first(), 25)
+        added: Added = ()
+        rounds: list[Round] = []
+        while len(rounds) <= self.rounds:
+            tried = attempt(trials, added, [best], len(rounds) + 1)
+            best = tried.best
+            if not added:
+                nominal = min(tried.without, key=lambda f: trials.judge((), f.point).excess)
+            passed = self._passed(tried)
+            rounds += passed
+            if passed[-1].added is None:
+                break
+            for r in passed:
+                assert r.added is not None
+                assert r.added.fitted is not None
+                added, best = (*added, r.added.hypothesis), r.added.fitted
+        kept, best = self._backward(added, best)
+        kept, best = self._parameters_instead(kept, best, rounds)
+        return Trace(
+            trials.fitting,
+            trials.held_out,
+            trials.free,
+            nominal,
+            best,
+            kept,
+            tuple(rounds),
+            tuple(h for h in added if h not in kept),
+            trials.judge((), nominal.point),
+            trials.judge(kept, best.point),
+        )
+
+    def _passed(self, tried: Attempt) -> list[Round]:
+        """Return a round; if what it found is hopeful, with the next one if that adds something to it.
+
+        Of two effects one may make the error and the other most of the innovations: then neither passes alone.
+        """
+        room = self.rounds + 1 - tried.number
+        found = tried.decided(room)
+        if found.hopeful is not None:
+            assert found.hopeful.fitted is not None
+            with_it = (*tried.added, found.hopeful.hypothesis)
+            further = attempt(self.trials, with_it, [found.hopeful.fitted], tried.number + 1).decided(room - 1)
+            if further.added is not None:
+                return [with_further(found, further), further]
+        return [found if found.added is not None else tried.decided_by_sensor(room)]
+
+    def _backward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
+        """Remove what the later additions made redundant: all but one of them, or one after the other.
+
+        What is missing may have been taken for something else at first, and for the rest of it thereafter.
+        """
+        for h in added[1:]:
+            self.trials.say(f"is {h.name.replace('_', ' ')} enough?")
+            alone, lost = self.trials.without(added, (h,), best)
+            if lost < BIC_NEEDED:
+                return (h,), alone
+        for h in added[:-1] if len(added) > 2 else ():  # without one of two the other would be alone
+            rest = tuple(k for k in added if k != h)
+            self.trials.say(f"is {h.name.replace('_', ' ')} still needed?")
+            without, lost = self.trials.without(added, rest, best)
+            if lost < BIC_NEEDED:
+                added, best = rest, without
+        return added, best
+
+    def _parameters_instead(self, added: Added, best: Fitted, rounds: Sequence[Round]) -> tuple[Added, Fitted]:
+        """Put a wrong parameter in place of an effect if it explains as much together with those added thereafter.
+
+        Of several wrong parameters none alone reaches an effect that resembles their sum; what that leaves is then
+        taken for one of them.
+        """
+        for i, h in enumerate(added):
+            rest = tuple(k for k in added if k != h)
+            if h.kind != "effect" or all(k.kind != "parameter" for k in added[i + 1 :]):
+                continue
+            fits = {}
+            for p in _stand_ins(rounds, added)[:_INSTEAD]:
+                self.trials.say(f"may {p.name.replace('_', ' ')} stand for {h.name.replace('_', ' ')}?")
+                fits[p] = self.trials.without(added, (*rest, p), best)
+            if not fits:
+                continue
+            p, (fitted, lost) = min(fits.items(), key=lambda item: item[1][1])
+            if lost < BIC_NEEDED:
+                return (*rest, p), fitted
+        return added, best
+
+
+def _stand_ins(rounds: Sequence[Round], added: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return parameters that the drives hardly distinguish from those that were added, the best of each round first."""
+    found: dict[Hypothesis, None] = {}
+    for r in rounds:
+        if r.added is not None and r.added.hypothesis in added and r.added.hypothesis.kind == "parameter":
+            alike = [c.hypothesis for c in r.candidates if c.hypothesis.name in r.confusable]
+            found |= {h: None for h in alike if h.kind == "parameter" and h.name != ALL_PARAMETERS and h not in added}
+    return list(found)

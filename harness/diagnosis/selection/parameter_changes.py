@@ -1,0 +1,124 @@
+"""Which parameter of a model is another one in new drives: each is refitted there alone, over all its range.
+
+The score test promises what a small change would bring. Ice for dry road is none: halfway there the car may slide, and
+the likelihood has more than one maximum. So every parameter is first tried at values far and near.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.diagnosis.fitting.fit import Fitting, Point
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import coordinates
+from harness.diagnosis.selection.acceptance import BIC_NEEDED, ERROR_NEEDED
+from harness.diagnosis.selection.forward_selection import first_variances
+from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.identification.coordinates import Coordinate
+from harness.identification.data import Drive
+from harness.models.contracts import Parameter
+
+Floats = NDArray[np.float64]
+
+_FURTHEST = 5.0
+"""Largest factor by which a parameter may have changed; one that may be zero is tried over its range."""
+
+_TRIED = 33
+_ITERATIONS = 8
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter, refitted alone.
+
+    Attributes:
+        parameter: Which.
+        stated: Its value before, in SI units.
+        value: Its value in these drives.
+        std: Standard error of that by the likelihood; infinite if these drives say nothing of it.
+        bic: Gain in BIC on the fitted drives.
+        held_out: What the held-out drives say.
+    """
+
+    parameter: Parameter
+    stated: float
+    value: float
+    std: float
+    bic: float
+    held_out: Judgement
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Every parameter, refitted alone.
+
+    Attributes:
+        before: The model as stated, on the held-out drives.
+        tried: The parameters, the likeliest change first.
+    """
+
+    before: Judgement
+    tried: tuple[Change, ...]
+
+    @property
+    def found(self) -> Change | None:
+        """The likeliest change, if it passes the judges that an addition to a model has to pass."""
+        best = self.tried[0]
+        passes = (
+            best.bic >= BIC_NEEDED
+            and best.held_out.log_likelihood > self.before.log_likelihood
+            and best.held_out.excess <= (1 - ERROR_NEEDED) * self.before.excess
+        )
+        return best if passes else None
+
+
+def single_changes(
+    whole: AugmentedModel,
+    train: Sequence[Drive],
+    test: Sequence[Drive],
+    stated_noise: bool,
+    say: Callable[[str], None] = lambda _: None,
+) -> Changes:
+    """Refit every parameter of a model alone.
+
+    Args:
+        whole: The model as it was before.
+        train: Drives to fit.
+        test: Drives to judge on.
+        stated_noise: Whether errors count against the noise that the model states, as in ``trace``.
+        say: Is told what is being tried.
+    """
+    variances = first_variances(whole, [*train, *test], stated_noise)
+    fitting, held_out = Fitting(whole, train, variances, stated_noise), HeldOut(whole, test, variances)
+    first = fitting.first()
+    likelihood, found = fitting.log_likelihood(first), []
+    for p in whole.nominal.parameters:
+        if p.numerical or p.lower == p.upper:
+            continue
+        say(f"did {p.name.replace('_', ' ')} change?")
+        (c,) = coordinates(whole, (p.name,), (), len(train))
+        fitted = fitting.only((c,), fitting.best(_starts(c, first)), _ITERATIONS)
+        gain = 2.0 * (fitted.log_likelihood - likelihood) - math.log(fitting.samples)
+        std, judged = float(fitting.standard_errors(fitted)[0]), held_out.judge((), fitted.point)
+        found.append(Change(p, first.value(c), fitted.point.value(c), std, gain, judged))
+    found.sort(key=lambda change: change.bic, reverse=True)
+    return Changes(held_out.judge((), first), tuple(found))
+
+
+def _starts(c: Coordinate, first: Point) -> list[Point]:
+    """Return points with other values of a parameter, its stated one among them."""
+    here, low, high = c.coordinate(first.value(c)), c.lower, c.upper
+    if c.logarithmic:
+        reach = math.log(_FURTHEST)
+        low, high = max(low, here - reach), min(high, here + reach)
+    points = [first]
+    for z in np.linspace(low, high, _TRIED):
+        values = first.values.copy()
+        values[c.rows[0]] = c.value(float(z))
+        points.append(replace(first, values=values))
+    return points

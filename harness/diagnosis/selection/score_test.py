@@ -1,0 +1,279 @@
+"""Score (Lagrange-multiplier) test of everything a model may lack, at a fit without it.
+
+One pass gives the derivatives ``X`` of the whitened innovations ``r`` to the amplitudes of a hypothesis, its shapes and
+moments at one value of a grid. With what the fit moves projected out (``X`` less its regression on the fit's own
+derivatives ``N``), ``b = -X'r`` and ``G = X'X`` promise the gain ``max_a b'a - a'G a / 2`` in log-likelihood within the
+bounds of the amplitudes, and ``G^-1`` is the smallest covariance with which these drives could show them (Rao 1948;
+Engle 1984).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from harness.diagnosis.fitting.fit import Fitted, Fitting, in_rows
+from harness.diagnosis.innovations.innovation_model import Linearisation
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
+from harness.diagnosis.selection.change_times import Choices, choices, join
+from harness.diagnosis.selection.step_responses import Change, Columns, Onsets
+from harness.identification.uncertainty import covariance_of
+
+Floats = NDArray[np.float64]
+_ROUNDED = 1e-4
+"""Share of the power of responses at single precision that may be left of them by rounding."""
+
+SPACING = 2.0
+"""s between the moments at which a change is tried."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a hypothesis promises at a fit without it.
+
+    Attributes:
+        hypothesis: What was tried.
+        gain: Promised gain in log-likelihood.
+        amplitudes: With these values.
+        error: Standard error that the drives would leave of each amplitude, infinite if they do not tell it.
+        freedom: Numbers that it adds to the fit; under a prior, as many as the drives know better than the prior.
+        shapes: Values of the grid.
+        moments: By drive and moment ``(drives, moments)``, in s.
+        response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``.
+        excited: Whether the drives could show it at all.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    amplitudes: Floats
+    error: Floats
+    freedom: float
+    shapes: Floats
+    moments: Floats
+    response: tuple[Floats, ...]
+    excited: bool
+
+
+class ScoreTest:
+    """The test at one fit.
+
+    Args:
+        fitting: The recordings.
+        fitted: The fit; what it moved is projected out.
+    """
+
+    def __init__(self, fitting: Fitting, fitted: Fitted) -> None:
+        self.fitting, self.point = fitting, fitted.point
+        self.whole, self.drives = fitting.whole, fitting.drives
+        self.kept = fitting.runs(fitted.point)
+        self.residual = [np.nan_to_num(k.whitened).reshape(-1) for k in self.kept]
+        self.moved = fitting.columns(fitted.coordinates, fitted.point)
+        self._outputs = len(self.whole.model.outputs)
+        self._linearisation = Linearisation(self.whole)
+        self._onsets: dict[int, Onsets] = {}
+        self._cached: dict[tuple[int, str], Columns] = {}
+        self._products: dict[tuple[int, str, str], Floats] = {}
+        information = total([N.T @ N for N in self.moved])
+        self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)])
+        self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
+
+    def of(self, tried: Sequence[Hypothesis]) -> list[Score]:
+        """Return the scores of hypotheses, in their order."""
+        plain = [h for h in tried if not h.moments]
+        columns = self._plain_columns(plain)
+        found = {id(h): self._plain(h, columns) for h in plain}
+        changes = [h for h in tried if h.moments]
+        self.whole.share(lambda i: self._change(changes, i), range(len(self.drives)))
+        found |= {id(h): self._moments(h) for h in changes}
+        return [found[id(h)] for h in tried]
+
+    def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
+        """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
+        return in_rows(self.whole.sensitivities(self.drives[drive], values, self.whole.along(names), self.kept[drive]))
+
+    def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[tuple[str, tuple[float, ...]], Floats]]:
+        """Return the columns of all amplitudes at all shapes, once each, by drive."""
+        wanted: dict[tuple[str, tuple[float, ...]], tuple[str, ...]] = {}
+        for h in plain:
+            for shapes in self._grid(h):
+                wanted |= {(a, shapes): h.shapes for a in h.amplitudes}
+
+        def of_drive(i: int) -> dict[tuple[str, tuple[float, ...]], Floats]:
+            values = np.repeat(self.point.values[:, [i]], len(wanted), axis=1)
+            for j, ((_, shapes), names) in enumerate(wanted.items()):
+                values[[self.whole.row(n) for n in names], j] = shapes
+            columns = self._sensitivities(i, values, [a for a, _ in wanted])
+            return {key: columns[:, j] for j, key in enumerate(wanted)}
+
+        return self.whole.share(of_drive, range(len(self.drives)))
+
+    def _grid(self, h: Hypothesis) -> list[tuple[float, ...]]:
+        """Return the shapes at which a hypothesis is tried; a parameter in force already keeps its value."""
+        parameters = [self.whole.model.parameters[self.whole.row(n)] for n in h.shapes]
+        return list(
+            itertools.product(*(p.grid or (float(self.point.values[self.whole.row(p.name), 0]),) for p in parameters))
+        )
+
+    def _plain(self, h: Hypothesis, columns: Sequence[dict[tuple[str, tuple[float, ...]], Floats]]) -> Score:
+        tried = []
+        for shapes in self._grid(h):
+            X = [np.column_stack([c[a, shapes] for a in h.amplitudes]) for c in columns]
+            tried.append(self._judged(h, X, np.array(shapes), np.zeros((len(self.drives), 0))))
+        return max(tried, key=lambda s: s.gain)
+
+    def _judged(self, h: Hypothesis, X: Sequence[Floats], shapes: Floats, moments: Floats) -> Score:
+        cross = total([N.T @ x for N, x in zip(self.moved, X, strict=True)])
+        weights = self._inverse @ cross
+        square = total([x.T @ x for x in X])
+        G = square - cross.T @ weights
+        b = weights.T @ self._pull - total([x.T @ r for x, r in zip(X, self.residual, strict=True)])
+        freedom = float(h.count(len(self.drives)))
+        if h.name == ALL_PARAMETERS:  # stated values count as measured, once, within the prior
+            prior = np.diag((PRIOR * self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]) ** -2.0)
+            freedom, G = float(np.trace(np.linalg.solve(G + prior, G))), G + prior
+        raw = np.diagonal(square)
+        # A column whose power the fit's own columns explain but for 1e-9 is not there.
+        seen = np.diagonal(G) > np.maximum(1e-9 * raw, 1e-300)
+        a, gain = best_amplitudes(b, G, seen, *self._room(h))
+        error = np.full(len(b), np.inf)
+        if seen.any():
+            error[seen] = covariance_of(G[np.ix_(seen, seen)]).errors
+        promised = weights @ a
+        response = tuple((x @ a - N @ promised).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True))
+        start = np.array([self.point.values[self.whole.row(n), 0] for n in h.amplitudes])
+        return Score(h, gain, start + a, error, freedom, shapes, moments, response, bool(seen.any()))
+
+    def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
+        """Return how far each amplitude may move down and up."""
+        rows = [self.whole.row(n) for n in h.amplitudes]
+        at = self.point.values[rows, 0]
+        parameters = [self.whole.model.parameters[r] for r in rows]
+        return np.array([p.lower for p in parameters]) - at, np.array([p.upper for p in parameters]) - at
+
+    def _moments(self, h: Hypothesis) -> Score:
+        """Score a change at a time of its own in every drive, at the best of a grid of times.
+
+        A second moment ends what the first one began, so its response is that of the beginning, taken back.
+        """
+        chosen = join(self.whole.share(lambda i: self._choices(h, i), range(len(self.drives))))
+        X, moments = [], np.zeros((len(self.drives), len(h.moments)))
+        for i, (first, second) in enumerate(chosen):
+            never, grid = float(self.drives[i].time[-1]), self._times(i)
+            moments[i] = [grid[k] if k >= 0 else never for k in (first, second)][: len(h.moments)]
+            steps = [self._steps(h, a, i) for a in h.amplitudes]
+            X.append(np.column_stack([_response(s, first) - _response(s, second) for s in steps]).astype(float))
+        return self._judged(h, X, np.array(self._grid(h)[0]), moments)
+
+    def moments_of(self, h: Hypothesis) -> Floats:
+        """Return the likeliest moments of a hypothesis whose amplitudes are known ``(drives, moments)``.
+
+        The fit is that without it; its amplitudes are those of the point, which mean nothing as long as its moments
+        are never.
+        """
+        a = self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]
+        found = np.zeros((len(self.drives), len(h.moments)))
+        for i, drive in enumerate(self.drives):
+            grid, choices = self._times(i), self._choices(h, i)
+            best = choices.moments[np.argmax(choices.b @ a - 0.5 * (choices.G @ a) @ a), 0]
+            found[i] = [grid[k] if k >= 0 else drive.time[-1] for k in best][: len(h.moments)]
+        return found
+
+    def _times(self, drive: int) -> Floats:
+        return np.arange(SPACING, self.drives[drive].time[-1] - SPACING, SPACING)
+
+    def _steps(self, h: Hypothesis, amplitude: str, drive: int) -> Columns:
+        """Return responses to changes of an amplitude at the times of a drive's grid ``(samples * ny, times)``."""
+        if (drive, amplitude) not in self._cached:
+            self._change([h], drive)
+        return self._cached[drive, amplitude]
+
+    def _change(self, many: Sequence[Hypothesis], drive: int) -> None:
+        """Find the responses to all changes of some hypotheses in a drive at once."""
+        if drive not in self._onsets:
+            values, kept = self.point.values[:, drive], self.kept[drive]
+            self._onsets[drive] = Onsets(self._linearisation, self.drives[drive], values, kept, self._times(drive))
+        wanted = {a: h for h in many for a in h.amplitudes if (drive, a) not in self._cached}
+        found = self._onsets[drive].responses(
+            [Change(a, h.moments[0], self._begun(h, drive)) for a, h in wanted.items()]
+        )
+        self._cached |= {(drive, a): x for a, x in zip(wanted, found, strict=True)}
+
+    def _begun(self, h: Hypothesis, drive: int) -> Floats:
+        """Return the point with the first shapes of a hypothesis, and without an end to what begins."""
+        values = self.point.values[:, drive].copy()
+        values[[self.whole.row(n) for n in h.shapes]] = self._grid(h)[0]
+        for m in h.moments:
+            values[self.whole.row(m)] = self.whole.model.parameters[self.whole.row(m)].upper
+        return values
+
+    def _sums(self, drive: int, h: Hypothesis, one: str, other: str) -> Floats:
+        """Return what the responses to changes of two amplitudes have in common ``(times, times)``, projected."""
+        if (drive, other, one) in self._products:
+            return self._products[drive, other, one].T
+        if (drive, one, other) not in self._products:
+            X, Z = (self._steps(h, a, drive) for a in (one, other))
+            N = self.moved[drive].astype(np.float32)
+            projected = (N.T @ X).astype(float).T @ self._inverse @ (N.T @ Z).astype(float)
+            square = (X.T @ Z).astype(float)
+            if one == other:  # what the fit's own columns leave of a response is known no better than this
+                square[np.diag_indices_from(square)] *= 1 + _ROUNDED
+            self._products[drive, one, other] = square - projected
+        return self._products[drive, one, other]
+
+    def _choices(self, h: Hypothesis, drive: int) -> Choices:
+        """Return all choices of moments in one drive by themselves, and first that of no change there."""
+        G = np.array([[self._sums(drive, h, a, c) for c in h.amplitudes] for a in h.amplitudes])
+        residual = self.residual[drive].astype(np.float32)
+        b = -np.array([residual @ self._steps(h, a, drive) for a in h.amplitudes], dtype=float)
+        return choices(b, G, len(h.moments) > 1)
+
+
+def _response(steps: Columns, moment: int) -> Columns:
+    """Return the response to a change at a moment of the grid; none to one that never comes."""
+    return steps[:, moment] if moment >= 0 else np.zeros_like(steps[:, 0])
+
+
+def total(parts: Sequence[Floats]) -> Floats:
+    """Return the sum over drives."""
+    return np.sum(parts, axis=0)
+
+
+def scaled(G: Floats) -> tuple[Floats, Floats]:
+    """Return a matrix scaled to a unit diagonal, and the scale."""
+    s = np.sqrt(np.diagonal(G))
+    return G / np.outer(s, s), s
+
+
+def best_amplitudes(b: Floats, G: Floats, seen: NDArray[np.bool_], down: Floats, up: Floats) -> tuple[Floats, float]:
+    """Return the amplitudes within bounds that promise most, and the gain they promise.
+
+    Args:
+        b: ``(n,)``.
+        G: ``(n, n)``.
+        seen: Amplitudes that the drives show at all ``(n,)``; the others stay.
+        down: How far each may fall, not positive ``(n,)``.
+        up: How far each may rise, not negative ``(n,)``.
+    """
+    a = np.zeros(len(b))
+    if not seen.any():
+        return a, 0.0
+    unit, s = scaled(G[np.ix_(seen, seen)])
+    values, vectors = np.linalg.eigh(unit)
+    root = np.sqrt(np.maximum(values, 1e-10))[:, None] * vectors.T
+    target = (vectors.T @ (b[seen] / s)) / np.sqrt(np.maximum(values, 1e-10))
+    low, high = down[seen] * s, up[seen] * s
+    found = optimize.lsq_linear(root, target, (low, np.maximum(high, low + 1e-12)), method="bvls").x
+    a[seen] = found / s
+    return a, float(b @ a - 0.5 * a @ G @ a)
+
+
+def cosine(one: Score, other: Score) -> float:
+    """Return the cosine between the responses that two scores promise; 1 if the drives cannot tell them apart."""
+    inner = sum(float(np.vdot(x, y)) for x, y in zip(one.response, other.response, strict=True))
+    squares = [sum(float(np.vdot(x, x)) for x in s.response) for s in (one, other)]
+    return inner / float(np.sqrt(squares[0] * squares[1])) if min(squares) > 0 else 0.0

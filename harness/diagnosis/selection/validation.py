@@ -1,0 +1,112 @@
+"""Judge a model on drives that were never fitted: how likely they are, and how large the simulation error is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
+from harness.diagnosis.selection.score_test import ScoreTest
+from harness.identification.data import Drive
+from harness.identification.judgement import DriveJudgement, judged_on
+
+Floats = NDArray[np.float64]
+
+EXCESS = 0.05
+"""Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
+
+LITTLE = 0.01
+"""Share of the excess of the model without additions below which nothing is left to explain either."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A model on the held-out drives.
+
+    Attributes:
+        log_likelihood: Of all of them; half the logarithm of the samples less for each moment looked for there.
+        error: Root mean square of measurement less the model alone ``(ny,)``.
+        excesses: Mean square of that over the variance of the sensor's noise, less one, not negative ``(ny,)``.
+        drives: The same drive by drive; empty for what is no model of its own.
+        point: Values with which it was judged; moments are those of the held-out drives.
+    """
+
+    log_likelihood: float
+    error: Floats
+    excesses: Floats
+    drives: tuple[DriveJudgement, ...]
+    point: Point
+
+    @property
+    def excess(self) -> float:
+        """Excess of all outputs together."""
+        return float(np.sum(self.excesses))
+
+
+def leaves_nothing(after: Judgement, before: Judgement) -> bool:
+    """Whether the simulation error of a model is within the sensor noise, or a hundredth of another model's.
+
+    Where the free run of the other model leaves its range, only the sensor noise counts.
+    """
+    little = LITTLE * before.excess if np.isfinite(before.excess) else 0.0
+    return after.excess <= max(EXCESS, little)
+
+
+class HeldOut:
+    """Drives to judge on.
+
+    Args:
+        whole: The model.
+        drives: The recordings.
+        variances: Variance of the white noise of each output ``(ny,)``.
+    """
+
+    def __init__(self, whole: AugmentedModel, drives: Sequence[Drive], variances: Floats) -> None:
+        self.whole, self.drives, self.variances = whole, tuple(drives), variances
+        self.fitting = Fitting(whole, drives, variances)
+
+    def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
+        """Return how a model does; nothing but the moments of changes is looked for in these drives."""
+        here, moments = self._own_moments(added, moved_to(point, len(self.drives)))
+        found = judged_on(self.whole, self.drives, self.fitting.candidates([here]))
+        likelihood = sum(d.log_likelihood for d in found) - 0.5 * moments * np.log(self.fitting.samples)
+        error, excesses = strayed(self.drives, [d.simulated for d in found], self.variances)
+        return Judgement(likelihood, error, excesses, found, here)
+
+    def _own_moments(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
+        """Return the point with the moments of these drives: the best of a grid, then of their neighbourhood."""
+        names = tuple(dict.fromkeys(n for h in added for n in h.moments))
+        if not names:
+            return point, 0
+        never = point.values.copy()
+        for name in names:
+            never[self.whole.row(name)] = self.whole.model.parameters[self.whole.row(name)].upper
+        without = replace(point, values=never)
+        test = ScoreTest(self.fitting, Fitted((), without, 0.0, 0.0))
+        values = point.values.copy()
+        for h in added:
+            if h.moments:
+                values[[self.whole.row(n) for n in h.moments]] = test.moments_of(h).T
+        point = replace(point, values=values)
+        moved = tuple(c for c in coordinates(self.whole, (), added, len(self.drives)) if c.name in names)
+        return self.fitting.only(moved, point, 10).point, len(moved)
+
+
+def strayed(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, Floats]:
+    """Return error and excesses of a model alone, as ``Judgement`` has them.
+
+    Args:
+        drives: The recordings.
+        free: Outputs of the model alone, by drive ``(samples, ny)``.
+        variances: Of the sensors' noise ``(ny,)``.
+    """
+    errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
+    with np.errstate(invalid="ignore"):
+        square = np.nanmean(errors**2, axis=0)
+    strays = any(np.isnan(f).any() for f in free)
+    return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(square / variances - 1.0, 0.0)

@@ -1,0 +1,1 @@
+"""From equations to compiled kernels over SIMD lanes."""

@@ -1,0 +1,1 @@
+"""Derivatives of a model and the source text of its kernels."""

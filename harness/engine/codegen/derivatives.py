@@ -1,0 +1,304 @@
+"""Turn a model's equations into straight-line assignments, with every derivative that is not zero.
+
+The equations are expanded into states, inputs and parameters, shared subexpressions are named once, and
+derivatives are carried along the assignments (forward mode), so nothing is differentiated twice and structural
+zeros stay zeros. Whatever depends on parameters alone is lifted out as a *constant*, computed once per run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from harness.engine.codegen.conditionals import hoisted
+from harness.models.assembly.assemble import Model, symbol
+from harness.models.assembly.expressions import present
+
+Entries = dict[tuple[int, int], sp.Expr]
+"""Non-zero entries of a matrix by (row, column)."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Straight-line form of a model.
+
+    Attributes:
+        model: The model the equations belong to.
+        constants: Assignments that read parameters only, in order; computed once per run.
+        assignments: Assignments that read states, inputs, constants and earlier assignments.
+        derivatives: Time derivative of each state; of a discrete model its value one sample later.
+        outputs: Measured outputs.
+        signals: Further quantities by name.
+        signal_jacobian: d signals / d states.
+        state_jacobian: d derivatives / d states.
+        input_jacobian: d derivatives / d inputs.
+        parameter_jacobian: d derivatives / d parameters asked for.
+        output_state_jacobian: d outputs / d states.
+        output_input_jacobian: d outputs / d inputs.
+        output_parameter_jacobian: d outputs / d parameters asked for.
+        parameters: Names of the parameters asked for.
+    """
+
+    model: Model
+    constants: dict[sp.Symbol, sp.Expr]
+    assignments: dict[sp.Symbol, sp.Expr]
+    derivatives: list[sp.Expr]
+    outputs: list[sp.Expr]
+    signals: dict[str, sp.Expr]
+    signal_jacobian: Entries
+    state_jacobian: Entries
+    input_jacobian: Entries
+    parameter_jacobian: Entries
+    output_state_jacobian: Entries
+    output_input_jacobian: Entries
+    output_parameter_jacobian: Entries
+    parameters: tuple[str, ...]
+
+    @property
+    def outputs_are_linear(self) -> bool:
+        """Whether the output Jacobian is the same at every state, so that outputs need no linearisation."""
+        fixed = set(self.constants)
+        return all(expr.free_symbols <= fixed for expr in self.output_state_jacobian.values())
+
+
+def derive(
+    model: Model, signals: Sequence[str] = (), parameters: Sequence[str] = (), jacobians: bool = True
+) -> Equations:
+    """Return the straight-line form of a model.
+
+    Args:
+        model: The model.
+        signals: States, inputs or ports to compute beside the derivatives.
+        parameters: Parameters with respect to which derivatives are wanted.
+        jacobians: Whether any derivatives are wanted; without them all matrices are empty.
+    """
+    wanted = [*model.derivatives, *model.outputs.values(), *(model.resolve(name) for name in signals)]
+    assignments, reduced = _named_ports(model, wanted) if model.flags else _expanded(model, wanted)
+    nx, ny = len(model.states), len(model.outputs)
+    f, h, extra = reduced[:nx], reduced[nx : nx + ny], reduced[nx + ny :]
+
+    forward = _ForwardMode(assignments)
+    matrices: dict[str, Entries] = {}
+    rows, columns = {"f": f, "h": h, "s": extra}, {"x": model.states, "u": model.inputs, "p": parameters}
+    for target, label in ("fx", "hx", "fu", "hu", "fp", "hp", "sx") if jacobians else ():
+        matrices[target + label] = forward.jacobian(rows[target], [symbol(n) for n in columns[label]])
+
+    lift = _Lift({symbol(n) for n in model.parameter_names})
+    variable: dict[sp.Symbol, sp.Expr] = {}
+    for name, expr in forward.assignments.items():
+        lifted = lift(expr)
+        if lift.is_constant(lifted):
+            lift.alias(name, lifted)
+        else:
+            variable[name] = hoisted(lifted, variable, top=True)
+
+    def last(expr: sp.Expr) -> sp.Expr:
+        return hoisted(lift(expr), variable)
+
+    def entries(matrix: str) -> Entries:
+        return {key: last(value) for key, value in matrices.get(matrix, {}).items()}
+
+    return Equations(
+        model=model,
+        derivatives=[last(e) for e in f],
+        outputs=[last(e) for e in h],
+        signals={name: last(e) for name, e in zip(signals, extra, strict=True)},
+        signal_jacobian=entries("sx"),
+        state_jacobian=entries("fx"),
+        input_jacobian=entries("fu"),
+        parameter_jacobian=entries("fp"),
+        output_state_jacobian=entries("hx"),
+        output_input_jacobian=entries("hu"),
+        output_parameter_jacobian=entries("hp"),
+        assignments=variable,
+        constants=lift.constants,
+        parameters=tuple(parameters),
+    )
+
+
+Straight = tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]
+"""Assignments in order of use, and expressions that read them."""
+
+
+def _expanded(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
+    """Return expressions written out in states, inputs and parameters, with common subexpressions named."""
+    known = _expand(model)
+    roots = [_substitute(expr, known) for expr in wanted]
+    shared, reduced = sp.cse(roots, symbols=sp.numbered_symbols("s_", real=True), order="none")
+    return dict(shared), reduced
+
+
+def _named_ports(model: Model, wanted: Sequence[sp.Expr]) -> Straight:
+    """Return expressions with every port an assignment of its own, as effects that may be absent need it.
+
+    Each of them holds what it changes twice, so that written out the equations would double with every effect.
+    """
+    ports = {symbol(name): expr for name, expr in model.ports.items()}
+    tangents: dict[sp.Symbol, sp.Expr] = {}
+
+    def tangent(angle: sp.Expr) -> sp.Expr:
+        if angle in ports:
+            name = sp.Symbol(f"tan_{angle.name}", real=True)
+            if name not in tangents:
+                tangents[name] = tangent(ports[angle])
+            return name
+        if isinstance(angle, present):
+            flag, *cases = angle.args
+            return present(flag, *map(tangent, cases))
+        return _tangent(angle)
+
+    def without_tangents(expr: sp.Expr) -> sp.Expr:
+        return expr.xreplace({t: tangent(t.args[0]) for t in sorted(expr.atoms(sp.tan), key=str)})
+
+    named = {name: without_tangents(expr) for name, expr in ports.items()}
+    roots = [without_tangents(expr) for expr in wanted]
+    named |= tangents
+    symbols = sp.numbered_symbols("s_", real=True)
+    shared, reduced = sp.cse([*named.values(), *roots], symbols=symbols, order="none")
+    assignments = dict(shared) | dict(zip(named, reduced, strict=False))
+    return needed(assignments, reduced[len(named) :]), reduced[len(named) :]
+
+
+def _expand(model: Model) -> dict[sp.Symbol, sp.Expr]:
+    """Return every port in terms of states, inputs and parameters."""
+    expanded: dict[sp.Symbol, sp.Expr] = {}
+    for name, expr in model.ports.items():
+        expanded[symbol(name)] = _substitute(expr, expanded)
+    return expanded
+
+
+def _substitute(expr: sp.Expr, known: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
+    """Return an expression with all that is known written out; its own tangents rewritten, those of the known are."""
+    written = expr.xreplace({s: known[s] for s in expr.free_symbols if s in known})
+    return _without_tangents(written) if expr.has(sp.tan) else written
+
+
+def _without_tangents(expr: sp.Expr) -> sp.Expr:
+    """Write all tangents of an expression without tangents where that can be done."""
+    return expr.replace(lambda e: isinstance(e, sp.tan), lambda e: _tangent(e.args[0]))
+
+
+def _tangent(angle: sp.Expr) -> sp.Expr:
+    """Write ``tan(a + atan(b))``, a slip variable behind a steered wheel, without tangent and arc tangent.
+
+    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the dearest functions.
+    """
+    for term in angle.args if angle.is_Add else ():
+        sign, inner = (-1, -term) if term.could_extract_minus_sign() else (1, term)
+        if isinstance(inner, sp.atan):
+            a, b = angle - term, sign * inner.args[0]
+            return (sp.sin(a) + b * sp.cos(a)) / (sp.cos(a) - b * sp.sin(a))
+    return sp.tan(angle)
+
+
+class _ForwardMode:
+    """Carries derivatives along a list of assignments; ``assignments`` grows by the named derivatives."""
+
+    def __init__(self, assignments: dict[sp.Symbol, sp.Expr]) -> None:
+        self._original = dict(assignments)
+        self.assignments = dict(assignments)
+        self._count = 0
+
+    def jacobian(self, rows: Sequence[sp.Expr], variables: Sequence[sp.Symbol]) -> Entries:
+        """Return the non-zero derivatives of ``rows`` with respect to ``variables``."""
+        known: dict[sp.Symbol, dict[int, sp.Expr]] = {v: {j: sp.Integer(1)} for j, v in enumerate(variables)}
+        for name, expr in self._original.items():
+            row = self._differentiate(expr, known)
+            if row:
+                known[name] = {j: self._name(value) for j, value in row.items()}
+        result: Entries = {}
+        for i, expr in enumerate(rows):
+            for j, value in self._differentiate(expr, known).items():
+                result[i, j] = value
+        return result
+
+    def _differentiate(self, expr: sp.Expr, known: dict[sp.Symbol, dict[int, sp.Expr]]) -> dict[int, sp.Expr]:
+        row: dict[int, list[sp.Expr]] = {}
+        for s in sorted(expr.free_symbols & known.keys(), key=str):
+            slope = expr.diff(s).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+            if slope == 0:
+                continue
+            for j, inner in known[s].items():
+                row.setdefault(j, []).append(slope * inner)
+        summed = {j: sp.Add(*terms) for j, terms in row.items()}
+        return {j: value for j, value in summed.items() if value != 0}
+
+    def _name(self, expr: sp.Expr) -> sp.Expr:
+        if expr.is_Atom or (-expr).is_Atom:
+            return expr
+        name = sp.Symbol(f"d_{self._count}", real=True)
+        self._count += 1
+        self.assignments[name] = expr
+        return name
+
+
+class _Lift:
+    """Replaces every subexpression that reads parameters only by a named constant."""
+
+    def __init__(self, parameters: set[sp.Symbol]) -> None:
+        self._fixed = set(parameters)
+        self._alias: dict[sp.Symbol, sp.Expr] = {}
+        self._names: dict[sp.Expr, sp.Symbol] = {}
+        self.constants: dict[sp.Symbol, sp.Expr] = {}
+
+    def is_constant(self, expr: sp.Expr) -> bool:
+        return expr.free_symbols <= self._fixed
+
+    def alias(self, name: sp.Symbol, expr: sp.Expr) -> None:
+        """Let an assignment that turned out constant stand for its constant everywhere."""
+        self._alias[name] = expr
+
+    def _constant(self, expr: sp.Expr) -> sp.Expr:
+        if expr.is_number or expr in self.constants:
+            return expr
+        if expr not in self._names:
+            name = sp.Symbol(f"c_{len(self.constants)}", real=True)
+            self._names[expr] = name
+            self._fixed.add(name)
+            self.constants[name] = expr
+        return self._names[expr]
+
+    def __call__(self, expr: sp.Expr) -> sp.Expr:
+        expr = expr.xreplace({s: self._alias[s] for s in expr.free_symbols if s in self._alias})
+        return self._visit(expr)
+
+    def _visit(self, expr: sp.Expr) -> sp.Expr:
+        if expr.is_number:
+            return expr
+        if self.is_constant(expr):
+            return self._constant(expr)
+        if expr.is_Atom:
+            return expr
+        if expr.is_Add or expr.is_Mul:
+            fixed = [a for a in expr.args if self.is_constant(a)]
+            rest = [self._visit(a) for a in expr.args if not self.is_constant(a)]
+            if all(a.is_number for a in fixed):
+                return expr.func(*fixed, *rest)
+            sign = -1 if expr.is_Mul and expr.func(*fixed).could_extract_minus_sign() else 1
+            return expr.func(sign * self._constant(sign * expr.func(*fixed)), *rest)
+        return expr.func(*(self._visit(a) for a in expr.args))
+
+
+def needed(assignments: dict[sp.Symbol, sp.Expr], roots: Iterable[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
+    """Return the assignments that the roots depend on, in an order in which each reads earlier ones only."""
+    ordered: dict[sp.Symbol, sp.Expr] = {}
+
+    def visit(name: sp.Symbol) -> None:
+        stack = [(name, False)]
+        while stack:
+            current, done = stack.pop()
+            if current in ordered:
+                continue
+            if done:
+                ordered[current] = assignments[current]
+                continue
+            stack.append((current, True))
+            inner = assignments[current].free_symbols & assignments.keys()
+            stack += [(s, False) for s in sorted(inner, key=str, reverse=True) if s not in ordered]
+
+    for root in roots:
+        for s in sorted(root.free_symbols & assignments.keys(), key=str):
+            visit(s)
+    return ordered

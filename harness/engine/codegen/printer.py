@@ -1,0 +1,142 @@
+"""Print equations as source text of kernels over lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import sympy as sp
+from sympy.printing.precedence import precedence
+from sympy.printing.pycode import PythonCodePrinter
+
+from harness.engine.codegen import conditionals as branches
+from harness.engine.codegen.derivatives import Entries, Equations, needed
+from harness.models.assembly.assemble import symbol
+from harness.models.assembly.expressions import flags_in, present
+
+Store = tuple[sp.Expr, str]
+"""An expression and where it goes, e.g. ``(expr, "J, 2, 3")``."""
+
+
+class LanePrinter(PythonCodePrinter):
+    """Prints an expression with the functions of ``harness.engine.simd.functions``, without branches."""
+
+    printmethod = "_lanecode"
+
+    def __init__(self) -> None:
+        super().__init__({"fully_qualified_modules": False})
+
+    def _print_Pow(self, expr: sp.Expr, rational: bool = False) -> str:
+        base, power = expr.as_base_exp()
+        inner = self.parenthesize(base, precedence(expr))
+        if power.is_Integer and 1 <= abs(int(power)) <= 8:
+            product = "*".join([inner] * abs(int(power)))
+            return f"(1.0/({product}))" if power < 0 else f"({product})"
+        if power == sp.Rational(1, 2):
+            return f"sqrt({self._print(base)})"
+        if power == sp.Rational(-1, 2):
+            return f"(1.0/sqrt({self._print(base)}))"
+        return f"exp({self._print(power)}*log({self._print(base)}))"
+
+    def _print_Rational(self, expr: sp.Rational) -> str:
+        return repr(float(expr))
+
+    def _print_Half(self, expr: sp.Rational) -> str:
+        return "0.5"
+
+    def _print_Integer(self, expr: sp.Integer) -> str:
+        return repr(float(expr))
+
+    def _print_Pi(self, expr: Any) -> str:
+        return repr(float(expr))
+
+    def _print_Heaviside(self, expr: sp.Expr) -> str:
+        return f"select({self._print(expr.args[0])} > 0.0, 1.0, 0.0)"
+
+    def _print_Abs(self, expr: sp.Expr) -> str:
+        return f"absolute({self._print(expr.args[0])})"
+
+    def _print_sign(self, expr: sp.Expr) -> str:
+        return f"sign({self._print(expr.args[0])})"
+
+    def _print_Relational(self, expr: Any) -> str:
+        return f"({self._print(expr.lhs)} {expr.rel_op} {self._print(expr.rhs)})"
+
+    def _print_Piecewise(self, expr: sp.Expr) -> str:
+        *branches, (last, condition) = expr.args
+        if condition != sp.true:
+            raise ValueError(f"a piecewise equation needs a branch for all other cases: {expr}")
+        text = self._print(last)
+        for value, where in reversed(branches):
+            text = f"select({self._print(where)}, {self._print(value)}, {text})"
+        return text
+
+    def _print_And(self, expr: sp.Expr) -> str:
+        return "(" + " & ".join(self._print(a) for a in expr.args) + ")"
+
+    def _print_Or(self, expr: sp.Expr) -> str:
+        return "(" + " | ".join(self._print(a) for a in expr.args) + ")"
+
+    def _print_Not(self, expr: sp.Expr) -> str:
+        return f"~{self._print(expr.args[0])}"
+
+
+for _name in ("sin", "cos", "tan", "atan", "exp", "log", "tanh"):
+    setattr(
+        LanePrinter,
+        f"_print_{_name}",
+        lambda self, expr, name=_name: f"{name}({self._print(expr.args[0])})",
+    )
+
+_PRINTER = LanePrinter()
+
+
+def text(expr: sp.Expr) -> str:
+    """Return an expression as source text."""
+    return str(_PRINTER.doprint(expr))
+
+
+def vector(array: str, values: Iterable[sp.Expr]) -> list[Store]:
+    """Return the stores of a vector."""
+    return [(value, f"{array}, {i}") for i, value in enumerate(values)]
+
+
+def matrix(array: str, entries: Entries, rows: int, columns: int) -> list[Store]:
+    """Return the stores of a dense matrix, zeros included."""
+    zero = sp.Float(0.0)
+    return [(entries.get((i, j), zero), f"{array}, {i}, {j}") for i in range(rows) for j in range(columns)]
+
+
+def body(eqs: Equations, roots: Sequence[sp.Expr]) -> list[str]:
+    """Return the lines that load what the roots read and compute what they depend on."""
+    assignments = needed(eqs.assignments, roots)
+    read = set().union(*(r.free_symbols for r in roots), *(e.free_symbols for e in assignments.values()))
+    lines = []
+    for array, names in (("x", eqs.model.states), ("u", eqs.model.inputs)):
+        lines += [f"{name} = get({array}, {i})" for i, name in enumerate(names) if symbol(name) in read]
+    lines += [f"{name} = get(c, {i})" for i, name in enumerate(eqs.constants) if name in read]
+    asked = set().union(*(flags_in(c.args[0]) for e in assignments.values() for c in e.atoms(present)))
+    flags = [(i, name) for i, name in enumerate(eqs.model.flags, len(eqs.constants)) if name in asked]
+    lines += [f"{name} = c[{i}, 0] > 0.0" for i, name in flags]
+    return lines + branches.lines(assignments, roots, text)
+
+
+def function(name: str, arguments: str, lines: Sequence[str]) -> str:
+    """Return a compiled function's source text."""
+    return "\n".join(["@jit", f"def {name}({arguments}):", *(f"    {line}" for line in lines or ["pass"])])
+
+
+def kernel(eqs: Equations, name: str, arguments: str, stores: Sequence[Store]) -> str:
+    """Return a kernel that computes expressions of states, inputs and constants and stores them."""
+    lines = body(eqs, [expr for expr, _ in stores])
+    return function(name, arguments, lines + [f"put({text(expr)}, {where})" for expr, where in stores])
+
+
+def constants_kernel(eqs: Equations) -> str:
+    """Return the kernel that computes the constants from the parameters."""
+    read = set().union(*(e.free_symbols for e in eqs.constants.values())) if eqs.constants else set()
+    names = eqs.model.parameter_names
+    lines = [f"{name} = get(p, {i})" for i, name in enumerate(names) if symbol(name) in read]
+    for i, (name, expr) in enumerate(eqs.constants.items()):
+        lines += [f"{name} = {text(expr)}", f"put({name}, c, {i})"]
+    return function("constants", "p, c", lines)

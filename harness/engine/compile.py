@@ -1,0 +1,347 @@
+"""From a model's equations to compiled kernels.
+
+The kernels are generated as a Python module of numba functions over lanes (``harness.engine.simd.lanes``), written to a
+cache folder under a name that holds the hash of everything that shaped it, and imported from there, so that
+numba's disk cache applies and a second start is warm.
+
+A compiled model offers, with ``x (nx, LANES)``, ``u (nu, LANES)``, ``p (np, LANES)``, constants ``c (nc, LANES)``
+and a work array ``w (nw, LANES)``:
+
+==========================================  ================================================================
+``constants(p, c)``                         what depends on parameters only
+``drift(x, u, c, dx)``                      dx/dt; of a discrete model the state one sample later
+``drift_jacobian(x, u, c, J)``              d(dx/dt)/dx, dense ``(nx, nx, LANES)``
+``next_state(x, u, c, xn, w)``              one sample ahead (Ziaukas 2.9 for Euler)
+``next_jacobian(x, u, c, xn, A, w)``        the same and A = d(next x)/dx, dense
+``next_covariance(x, u, c, P, xn, Pn, w)``  the same and A P A', the prediction (2.13) without process noise
+``output(x, u, c, y)``                      y = h(x, u)
+``output_jacobian(x, u, c, y, H)``          the same and H = dh/dx, dense ``(ny, nx, LANES)``
+``signals(x, u, c, s)``                     further quantities asked for, ``(ns, LANES)``
+``signals_jacobian(x, u, c, J)``            their derivatives to the states, dense ``(ns, nx, LANES)``
+==========================================  ================================================================
+
+and, when derivatives to inputs or parameters are asked for, ``drift_input_jacobian(x, u, c, J)``,
+``drift_parameter_jacobian(x, u, c, J)`` and ``output_parameter_jacobian(x, u, c, J)``. ``SEEN_STATES (ny, nx)`` holds
+the columns of ``H`` that may differ from zero, row by row, and then -1.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from numba.extending import _Intrinsic
+
+from harness.common.errors import UserError
+from harness.common.sources import digest, is_own
+from harness.engine import kernel_names
+from harness.engine.codegen.derivatives import Equations, derive
+from harness.engine.codegen.integrators import step_source, work_size
+from harness.engine.codegen.printer import constants_kernel, kernel, matrix, vector
+from harness.engine.kernel_source import JIT, Kernel, kernel_source
+from harness.engine.simd import (
+    dual,
+    dual_functions,
+    lanes,
+)
+from harness.engine.simd import (
+    functions as lane_math,
+)
+from harness.models.assembly.assemble import Model
+from harness.models.contracts import ModelError
+
+INTEGRATORS = ("euler", "heun", "rk4")
+
+HEADER = f"""\
+import numpy as np
+from numba import njit
+from {lanes.__name__} import LANES, absolute, any_of, floor, get, is_nan, put, select, splat, sqrt
+from {lane_math.__name__} import atan, cos, exp, log, maximum, minimum, sign, sin, tan, tanh
+
+{JIT}
+"""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Other numbers for the same kernels.
+
+    Attributes:
+        modules: Which module the numbers come from in place of another.
+        any_code: Whether machine code written for the first numbers (intrinsics) holds for these as well.
+    """
+
+    modules: Mapping[ModuleType, ModuleType]
+    any_code: bool
+
+
+DUALS = Exchange({lanes: dual, lane_math: dual_functions, kernel_names: kernel_names}, any_code=False)
+
+_FROM = re.compile(r"^from[ \t]+(\.*[\w.]*)[ \t]+import\b", re.MULTILINE)
+_WHOLE = re.compile(r"^import[ \t]+([\w.]+)", re.MULTILINE)
+_generated: set[str] = set()
+
+
+def cache_folder() -> Path:
+    """Return the folder of generated modules: ``$HARNESS_CACHE`` or ``~/.cache/robustness-harness``."""
+    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "robustness-harness"
+    return Path(os.environ.get("HARNESS_CACHE", default))
+
+
+def load_source(stem: str, source: str) -> ModuleType:
+    """Write generated source to the cache under ``<stem>_<hash>.py`` and import it.
+
+    The hash covers the source, the modules it imports and the compiler's version, because numba's own cache
+    looks at the time stamp of the calling file only.
+    """
+    homes = {_module(name) for pattern in (_FROM, _WHOLE) for name in pattern.findall(source)}
+    own = sorted((h for h in homes if h and is_own(h) and h.__name__ not in _generated), key=lambda h: h.__name__)
+    covered = "\n".join([numba.__version__, np.__version__, digest(own), source])
+    name = f"{stem}_{hashlib.sha256(covered.encode()).hexdigest()[:16]}"
+    _generated.add(name)
+    if name in sys.modules:
+        return sys.modules[name]
+    folder = cache_folder()
+    path = folder / f"{name}.py"
+    if not path.exists():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False) as file:
+                file.write(source)
+            os.replace(file.name, path)  # atomic, so another process never imports half a file
+        except OSError as error:
+            raise UserError(
+                f"cannot write compiled models to {folder}: {error.strerror}; set HARNESS_CACHE to a folder you own"
+            ) from error
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _module(name: str, package: str = "") -> ModuleType | None:
+    """Return a module by the name that a statement imports it by; ``None`` if it is none."""
+    try:
+        return importlib.import_module(importlib.util.resolve_name(name, package))
+    except ImportError:
+        return None
+
+
+def written_over(source: str, exchange: Exchange, package: str = "") -> str:
+    """Return the source of a module of kernels that takes its numbers from other modules.
+
+    What is written over the exchanged modules, such as linear algebra, is itself generated anew, whatever its name.
+
+    Args:
+        source: Statements ``from module import names`` at the margin are looked at.
+        exchange: What is taken in place of what.
+        package: Against which relative imports are resolved.
+
+    Raises:
+        ModelError: If it imports machine code that does not hold for the other numbers.
+    """
+    homes = {name: home for name in set(_FROM.findall(source)) if (home := _module(name, package)) and is_own(home)}
+    others = {name: _counterpart(home, exchange) for name, home in homes.items()}
+    if others == homes:
+        return source
+    return _FROM.sub(
+        lambda found: f"from {others[found[1]].__name__} import" if found[1] in others else found[0], source
+    )
+
+
+def _counterpart(home: ModuleType, exchange: Exchange) -> ModuleType:
+    """Return what stands for a module once others are exchanged; itself, if it is not written over them."""
+    if home in exchange.modules:
+        return exchange.modules[home]
+    written_here = [v for v in vars(home).values() if getattr(v, "__module__", None) == home.__name__]
+    has_code = any(isinstance(v, _Intrinsic) for v in written_here)
+    if home in exchange.modules.values() or not (has_code or any(isinstance(v, Dispatcher) for v in written_here)):
+        return home
+    source, spec = inspect.getsource(home), home.__spec__
+    written = written_over(source, exchange, spec.parent or "" if spec else "")
+    if written == source:
+        return home
+    if has_code and not exchange.any_code:
+        raise ModelError(f"{home.__file__}: it writes machine code for plain lanes; no kernel can use it over duals")
+    return load_source(home.__name__.rpartition(".")[2], written)
+
+
+def over_duals(source: str) -> str:
+    """Return the same module over dual numbers, whose kernels carry derivatives (``harness.engine.simd.dual``)."""
+    return written_over(source, DUALS)
+
+
+def paste(
+    compiled: CompiledModel, stem: str, functions: Sequence[Kernel], given: Mapping[Any, Any] | None = None
+) -> str:
+    """Return the source of a module that runs functions on a compiled model's kernels, over the same numbers.
+
+    Args:
+        compiled: The model.
+        stem: What the module does.
+        functions: Ordinary functions; those they call come with them.
+        given: What their stand-ins stand for, beside the names of the model.
+
+    Raises:
+        ModelError: If a function uses a name that is nowhere found.
+    """
+    source = kernel_source(f"{stem} on {compiled.kernels.__name__}", functions, compiled.kernels, given)
+    return over_duals(source) if compiled.duals else source
+
+
+class CompiledModel:
+    """A model with its kernels.
+
+    Attributes:
+        model: The equations.
+        kernels: Module of the compiled functions listed above.
+        step_size: Sample time in s.
+        signal_names: Names of the quantities that ``kernels.signals`` computes.
+        nx, nu, ny, nc, nw: Lengths of state, input, output, constants and work array.
+        lanes: Length of the last axis of every array of the kernels.
+        duals: Whether the kernels run over dual numbers.
+    """
+
+    def __init__(self, model: Model, equations_: Equations, kernels: ModuleType, step: float) -> None:
+        self.model, self.equations, self.kernels, self.step_size = model, equations_, kernels, step
+        self.signal_names = tuple(equations_.signals)
+        self.nx, self.nu, self.ny = len(model.states), len(model.inputs), len(model.outputs)
+        self.nc, self.nw = max(1, len(equations_.constants) + len(model.flags)), int(kernels.NW)
+        self.lanes = int(kernels.LANES)
+        self.duals = self.lanes == dual.LANES
+        neutral = {p.name: (i, p.neutral) for i, p in enumerate(model.parameters)}
+        self._amplitudes = [[neutral[n] for n in names] for names in model.flags.values()]
+
+    def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
+        """Return the parameters in the model's order, shape ``(np,)``."""
+        missing = [n for n in self.model.parameter_names if n not in values]
+        if missing:
+            raise UserError(f"no value for {', '.join(missing)} of model '{self.model.name}'")
+        return np.array([float(values[n]) for n in self.model.parameter_names])
+
+    def constants(self, parameters: np.ndarray) -> np.ndarray:
+        """Return the constants for parameter vectors of shape ``(np, lanes)``, shape ``(nc, lanes)``."""
+        c = np.zeros((self.nc, self.lanes))
+        self.kernels.constants(np.ascontiguousarray(parameters, dtype=float), c)
+        for i, rows in enumerate(self._amplitudes, len(self.equations.constants)):
+            c[i] = any(_in_force(parameters[row], neutral) for row, neutral in rows)
+        return c
+
+
+def _in_force(parameter: np.ndarray, neutral: float | None) -> bool:
+    """Return whether a parameter of lanes or duals has another value than its neutral one, or a derivative."""
+    return bool(np.any(parameter[: lanes.LANES] != neutral) or np.any(parameter[lanes.LANES :]))
+
+
+@functools.lru_cache(maxsize=64)
+def compile_model(
+    model: Model,
+    step: float = 0.01,
+    integrator: str = "euler",
+    substeps: int = 1,
+    signals: tuple[str, ...] = (),
+    parameters: tuple[str, ...] = (),
+    duals: bool = False,
+    jacobians: bool = True,
+) -> CompiledModel:
+    """Return the compiled kernels of a model.
+
+    Args:
+        model: The model; augmented already if inputs are to be estimated.
+        step: Sample time in s.
+        integrator: ``euler`` (as the thesis), ``heun`` or ``rk4``; a discrete model has none and takes any.
+        substeps: Steps of the integrator per sample.
+        signals: Quantities that ``kernels.signals`` computes.
+        parameters: Parameters whose derivatives are wanted.
+        duals: Whether the kernels run over dual numbers, which carry derivatives along any direction.
+        jacobians: Whether derivatives are wanted; a large model is there much sooner without those of its kernels.
+
+    Raises:
+        UserError: If the integrator is unknown or the cache folder cannot be written.
+    """
+    if integrator not in INTEGRATORS:
+        raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(INTEGRATORS)}")
+    if model.discrete:
+        integrator, substeps = "euler", 1
+    eqs, source = _written(model, signals, parameters, jacobians, step, integrator, substeps)
+    if duals:
+        source = over_duals(source)
+    return CompiledModel(model, eqs, load_source(f"model_{model.name.replace('+', '_')}", source), step)
+
+
+@functools.lru_cache(maxsize=8)
+def _written(
+    model: Model,
+    signals: tuple[str, ...],
+    parameters: tuple[str, ...],
+    jacobians: bool,
+    step: float,
+    integrator: str,
+    substeps: int,
+) -> tuple[Equations, str]:
+    """Return equations and source, which are the same for kernels over lanes and over duals."""
+    eqs = derive(model, signals, parameters, jacobians)
+    return eqs, model_source(eqs, step, integrator, substeps, jacobians)
+
+
+def _seen(eqs: Equations) -> list[list[int]]:
+    """Return the columns of the output Jacobian that may differ from zero, row by row, then -1."""
+    nx = len(eqs.derivatives)
+    rows = [sorted(j for a, j in eqs.output_state_jacobian if a == row) for row in range(len(eqs.outputs))]
+    return [[*row, *[-1] * (nx - len(row))] for row in rows]
+
+
+def model_source(eqs: Equations, step: float, integrator: str, substeps: int, jacobians: bool = True) -> str:
+    """Return the source text of a model's kernels."""
+    nx, nu, ny = len(eqs.derivatives), len(eqs.model.inputs), len(eqs.outputs)
+    y = vector("y", eqs.outputs)
+
+    def when(text: Callable[[], str]) -> list[str]:
+        return [text()] if jacobians else []
+
+    parts = [
+        HEADER,
+        f"NX, NU, NY, NS, NW = {nx}, {nu}, {ny}, {len(eqs.signals)}, {work_size(nx, integrator, substeps)}",
+        *when(lambda: f"OUTPUTS_ARE_LINEAR = {eqs.outputs_are_linear}\nSEEN_STATES = np.array({_seen(eqs)})"),
+        constants_kernel(eqs),
+        kernel(eqs, "drift", "x, u, c, dx", vector("dx", eqs.derivatives)),
+        *when(lambda: kernel(eqs, "drift_jacobian", "x, u, c, J", matrix("J", eqs.state_jacobian, nx, nx))),
+        kernel(eqs, "output", "x, u, c, y", y),
+        *when(
+            lambda: kernel(eqs, "output_jacobian", "x, u, c, y, H", y + matrix("H", eqs.output_state_jacobian, ny, nx))
+        ),
+        kernel(eqs, "signals", "x, u, c, s", vector("s", eqs.signals.values())),
+        *when(
+            lambda: kernel(
+                eqs, "signals_jacobian", "x, u, c, J", matrix("J", eqs.signal_jacobian, len(eqs.signals), nx)
+            )
+        ),
+        *step_source(eqs, step, integrator, substeps, jacobians),
+    ]
+    if eqs.parameters:
+        count = len(eqs.parameters)
+        for name, entries, rows, columns in (
+            ("drift_input_jacobian", eqs.input_jacobian, nx, nu),
+            ("drift_parameter_jacobian", eqs.parameter_jacobian, nx, count),
+            ("output_parameter_jacobian", eqs.output_parameter_jacobian, ny, count),
+        ):
+            parts.append(kernel(eqs, name, "x, u, c, J", matrix("J", entries, rows, columns)))
+    return "\n\n\n".join(parts) + "\n"

@@ -1,0 +1,1 @@
+"""Numbers of the kernels: lanes of a vector register, and dual numbers over them."""

@@ -1,0 +1,200 @@
+"""The loops over time that compiled modules are made of: simulate a batch, estimate and score a batch.
+
+Both are pasted behind a model's kernels (``harness.engine.compile``) and run without Python and without the GIL. A
+batch is ``LANES`` runs of one drive; they may differ in parameters and noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.engine.kernel_names import (
+    LANES,
+    NS,
+    NW,
+    NX,
+    NY,
+    Info,
+    StandIn,
+    State,
+    cholesky,
+    get,
+    mahalanobis,
+    next_state,
+    output,
+    put,
+    select,
+    signals,
+    signals_jacobian,
+    splat,
+    sqrt,
+)
+
+
+def outside(x, limits):
+    """Return 1 in the lanes whose state is not a number or beyond the range where the equations hold."""
+    bad = splat(0.0)
+    for i in range(NX):
+        magnitude = get(x, i)
+        inside = (magnitude <= limits[i]) & (magnitude >= -limits[i])  # false for NaN
+        bad = select(inside, bad, 1.0)
+    return bad
+
+
+def simulate(u, c, deviation_x, deviation_y, limits, x0, noise, truth, y, left_at):
+    """Simulate a batch with process and measurement noise.
+
+    Args:
+        u: Inputs ``(samples, nu, LANES)``.
+        c: Constants of the plant ``(nc, LANES)``.
+        deviation_x: Standard deviation of the process noise per step ``(nx, LANES)``.
+        deviation_y: Standard deviation of the measurement noise ``(ny, LANES)``.
+        limits: Largest magnitude of each state ``(nx,)``.
+        x0: First state ``(nx, LANES)``.
+        noise: Standard normal numbers ``(samples, nx + ny, LANES)``.
+        truth: Signals, written ``(samples, ns, LANES)``.
+        y: Measurements, written ``(samples, ny, LANES)``.
+        left_at: First sample outside the limits, written ``(1, LANES)``; ``samples`` if there is none.
+    """
+    x, ahead, w = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
+    samples = u.shape[0]
+    put(splat(1.0 * samples), left_at, 0)
+    for i in range(NX):
+        put(get(x0, i), x, i)
+    for k in range(samples):
+        signals(x, u[k], c, truth[k])
+        output(x, u[k], c, y[k])
+        for i in range(NY):
+            put(get(y, k, i) + get(deviation_y, i) * get(noise, k, NX + i), y, k, i)
+        left = get(left_at, 0)
+        put(select((outside(x, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
+        next_state(x, u[k], c, ahead, w)
+        for i in range(NX):
+            put(get(ahead, i) + get(deviation_x, i) * get(noise, k, i), x, i)
+
+
+def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
+    """Run the estimator over a batch and score it against the truth while it runs.
+
+    Args:
+        u: Inputs the estimator knows ``(samples, nu, LANES)``.
+        y: Measurements ``(samples, ny, LANES)``, NaN where missing.
+        truth: The plant's signals ``(samples, plant signals, LANES)``.
+        rows: Row of ``truth`` of each state of the estimator, then of each target ``(nx + ns,)``; -1 where the
+            plant has no such quantity.
+        until: Scores stop before this sample ``(1, LANES)``.
+        belief: ``harness.engine.kernel_names.Belief``.
+        first: ``harness.engine.kernel_names.State`` before the first step; of its covariance the variances are taken.
+        limits: Largest magnitude of each state ``(nx,)``.
+        options: NEES every that many samples, and 1 if there is one to compute ``(2,)``.
+        bounds: Two-sided 95 % chi-square bounds ``(1 + max(nx, ny), 2)`` by degrees of freedom.
+        scores: Sum of squares, sum and largest magnitude of the error, written ``(3, ns, LANES)``.
+        per_run: Written ``(10, LANES)``: samples scored, sum of NEES, samples of it, those inside, sum of NIS,
+            samples with a measurement, those inside, log-likelihood, repairs, sample of divergence.
+        kept: Estimates and standard deviations of the targets, written ``(samples or 0, 2, ns, LANES)``.
+    """
+    work = workspace()
+    covariance = np.zeros((NX, NX, LANES))
+    mean, memory = np.empty((NX, LANES)), np.empty(first.memory.shape)
+    for i in range(NX):
+        put(get(first.mean, i), mean, i)
+        put(get(first.covariance, i, i), covariance, i, i)
+    for i in range(memory.shape[0]):
+        put(get(first.memory, i), memory, i)
+    before = State(mean, covariance, memory)
+    after = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(first.memory.shape))
+    row = np.zeros((4, LANES))
+    info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
+    s, slopes = np.empty((NS, LANES)), np.empty((NS, NX, LANES))
+    factor, error, scratch = np.zeros((NX, NX, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
+    samples, every, stated = u.shape[0], int(options[0]), options[1] > 0.5
+    scores[:] = 0.0
+    per_run[:] = 0.0
+    put(splat(1.0 * samples), per_run, 9)
+    if kept.shape[0] > 0:
+        keep(before, u[0], belief, s, slopes, kept[0])
+    for k in range(1, samples):
+        step(before, u[k - 1], u[k], y[k], belief, work, after, info)
+        before, after = after, before
+        diverged = get(per_run, 9)
+        bad = (outside(before.mean, limits) > 0.0) & (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
+        diverged = select(bad, 1.0 * k, diverged)
+        put(diverged, per_run, 9)
+        active = (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
+        score_targets(before, u[k], belief, truth[k], rows, active, s, scores)
+        score_information(info, active, bounds, per_run)
+        if stated and k % every == 0:
+            write_covariance(before, work)
+            score_covariance(before, truth[k], rows, active, bounds, factor, error, scratch, per_run)
+        if kept.shape[0] > 0:
+            write_covariance(before, work)
+            keep(before, u[k], belief, s, slopes, kept[k])
+
+
+def score_targets(state, u, belief, truth, rows, active, s, scores):
+    """Add one sample's target errors."""
+    signals(state.mean, u, belief.constants, s)
+    for i in range(NS):
+        e = select(active, get(s, i) - get(truth, rows[NX + i]), 0.0)
+        put(get(scores, 0, i) + e * e, scores, 0, i)
+        put(get(scores, 1, i) + e, scores, 1, i)
+        magnitude = select(e < 0.0, -e, e)
+        largest = get(scores, 2, i)
+        put(select(magnitude > largest, magnitude, largest), scores, 2, i)
+
+
+def score_information(info, active, bounds, per_run):
+    """Add one sample's NIS, likelihood and repairs."""
+    seen = get(info.seen, 0)
+    used = active & (seen > 0.0)
+    nis = get(info.nis, 0)
+    low, high = splat(0.0), splat(0.0)
+    for m in range(1, NY + 1):
+        low = select(seen == 1.0 * m, bounds[m, 0], low)
+        high = select(seen == 1.0 * m, bounds[m, 1], high)
+    put(get(per_run, 0) + select(active, 1.0, 0.0), per_run, 0)
+    put(get(per_run, 4) + select(used, nis, 0.0), per_run, 4)
+    put(get(per_run, 5) + select(used, 1.0, 0.0), per_run, 5)
+    put(get(per_run, 6) + select(used & (nis >= low) & (nis <= high), 1.0, 0.0), per_run, 6)
+    put(get(per_run, 7) + select(used, get(info.log_likelihood, 0), 0.0), per_run, 7)
+    put(get(per_run, 8) + select(active, get(info.repairs, 0), 0.0), per_run, 8)
+
+
+def score_covariance(state, truth, rows, active, bounds, factor, error, scratch, per_run):
+    """Add one sample's normalised estimation error squared."""
+    cholesky(state.covariance, factor, NX)
+    for i in range(NX):
+        put(get(state.mean, i) - get(truth, rows[i]), error, i)
+    nees = mahalanobis(factor, error, scratch, NX)
+    used = active & (nees == nees)
+    put(get(per_run, 1) + select(used, nees, 0.0), per_run, 1)
+    put(get(per_run, 2) + select(used, 1.0, 0.0), per_run, 2)
+    inside = used & (nees >= bounds[NX, 0]) & (nees <= bounds[NX, 1])
+    put(get(per_run, 3) + select(inside, 1.0, 0.0), per_run, 3)
+
+
+def keep(state, u, belief, s, slopes, kept):
+    """Keep the estimates of the targets and their standard deviations."""
+    signals(state.mean, u, belief.constants, s)
+    signals_jacobian(state.mean, u, belief.constants, slopes)
+    for a in range(NS):
+        put(get(s, a), kept, 0, a)
+        variance = splat(0.0)
+        for i in range(NX):
+            for j in range(NX):
+                variance = variance + get(slopes, a, i) * get(state.covariance, i, j) * get(slopes, a, j)
+        put(sqrt(select(variance < 0.0, 0.0, variance)), kept, 1, a)
+
+
+@StandIn
+def workspace():
+    """Stand in for the estimator's own function of this name."""
+
+
+@StandIn
+def step(before, u_before, u, y, belief, work, after, info):
+    """Stand in for the estimator's own function of this name."""
+
+
+def write_covariance(state, work):
+    """Stand for the function of an estimator whose ``step`` does not write the covariance: there is nothing to do."""

@@ -1,0 +1,299 @@
+"""Estimators at work: compile one for a belief, run it over batches with scores, or step it by hand.
+
+The contract of a file in ``harness/estimation/methods``:
+
+``workspace()``                 kernel: scratch arrays of a run
+``step(before, u_before, u, y, belief, work, after, info)``
+                                kernel: one sample; reads ``before``, writes ``after`` and ``info``
+
+and, where the default in ``DEFAULTS`` does not serve,
+
+``Settings``                    pydantic model of its settings in a study; by default it has none
+``HAS_COVARIANCE``              whether it states an error covariance
+``tuning(settings, nx, ny)``    the numbers its kernel reads
+``memory_size(nx, ny)``         rows of memory it carries beside mean and covariance
+``write_covariance(state, work)``
+                                kernel: writes the covariance of a state that ``step`` left, for an estimator that goes
+                                on without it; called only where somebody reads it
+
+and of an estimator that is made for particular signals, such as a trained network,
+
+``fit(settings, compiled, folder)``
+                                in place of ``tuning``: the numbers its kernel reads, for this compiled model; files
+                                its settings name are relative to the folder. ``UserError`` if the model does not fit
+``estimates(settings, folder)`` the signals it estimates; it has no score for any other target
+``files(settings, folder)``     the files it reads: a store is not resumed with others
+
+and of one whose memory depends on its settings, or begins with other than zeros, such as random numbers,
+
+``first_memory(settings, nx, ny, seeds)``
+                                in place of ``memory_size``: the memory before the first step, ``(rows, LANES)``;
+                                ``seeds`` holds a ``numpy.random.SeedSequence`` per lane
+
+Three flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the textbook filter on a linear model),
+``LINEAR`` (holds the model for linear, so it need not follow any other) and ``MONTE_CARLO`` (results scatter with the
+seed).
+
+A kernel may call any function that its file defines or imports by name, such as those that several estimators share;
+they are compiled with it from their source, behind the kernels of the model the estimator believes in
+(``harness.engine.kernel_names`` lists the names that these offer, ``harness.engine.kernel_source`` says what else may
+be used).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+from scipy import stats
+
+from harness.common import registry
+from harness.common.errors import UserError
+from harness.engine import time_loops
+from harness.engine.compile import CompiledModel, load_source, paste
+from harness.engine.kernel_names import Belief, Info, State
+from harness.engine.kernel_source import Kernel
+from harness.engine.simd.lanes import LANES
+
+Floats = NDArray[np.float64]
+
+EXPORTS = ("workspace", "step")
+
+NEES_EVERY = 10
+"""Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
+
+COVERAGE = 0.95
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Scores of ``LANES`` runs of one estimator.
+
+    Attributes:
+        rmse, bias, max_error: ``(targets, LANES)`` in SI units of the target, up to a divergence; NaN where the
+            estimator does not give the target or there is no truth of it.
+        nees, nis: Averages per step ``(LANES,)``; NaN if the estimator states no covariance.
+        nees_inside, nis_inside: Share of samples inside the two-sided 95 % chi-square region.
+        log_likelihood: Sum over the run; NaN if the estimator states no covariance.
+        repairs: Samples at which a covariance factor had to be repaired.
+        updates: Samples with a measurement.
+        diverged_at: First diverged sample, ``samples`` if none.
+        kept: Estimates and standard deviations of the targets ``(samples, 2, targets, LANES)``, if asked for.
+    """
+
+    rmse: Floats
+    bias: Floats
+    max_error: Floats
+    nees: Floats
+    nis: Floats
+    nees_inside: Floats
+    nis_inside: Floats
+    log_likelihood: Floats
+    repairs: Floats
+    updates: Floats
+    diverged_at: Floats
+    kept: Floats | None
+
+
+class NoSettings(BaseModel):
+    """No settings beside the noise it believes in."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+DEFAULTS: dict[str, Any] = {
+    "Settings": NoSettings,
+    "HAS_COVARIANCE": True,
+    "KALMAN_TYPE": False,
+    "LINEAR": False,
+    "MONTE_CARLO": False,
+    "tuning": lambda settings, nx, ny: [0.0],
+    "memory_size": lambda nx, ny: 0,
+    "files": lambda settings, folder: (),
+    "write_covariance": time_loops.write_covariance,
+}
+"""What a file need not export."""
+
+
+def load_estimator(kind: str) -> SimpleNamespace:
+    """Return the exports of an estimator's file, those it does not state by their defaults.
+
+    Raises:
+        ModelError: If there is none of that name or it lacks an export.
+    """
+    return SimpleNamespace(**{**DEFAULTS, **vars(registry.load("harness.estimation.methods", kind, EXPORTS))})
+
+
+class Estimator:
+    """An estimator compiled for the model it believes in.
+
+    Args:
+        kind: File in ``harness/estimation/methods``.
+        compiled: The belief, with unknown inputs as states and the targets as signals.
+        settings: The estimator's settings as in a study.
+        folder: Folder of the study, to which files that settings name are relative.
+
+    Raises:
+        UserError: If a setting does not fit, or the estimator not the model.
+    """
+
+    def __init__(
+        self, kind: str, compiled: CompiledModel, settings: dict[str, Any] | None = None, folder: Path = Path()
+    ) -> None:
+        file = load_estimator(kind)
+        self.kind, self.compiled = kind, compiled
+        self.has_covariance = bool(file.HAS_COVARIANCE)
+        try:
+            chosen = file.Settings(**(settings or {}))
+            if hasattr(file, "fit"):
+                self.tuning = np.array(file.fit(chosen, compiled, folder), dtype=float)
+            else:
+                self.tuning = np.array(file.tuning(chosen, compiled.nx, compiled.ny), dtype=float)
+        except ValueError as error:
+            raise UserError(f"settings of estimator '{kind}': {error}") from error
+        given = file.estimates(chosen, folder) if hasattr(file, "estimates") else compiled.signal_names
+        self.gives = np.array([name in given for name in compiled.signal_names], dtype=bool)
+        self._first_memory: Callable[[Sequence[np.random.SeedSequence]], Floats]
+        if hasattr(file, "first_memory"):
+            self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
+        else:
+            size = int(file.memory_size(compiled.nx, compiled.ny))
+            self._first_memory = lambda seeds: np.zeros((size, LANES))
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels_of(file)))
+        valid = compiled.model.valid
+        self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
+        self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
+
+    def init(self, mean: Floats, variance: Floats, seeds: Sequence[np.random.SeedSequence] | None = None) -> State:
+        """Return the first state.
+
+        Args:
+            mean: ``(nx,)`` or ``(nx, LANES)``.
+            variance: Of each state; same shapes, or a covariance ``(nx, nx)``.
+            seeds: One per lane, for estimators that draw random numbers; by default the same for all.
+        """
+        nx = self.compiled.nx
+        x = np.ascontiguousarray(np.broadcast_to(np.reshape(mean, (nx, -1)), (nx, LANES)), dtype=float)
+        P = np.zeros((nx, nx, LANES))
+        if np.shape(variance) == (nx, nx):
+            P[:] = np.asarray(variance)[:, :, None]
+        else:
+            P[np.arange(nx), np.arange(nx)] = np.broadcast_to(np.reshape(variance, (nx, -1)), (nx, LANES))
+        chosen = [np.random.SeedSequence(0)] * LANES if seeds is None else seeds
+        return State(x, P, self._first_memory(chosen))
+
+    def step(self, state: State, u_before: Floats, u: Floats, y: Floats, belief: Belief) -> tuple[State, Info]:
+        """Take one sample: state in, new state and info out; nothing is changed in place.
+
+        Args:
+            state: From ``init`` or an earlier ``step``.
+            u_before: Inputs at the previous sample ``(nu, LANES)``.
+            u: Inputs at this sample ``(nu, LANES)``.
+            y: Measurements at this sample ``(ny, LANES)``; NaN where missing.
+            belief: Constants and noise.
+        """
+        nx, ny = self.compiled.nx, self.compiled.ny
+        after = State(np.empty((nx, LANES)), np.zeros((nx, nx, LANES)), np.empty_like(state.memory))
+        info = Info(np.zeros((ny, LANES)), np.zeros((ny, ny, LANES)), *(np.zeros((1, LANES)) for _ in range(4)))
+        work = self._kernels.workspace()
+        self._kernels.step(state, u_before, u, y, belief, work, after, info)
+        self._kernels.write_covariance(after, work)
+        return after, info
+
+    def belief(self, constants: Floats, process_noise: Floats, measurement_noise: Floats) -> Belief:
+        """Return what the estimator believes, for ``step`` and ``run``; arrays end in ``LANES``."""
+        return Belief(constants, process_noise, measurement_noise, self.tuning)
+
+    def run(
+        self,
+        inputs: Floats,
+        measurements: Floats,
+        truth: Floats,
+        truth_names: tuple[str, ...],
+        until: Floats,
+        belief: Belief,
+        first: State,
+        keep: bool = False,
+    ) -> Scores:
+        """Run over a batch and score it while it runs.
+
+        Args:
+            inputs: What the estimator knows ``(samples, nu, LANES)``.
+            measurements: ``(samples, ny, LANES)``; NaN where missing.
+            truth: The plant's signals ``(samples, len(truth_names), LANES)``.
+            truth_names: Their names. A target that is not among them has no score; the NEES needs every state.
+            until: Scores stop before this sample ``(LANES,)``.
+            belief: From ``belief``.
+            first: From ``init``.
+            keep: Whether to keep the estimates of the targets over time.
+        """
+        states, wanted = self.compiled.model.states, self.compiled.signal_names
+        rows = np.array([truth_names.index(n) if n in truth_names else -1 for n in (*states, *wanted)])
+        comparable = self.has_covariance and bool(np.all(rows[: len(states)] >= 0))
+        samples, targets = inputs.shape[0], len(self.compiled.signal_names)
+        sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
+        kept = np.empty((samples if keep else 0, 2, targets, LANES))
+        options = np.array([float(NEES_EVERY), 1.0 if comparable else 0.0])
+        self._kernels.estimate(
+            inputs,
+            measurements,
+            truth,
+            np.maximum(rows, 0),  # what a lacking row would give is not used
+            until.reshape(1, LANES),
+            belief,
+            first,
+            self._limits,
+            options,
+            self._bounds,
+            sums,
+            per_run,
+            kept,
+        )
+        sums[:, ~self.gives | (rows[len(states) :] < 0)] = np.nan
+        kept[:, :, ~self.gives] = np.nan
+        return _scores(sums, per_run, kept if keep else None, self.has_covariance)
+
+
+def kernels_of(file: SimpleNamespace) -> dict[Any, Kernel]:
+    """Return the kernels of an estimator's file by what stands for them in the loops over time."""
+    return {
+        time_loops.workspace: file.workspace,
+        time_loops.step: file.step,
+        time_loops.write_covariance: file.write_covariance,
+    }
+
+
+def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) -> Scores:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scored, nees_samples, updates = per_run[0], per_run[2], per_run[5]
+        nothing = np.full(LANES, np.nan)
+        return Scores(
+            rmse=np.sqrt(sums[0] / scored),
+            bias=sums[1] / scored,
+            max_error=np.where(scored > 0, sums[2], np.nan),
+            nees=per_run[1] / nees_samples if stated else nothing,
+            nees_inside=per_run[3] / nees_samples if stated else nothing,
+            nis=per_run[4] / updates if stated else nothing,
+            nis_inside=per_run[6] / updates if stated else nothing,
+            log_likelihood=per_run[7] if stated else nothing,
+            repairs=per_run[8],
+            updates=updates,
+            diverged_at=per_run[9],
+            kept=kept,
+        )
+
+
+def chi_square_bounds(count: int, coverage: float = COVERAGE) -> Floats:
+    """Return two-sided chi-square bounds by degrees of freedom, ``(count, 2)``; row 0 is empty."""
+    bounds = np.zeros((count, 2))
+    tail = (1 - coverage) / 2
+    for degrees in range(1, count):
+        bounds[degrees] = stats.chi2.ppf([tail, 1 - tail], degrees)
+    return bounds

@@ -1,0 +1,1 @@
+"""Estimators: one file each, all through the contract of ``harness.estimation.contract``."""

@@ -1,0 +1,67 @@
+"""Linear time-variant Kalman filter on the model linearised about straight driving (KIT 2015, lecture on the filter).
+
+``x*(n+1) = A(n) x(n) + B(n) u(n)`` with ``A = d next / d x`` at the state zero and the inputs known at sample ``n``, so
+that the filter is scheduled with the speed; ``next(0, u)`` stands for ``B(n) u(n)``. Unknown inputs are states and zero
+there as well. The process noise enters every state by its own variance, so the lecture's ``L(n)`` is the identity.
+On a linear model it is the textbook's filter, on any other it is what is left of the model near straight driving.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.engine.kernel_names import (
+    LANES,
+    NW,
+    NX,
+    NY,
+    SEEN_STATES,
+    get,
+    next_covariance,
+    next_jacobian,
+    output_jacobian,
+    put,
+    scalar_updates,
+    splat,
+)
+
+KALMAN_TYPE = True
+LINEAR = True
+
+
+def workspace():
+    """Return the scratch arrays of a run; the first one holds the state zero."""
+    return (
+        np.zeros((NX, LANES)),
+        np.empty((NW, LANES)),
+        np.empty((NX, LANES)),
+        np.empty((NX, NX, LANES)),
+        np.empty((NX, NX, LANES)),
+        np.empty((NY, LANES)),
+        np.empty((NY, NX, LANES)),
+        np.empty((2 * NX, LANES)),
+    )
+
+
+def step(before, u_before, u, y, belief, work, after, info):
+    """Predict one sample ahead and correct with the measurement (prediction and filter step of the lecture)."""
+    straight, w, x_prior, P_prior, A, predicted, H, scratch = work
+    constants, r = belief.constants, belief.measurement_noise
+    next_covariance(straight, u_before, constants, before.covariance, x_prior, P_prior, w)
+    next_jacobian(straight, u_before, constants, x_prior, A, w)
+    add_product(A, before.mean, NX, x_prior)
+    for i in range(NX):
+        put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
+    output_jacobian(straight, u, constants, predicted, H)
+    add_product(H, x_prior, NY, predicted)
+    scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
+    put(splat(0.0), info.repairs, 0)
+
+
+def add_product(matrix, vector, rows, result):
+    """Add ``matrix vector`` to ``result (rows, LANES)``."""
+    for i in range(rows):
+        total = get(result, i)
+        for j in range(NX):
+            total = total + get(matrix, i, j) * get(vector, j)
+        put(total, result, i)

@@ -1,0 +1,130 @@
+"""NARX network: trained on drives, runs on its own outputs, knows no equations (Ziaukas 2023, ch. 3 and 5.2).
+
+From past samples of the measured and known inputs and of its own outputs it computes the outputs of this sample
+(3.1 to 3.4). It takes nothing from the belief but the places of its signals: parameters and noise are what it was
+trained on. It states no covariance. Until its delays are filled the estimate stays at the first mean; a missing
+measurement is replaced by the last one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from harness.engine.compile import CompiledModel
+from harness.engine.kernel_names import LANES, NX, NY, get, is_nan, put, select, splat, tanh
+from harness.estimation.narx.kernel_weights import MEMORY, placed
+from harness.estimation.narx.network import find, load
+
+
+class Settings(BaseModel):
+    """Which network runs."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    network: str = Field(
+        "semitrailer_24t", min_length=1, description="name in harness/estimation/networks, or path of an .npz file"
+    )
+
+
+HAS_COVARIANCE = False
+
+
+def fit(settings: Settings, compiled: CompiledModel, folder: Path) -> list[float]:
+    """Return the network as numbers for the kernel, and where the model has its signals."""
+    path = find(settings.network, folder)
+    return placed(load(path), compiled, path)
+
+
+def estimates(settings: Settings, folder: Path) -> tuple[str, ...]:
+    """Return the signals that the network gives."""
+    return load(find(settings.network, folder)).outputs
+
+
+def files(settings: Settings, folder: Path) -> tuple[Path, ...]:
+    """Return the network's file."""
+    return (find(settings.network, folder),)
+
+
+def memory_size(nx: int, ny: int) -> int:
+    """Return the rows of memory: how many samples the delays hold, then the regressor."""
+    return 1 + MEMORY
+
+
+def workspace():
+    """Return the scratch arrays of a run: activations of the layer below and of this one."""
+    return np.empty((128, LANES)), np.empty((128, LANES))
+
+
+def activate(t, start, layers, below, above):
+    """Write the outputs for the regressor in ``below`` over it (3.2 to 3.4).
+
+    ``t[start:]`` holds the lengths of all layers and then their matrices row by row, the bias last in each row.
+    """
+    w = start + layers + 1
+    for layer in range(layers):
+        n_from, n_to = int(t[start + layer]), int(t[start + layer + 1])
+        for j in range(n_to):
+            s = splat(t[w + n_from])
+            for i in range(n_from):
+                s = s + t[w + i] * get(below, i)
+            w += n_from + 1
+            put(tanh(s) if layer < layers - 1 else s, above, j)
+        for j in range(n_to):
+            put(get(above, j), below, j)
+
+
+def step(before, u_before, u, y, belief, work, after, info):
+    """Compute the outputs of this sample from the delays, then put this sample into them.
+
+    Tuning: delays and numbers of inputs and outputs, layers; per input whether it is measured, its place, offset and
+    gain of its scaling; per output its state, offset and gain; lengths and matrices of the layers. Memory: samples
+    seen (held back until the first measurement), then the regressor of the next sample, newest first.
+    """
+    below, above = work
+    t = belief.tuning
+    n_id, n_fd, n_in, n_out, layers = int(t[0]), int(t[1]), int(t[2]), int(t[3]), int(t[4])
+    seen, first_out = get(before.memory, 0), 1 + n_id * n_in
+    regressor = n_id * n_in + n_fd * n_out
+    for i in range(regressor):
+        put(get(before.memory, 1 + i), below, i)
+    activate(t, 5 + 4 * n_in + 3 * n_out, layers, below, above)
+    for i in range(NX):
+        put(splat(0.0), after.mean, i)
+        for j in range(NX):
+            put(splat(np.nan), after.covariance, i, j)
+    filled = seen >= 1.0 * max(n_id, n_fd)
+    for m in range(n_id - 1, 0, -1):
+        for i in range(n_in):
+            put(get(before.memory, 1 + (m - 1) * n_in + i), after.memory, 1 + m * n_in + i)
+    for m in range(n_fd - 1, 0, -1):
+        for o in range(n_out):
+            put(get(before.memory, first_out + (m - 1) * n_out + o), after.memory, first_out + m * n_out + o)
+    for o in range(n_out):
+        at = 5 + 4 * n_in + 3 * o
+        state, offset, gain = int(t[at]), t[at + 1], t[at + 2]
+        held = (get(before.mean, state) - offset) / gain
+        value = select(filled, get(below, o), held)
+        put(value, after.memory, first_out + o)
+        put(select(filled, offset + gain * value, get(before.mean, state)), after.mean, state)
+    known = splat(1.0)
+    for i in range(n_in):
+        at = 5 + 4 * i
+        place, offset, gain = int(t[at + 1]), t[at + 2], t[at + 3]
+        raw = get(y, place) if t[at] > 0.5 else get(u, place)
+        missing = is_nan(raw)
+        known = select(missing & (seen == 0.0), 0.0, known)
+        put(select(missing, get(before.memory, 1 + i), (raw - offset) / gain), after.memory, 1 + i)
+    put(seen + known, after.memory, 0)
+    used = splat(0.0)
+    for i in range(NY):
+        used = used + select(is_nan(get(y, i)), 0.0, 1.0)
+        put(splat(np.nan), info.innovation, i)
+        for j in range(NY):
+            put(splat(np.nan), info.innovation_covariance, i, j)
+    put(used, info.seen, 0)
+    put(splat(np.nan), info.nis, 0)
+    put(splat(0.0), info.log_likelihood, 0)
+    put(splat(0.0), info.repairs, 0)

@@ -1,0 +1,381 @@
+"""Structural observability of a model along a drive (Ziaukas 2023, section 2.2 and Bild 5.2).
+
+At every sample of a simulated drive the model is linearised and only the pattern of its non-zero entries is
+kept. Two criteria follow from the pattern alone, both necessary for observability:
+
+1. every state is *output-connected*: a path of couplings leads from it to a measured output;
+2. the structural rank of ``(S_A; S_C)`` equals the number of states (2.7).
+
+After an excitation the couplings that it caused decay, but never become exactly zero. An entry therefore
+counts as zero when its magnitude is at most ``tolerance`` times the largest it has along the drive. Each
+entry is compared with itself, so that neither units nor the size of parameters matter, and an entry that is
+the same all along the drive never vanishes. ``docs/observability.md`` shows what hangs on this rule.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import sympy as sp
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import structural_rank
+
+from harness.common.errors import UserError
+from harness.config import ModelSpec
+from harness.engine.codegen.derivatives import derive
+from harness.models.assembly.assemble import Model, symbol
+from harness.models.contracts import ModelError, Profile
+from harness.models.signals import SIGNALS
+from harness.simulation.simulate import first_state
+
+Array = NDArray[np.float64]
+Pattern = NDArray[np.bool_]
+
+TOLERANCE = 1e-4
+"""An entry below this fraction of its own largest magnitude along the drive counts as zero."""
+
+DRIVEN = ("steering_wheel_angle", "speed")
+"""What a drive prescribes (``harness.models.contracts.Profile``)."""
+
+BLUE, ORANGE, GREEN, VERMILLION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#999999"  # Okabe-Ito
+
+
+class Linearisation(NamedTuple):
+    """The linearised model along a drive.
+
+    Attributes:
+        states: (samples, nx), in the units of the signals.
+        a: (samples, nx, nx), d(dx/dt)/dx (2.3).
+        c: (samples, ny, nx), dy/dx (2.4).
+    """
+
+    states: Array
+    a: Array
+    c: Array
+
+
+def synthetic_manoeuvre(step: float = 0.01) -> Profile:
+    """Return the drive of Bild 5.2: straight, two periods of a steering sine, straight, all at 10 m/s.
+
+    The thesis draws it without numbers; duration, frequency (0.25 Hz) and amplitude (60 deg at the steering
+    wheel, about 1.2 m/s^2 on the reference truck) are this project's choice.
+
+    Args:
+        step: Sample time in s.
+    """
+    time = np.arange(round(20.0 / step) + 1, dtype=np.float64) * np.float64(step)
+    excited = (time > 4.0) & (time < 12.0)
+    sine = np.deg2rad(60.0) * np.sin(2 * np.pi * 0.25 * (time - 4.0))
+    return Profile(time, np.where(excited, sine, 0.0), np.full_like(time, 10.0))
+
+
+def structural_observability(
+    model: Model, values: Mapping[str, float], profile: Profile, tolerance: float = TOLERANCE
+) -> xr.Dataset:
+    """Check both criteria of structural observability at every sample of a drive.
+
+    Args:
+        model: The model as the estimator sees it: unknown inputs are states already (``Model.augment``).
+            States that the profile prescribes follow it; all others start at zero and are simulated by Euler
+            steps.
+        values: Value of every parameter in SI units.
+        profile: The drive; its sample time is the Euler step.
+        tolerance: Fraction of its own largest magnitude along the drive at which an entry counts as zero.
+
+    Returns:
+        Over ``time`` (s) and ``state``: ``connected`` (number of output-connected states, criterion 1),
+        ``rank`` (structural rank, criterion 2), ``output_connected`` (time, state), ``observable`` (both
+        criteria), and the states and inputs of the drive in SI units.
+
+    Raises:
+        UserError: As ``linearise``.
+    """
+    linear = linearise(model, values, profile)
+    a, c = nonzero(linear.a, tolerance), nonzero(linear.c, tolerance)
+    reached = output_connected(a, c)
+    connected, rank = reached.sum(axis=1), structural_ranks(a, c)
+    nx = len(model.states)
+    data: dict[str, Any] = {
+        "connected": ("time", connected, {"long_name": "connected states", "required": nx}),
+        "rank": ("time", rank, {"long_name": "structural rank", "required": nx}),
+        "output_connected": (("time", "state"), reached, {"long_name": "state is output-connected"}),
+        "observable": ("time", (connected == nx) & (rank == nx), {"long_name": "structurally observable"}),
+    }
+    drive = {name: getattr(profile, name) for name in DRIVEN}
+    for name, samples in {**drive, **dict(zip(model.states, linear.states.T, strict=True))}.items():
+        signal = SIGNALS[name]
+        data[name] = ("time", samples, {"units": signal.unit, "long_name": signal.meaning})
+    return xr.Dataset(
+        data,
+        coords={"time": ("time", profile.time, {"units": "s"}), "state": list(model.states)},
+        attrs={
+            "model": model.name,
+            "outputs": ", ".join(model.outputs),
+            "tolerance": tolerance,
+            "source": "Ziaukas 2023, section 2.2, Bild 5.2",
+        },
+    )
+
+
+def linearise(model: Model, values: Mapping[str, float], profile: Profile) -> Linearisation:
+    """Simulate a drive as ``structural_observability`` does; return the exact Jacobians at every sample.
+
+    Raises:
+        UserError: If a parameter, an input or an output is missing, or the simulation diverges.
+    """
+    if not model.outputs:
+        raise UserError(f"model '{model.name}' measures nothing; choose a file of models/sensors")
+    missing = [n for n in model.parameter_names if n not in values]
+    if missing:
+        raise UserError(f"model '{model.name}': no value for parameter {', '.join(missing)}")
+    p = np.array([values[n] for n in model.parameter_names], dtype=float)
+    u = _inputs(model, profile)
+    x = _simulate(model, p, u, profile)
+    samples, nx = x.shape
+    a, c = np.zeros((samples, nx, nx)), np.zeros((samples, len(model.outputs), nx))
+    for matrix, (positions, evaluate) in zip((a, c), _jacobians(model), strict=True):
+        with np.errstate(all="ignore"):  # NumPy evaluates both branches of a case distinction
+            found = evaluate(x.T, u.T, p)
+        for (i, j), entry in zip(positions, found, strict=True):
+            matrix[:, i, j] = entry
+    return Linearisation(x, a, c)
+
+
+def nonzero(entries: Array, tolerance: float) -> Pattern:
+    """Return which entries ``(samples, rows, columns)`` exceed a fraction of their own peak."""
+    size = np.abs(entries)
+    return size > tolerance * size.max(axis=0)
+
+
+def output_connected(a: Pattern, c: Pattern) -> Pattern:
+    """Return for every state whether a path of couplings leads from it to an output (criterion 1).
+
+    Args:
+        a: ``(samples, nx, nx)``; row i reads column j.
+        c: ``(samples, ny, nx)``.
+
+    Returns:
+        ``(samples, nx)``.
+    """
+    reached = np.asarray(c.any(axis=1))
+    for _ in range(a.shape[-1]):
+        further = np.asarray(reached | (a & reached[:, :, None]).any(axis=1))
+        if (further == reached).all():
+            break
+        reached = further
+    return reached
+
+
+def structural_ranks(a: Pattern, c: Pattern) -> NDArray[np.int64]:
+    """Return the structural rank of ``(S_A; S_C)`` at every sample (2.7).
+
+    Args:
+        a: ``(samples, nx, nx)``.
+        c: ``(samples, ny, nx)``.
+
+    Returns:
+        ``(samples,)``. Each distinct pattern is ranked once; a drive holds few of them.
+    """
+    stacked = np.concatenate([a, c], axis=1)
+    patterns, which = np.unique(stacked.reshape(len(stacked), -1), axis=0, return_inverse=True)
+    shape = stacked.shape[1:]
+    ranks = [structural_rank(csr_array(pattern.reshape(shape).astype(float))) for pattern in patterns]
+    return np.array(ranks, dtype=np.int64)[np.ravel(which)]
+
+
+def delays(dataset: xr.Dataset) -> dict[str, float]:
+    """Return how long after the steering came to rest each criterion is violated for good, in s.
+
+    ``nan`` if it still holds at the end of the drive; 0 if it is violated from the end of the steering on.
+    """
+    time, steering = dataset["time"].to_numpy(), dataset["steering_wheel_angle"].to_numpy()
+    moving = np.flatnonzero(steering != steering[-1])
+    rest = moving[-1] + 1 if moving.size else 0
+    result = {}
+    for criterion in ("connected", "rank"):
+        met = np.flatnonzero(dataset[criterion].to_numpy() == dataset[criterion].attrs["required"])
+        last = max(int(met[-1]) + 1, rest) if met.size else rest
+        result[criterion] = float(time[last] - time[rest]) if last < len(time) else float("nan")
+    return result
+
+
+def plot(dataset: xr.Dataset) -> Figure:
+    """Draw steering, both criteria and the connected states over time, in the form of Bild 5.2.
+
+    Args:
+        dataset: Result of ``structural_observability``.
+    """
+    time, states = dataset["time"].to_numpy(), dataset["state"].to_numpy()
+    with mpl.rc_context({"font.size": 9, "lines.linewidth": 1.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}):
+        figure = Figure(figsize=(6.3, 6.0), layout="constrained")
+        axes = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 0.25 * len(states)])
+        _draw_drive(axes[0], dataset)
+        required = dataset["rank"].attrs["required"]
+        axes[1].axhline(required, color=GREY, linestyle=":", label="needed")
+        for name, label, colour, style in (
+            ("connected", "1: states connected", BLUE, "-"),
+            ("rank", "2: structural rank", VERMILLION, "--"),
+        ):
+            axes[1].step(time, dataset[name], where="post", color=colour, linestyle=style, label=label)
+        low = int(min(dataset["connected"].min(), dataset["rank"].min()))
+        axes[1].set(ylabel="number", ylim=(low - 0.6, required + 1.4), yticks=range(low, required + 1))
+        axes[1].legend(loc="upper center", ncols=3, frameon=False, handlelength=1.6, columnspacing=1.2)
+        _draw_states(axes[2], dataset)
+        share = float(dataset["observable"].mean())
+        figure.suptitle(
+            f"When is {dataset.attrs['model']} structurally observable from {dataset.attrs['outputs']}?\n"
+            f"{share:.0%} of {time.size} samples meet both criteria",
+            fontsize=10,
+        )
+    return figure
+
+
+def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: Profile | None = None) -> xr.Dataset:
+    """Check a model on the manoeuvre of Bild 5.2, write ``observability.svg`` and print a short table.
+
+    Args:
+        spec: The model with its values, all inputs known.
+        unknown_inputs: Inputs that the estimator does not know.
+        out: Folder of the figure; made if absent.
+        profile: Another drive than ``synthetic_manoeuvre()``.
+
+    Raises:
+        UserError: If an unknown input is none of the model's.
+    """
+    try:
+        model = spec.model().augment(unknown_inputs)
+    except ModelError as error:
+        raise UserError(str(error)) from error
+    drive = synthetic_manoeuvre() if profile is None else profile
+    dataset = structural_observability(model, spec.values, drive)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        plot(dataset).savefig(out / "observability.svg")
+    except OSError as error:
+        raise UserError(f"cannot write the figure to {out}: {error.strerror}; choose another folder") from error
+    _print(dataset, out / "observability.svg")
+    return dataset
+
+
+def _print(dataset: xr.Dataset, figure: Path) -> None:
+    steering = dataset["steering_wheel_angle"].to_numpy()
+    moving = np.flatnonzero(steering != steering[-1])
+    excited = slice(int(moving[0]), int(moving[-1]) + 1) if moving.size else slice(0, 0)
+    late = delays(dataset)
+    table = Table(title=f"Structural observability of {dataset.attrs['model']}")
+    for heading in ("criterion", "needs", "at start", "steering", "at end", "violated after"):
+        table.add_column(heading, justify="left" if heading == "criterion" else "right")
+    for name in ("connected", "rank"):
+        n = dataset[name].to_numpy()
+        during = n[excited]
+        span = "-" if not during.size else f"{during.min()} .. {during.max()}"
+        after = "not violated" if np.isnan(late[name]) else f"{late[name]:.2f} s"
+        row = [dataset[name].attrs["long_name"], str(dataset[name].attrs["required"]), str(n[0]), span]
+        table.add_row(*row, str(n[-1]), after)
+    console = Console()
+    console.print(table)
+    lost = dataset["state"].to_numpy()[~dataset["output_connected"].to_numpy().all(axis=0)]
+    console.print(f"Not always output-connected: {', '.join(lost) if lost.size else 'none'}")
+    console.print(f"Measured: {dataset.attrs['outputs']}. Figure: {figure}")
+
+
+def _draw_drive(axis: Axes, dataset: xr.Dataset) -> None:
+    time = dataset["time"].to_numpy()
+    axis.plot(time, np.rad2deg(dataset["steering_wheel_angle"]), color=ORANGE)
+    axis.set_ylabel("steering-wheel\nangle in deg")
+    if "articulation_angle" in dataset:
+        angle = axis.twinx()
+        angle.plot(time, np.rad2deg(dataset["articulation_angle"]), color=GREEN, linestyle="--")
+        angle.set_ylabel("articulation\nangle in deg (dashed)")
+
+
+def _draw_states(axis: Axes, dataset: xr.Dataset) -> None:
+    time = dataset["time"].to_numpy()
+    for row, reached in enumerate(dataset["output_connected"].to_numpy().T):
+        starts = np.flatnonzero(np.diff(reached, prepend=~reached[0]))
+        ends = [*time[starts[1:]], time[-1]]
+        for start, end in zip(starts, ends, strict=True):
+            bar = axis.barh(row, end - time[start], height=0.7, left=time[start], color=BLUE, linewidth=0)
+            if not reached[start]:
+                bar[0].set(facecolor="none", edgecolor=VERMILLION, hatch="/////")
+    names = [str(s).replace("_", " ") for s in dataset["state"].to_numpy()]
+    axis.set(xlabel="time in s", yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
+    axis.set_title("output-connected (filled) or not (hatched)", fontsize=9)
+    axis.set_xlim(time[0], time[-1])
+
+
+def _inputs(model: Model, profile: Profile) -> Array:
+    """Return the inputs (samples, nu) of a model from a drive; rates by differences of the samples."""
+    known = {name: getattr(profile, name) for name in ("time", *DRIVEN)} | profile.further
+    step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
+    columns = []
+    for name in model.inputs:
+        source = model.rates.get(name, name)
+        if source not in known:
+            raise UserError(f"model '{model.name}': the drive gives no '{source}', which the model needs")
+        samples = known[source]
+        columns.append(np.gradient(samples, step) if name in model.rates else samples)
+    return np.column_stack(columns) if columns else np.zeros((len(profile.time), 0))
+
+
+def _simulate(model: Model, p: Array, u: Array, profile: Profile) -> Array:
+    """Return the states (samples, nx) by Euler from the first state; those the profile prescribes are set to it."""
+    prescribed = {
+        i: getattr(profile, name)
+        for i, (name, rate) in enumerate(zip(model.states, model.derivatives, strict=True))
+        if rate == (symbol(name) if model.discrete else 0) and name in DRIVEN
+    }
+    drift = _drift(model)
+    step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
+    x = np.zeros((len(profile.time), len(model.states)))
+    x[0] = first_state(model, p[:, None], profile)[:, 0]
+    for i, samples in prescribed.items():
+        x[:, i] = samples
+    simulated = [i for i in range(x.shape[1]) if i not in prescribed]
+    for k in range(len(x) - 1):
+        try:
+            rate = np.array(drift(x[k].tolist(), u[k].tolist(), p.tolist()), dtype=float)
+        except (OverflowError, ValueError, ZeroDivisionError):
+            rate = np.full(x.shape[1], np.nan)
+        x[k + 1, simulated] = rate[simulated] if model.discrete else x[k, simulated] + step * rate[simulated]
+        if not np.isfinite(x[k + 1]).all():
+            raise UserError(
+                f"model '{model.name}' diverges at {profile.time[k + 1]:g} s of the drive; "
+                "check its parameters, or drive more gently"
+            )
+    return x
+
+
+def _arguments(model: Model) -> list[list[sp.Symbol]]:
+    return [[symbol(n) for n in part] for part in (model.states, model.inputs, model.parameter_names)]
+
+
+@functools.lru_cache(maxsize=8)
+def _drift(model: Model) -> Callable[..., list[float]]:
+    ports = [(symbol(n), e) for n, e in model.ports.items()]
+    modules = [{"Heaviside": lambda x, half=0.5: 1.0 if x > 0 else half if x == 0 else 0.0}, "math"]
+    # The ports are the shared subexpressions, in order of use already.
+    return sp.lambdify(_arguments(model), list(model.derivatives), modules, cse=lambda e: (ports, e))
+
+
+@functools.lru_cache(maxsize=8)
+def _jacobians(model: Model) -> list[tuple[list[tuple[int, int]], Callable[..., list[Any]]]]:
+    """Return positions and values of the non-zero entries of both Jacobians, all samples in one call."""
+    equations = derive(model)
+    shared = [*equations.constants.items(), *equations.assignments.items()]
+    result = []
+    for entries in (equations.state_jacobian, equations.output_state_jacobian):
+        function = sp.lambdify(_arguments(model), list(entries.values()), "numpy", cse=lambda e: (shared, e))
+        result.append((list(entries), function))
+    return result

@@ -1,1 +1,0 @@
-"""Estimators: one file each, all through the contract of ``harness.estimate``."""

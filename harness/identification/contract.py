@@ -1,0 +1,171 @@
+"""What a method of identification gets and gives. Methods are the files of ``harness/identification/methods``.
+
+A method exports
+
+``Settings``                            pydantic model of its settings, each with a description
+``identify(problem, settings, say)``    returns a ``Fit``; ``say`` takes a line on what is being done
+
+and is chosen by the stem of its file. It gets recordings and a model, and may use ``problem.innovations`` (filter,
+likelihood, derivatives, free run) or its own means.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from harness.common import registry
+from harness.common.errors import UserError
+from harness.common.units import refuse_misread
+from harness.config import ModelSpec
+from harness.identification.data import Drive
+from harness.identification.innovations import Innovations
+
+Floats = NDArray[np.float64]
+
+EXPORTS = ("Settings", "identify")
+_PACKAGE = "harness.identification.methods"
+
+Verdict = Literal["determined", "weakly determined", "not determined", "at its bound"]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A model to be fitted to recordings.
+
+    Attributes:
+        innovations: The model with its filter; its values are where the search begins.
+        drives: The recordings to fit, from ``innovations.drive``.
+        free: Parameters to be found.
+        seed: Of whatever is random in the method.
+    """
+
+    innovations: Innovations
+    drives: tuple[Drive, ...]
+    free: tuple[str, ...]
+    seed: int = 0
+
+    @property
+    def spec(self) -> ModelSpec:
+        """The model with its first values."""
+        return self.innovations.spec
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The likelihood along one parameter, all others refitted at each value.
+
+    Attributes:
+        values: Values of the parameter, ascending ``(n,)``.
+        drop: Log-likelihood below its maximum ``(n,)``, 0 at the estimate.
+    """
+
+    values: Floats
+    drop: Floats
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter or variance as found.
+
+    Attributes:
+        name: Parameter of the model, or ``process_noise <unit>``, ``measurement_noise <output>``.
+        unit: SI unit.
+        start: Value before the fit.
+        value: Value found.
+        error: Standard error; NaN if the method states none, infinite if the recordings say nothing.
+        lower: Lower end of the 95 % interval.
+        upper: Upper end.
+        verdict: Whether the recordings determine it; ``None`` if the method cannot say.
+        reason: The verdict in a sentence.
+        profile: The likelihood along it, if computed.
+    """
+
+    name: str
+    unit: str
+    start: float
+    value: float
+    error: float = math.nan
+    lower: float = math.nan
+    upper: float = math.nan
+    verdict: Verdict | None = None
+    reason: str = ""
+    profile: Profile | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a method found.
+
+    Attributes:
+        method: Its name.
+        spec: The model with what was found; process and measurement noise are the first ones if it estimates none.
+        estimates: Parameters first, in the order asked for, then variances.
+        correlation: Of the estimates ``(n, n)``; empty if the method states none.
+        objective: What was made small or large: its name.
+        before: Objective at the first values.
+        after: Objective at the values found.
+        history: Objective at every iteration.
+        converged: Whether the method's own rule of convergence was met.
+        notes: Sentences for the report.
+        further: Numbers of the method's own for ``identify.json``.
+    """
+
+    method: str
+    spec: ModelSpec
+    estimates: tuple[Estimate, ...]
+    correlation: Floats
+    objective: str
+    before: float
+    after: float
+    history: tuple[float, ...]
+    converged: bool
+    notes: tuple[str, ...] = ()
+    further: Mapping[str, Any] = field(default_factory=dict)
+
+    def estimate(self, name: str) -> Estimate:
+        """Return the estimate of a parameter or variance by name."""
+        return next(e for e in self.estimates if e.name == name)
+
+
+def methods() -> list[str]:
+    """Return the names of the methods there are."""
+    return registry.names(_PACKAGE)
+
+
+def load_method(name: str) -> ModuleType:
+    """Return a method's file.
+
+    Raises:
+        ModelError: If there is none of that name (with the closest names) or it lacks an export.
+    """
+    return registry.load(_PACKAGE, name, EXPORTS)
+
+
+def settings_of(method: ModuleType, given: Mapping[str, Any]) -> Any:
+    """Return the settings of a method with those that are given.
+
+    Raises:
+        UserError: If a setting is unknown or does not fit.
+    """
+    name = method.__name__.rsplit(".", 1)[-1]
+    refuse_misread(given, f"settings of method '{name}'")
+    try:
+        return method.Settings(**given)
+    except ValidationError as error:
+        known = list(method.Settings.model_fields)
+        lines = [_in_words(str(item["loc"][0]), item["type"], item["msg"], known) for item in error.errors()]
+        raise UserError("\n".join(f"settings of method '{name}': {line}" for line in lines)) from None
+
+
+def _in_words(key: str, kind: str, message: str, known: Sequence[str]) -> str:
+    if kind == "extra_forbidden":
+        return f"no setting '{key}'{registry.closest(key, list(known))}"
+    return f"{key}: {message[:1].lower()}{message[1:]}"

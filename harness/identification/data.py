@@ -1,0 +1,115 @@
+"""Recordings as identification takes them: the inputs and outputs of one model over one time base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness import recordings
+from harness.common.errors import UserError
+from harness.models.assembly.assemble import Model, symbol
+
+Floats = NDArray[np.float64]
+
+SHORTEST = 20
+"""Samples; a shorter recording is refused."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One recording in terms of a model.
+
+    Attributes:
+        name: In reports.
+        time: s ``(samples,)``, equidistant from 0.
+        inputs: ``(samples, nu)``, finite.
+        between: Inputs during the step behind each sample ``(samples, nu)``: those of the sample, held as in a
+            simulation; ``joined`` takes the mean of both ends.
+        measurements: ``(samples, ny)``, NaN where missing.
+        first_mean: First state ``(nx,)``: a measured one as measured, others as the vehicle's ``START``, else zero.
+        first_variance: Its variances ``(nx,)``; ``Innovations.drive`` knows them.
+    """
+
+    name: str
+    time: Floats
+    inputs: Floats
+    between: Floats
+    measurements: Floats
+    first_mean: Floats
+    first_variance: Floats
+
+
+def step_of(recording: xr.Dataset) -> float:
+    """Return the sample time in s, rounded to a nanosecond."""
+    time = recording["time"].to_numpy()
+    return round(float(time[-1] - time[0]) / (len(time) - 1), 9)
+
+
+def drive_from(recording: xr.Dataset, model: Model, name: str) -> Drive:
+    """Return a recording in terms of a model; the rate of an input is its forward difference, as in a simulation.
+
+    Args:
+        recording: From ``harness.recordings.load_recording`` or ``harness.simulation.simulate.simulate_drive``.
+        model: Its inputs and outputs are looked for.
+        name: Of the recording, for errors and reports.
+
+    Raises:
+        UserError: If a signal is missing or holds no number, or the recording is too short.
+    """
+    time = recording["time"].to_numpy().astype(float)
+    if len(time) < SHORTEST:
+        raise UserError(f"{name}: has {len(time)} samples; a fit needs at least {SHORTEST}")
+    table = np.empty((len(time), len(model.inputs)))
+    for i, signal in enumerate(model.inputs):
+        if signal == "time":
+            table[:, i] = time - time[0]
+            continue
+        values = recordings.inputs(recording, [model.rates.get(signal, signal)])[:, 0]
+        if signal in model.rates:
+            difference = np.diff(values) / step_of(recording)
+            values = np.append(difference, difference[-1:])
+        table[:, i] = values
+    found = np.ascontiguousarray(recordings.measurements(recording, list(model.outputs)), dtype=float)
+    for output, column in zip(model.outputs, found.T, strict=True):
+        if not np.isfinite(column).any():
+            raise UserError(f"{name}: '{output}' holds no number; choose sensors without it")
+    found[~np.isfinite(found)] = np.nan
+    first = _first_mean(model, recording, found)
+    return Drive(name, time - time[0], table, table, found, first, np.zeros_like(first))
+
+
+def joined(drive: Drive, model: Model) -> Drive:
+    """Return a recording whose inputs run straight from sample to sample, as measured ones do.
+
+    Held inputs would come half a sample late, which a fit takes for a lag of the steering. A rate is constant over the
+    step behind a sample; at the sample itself it is the mean of both sides.
+    """
+    between, inputs = drive.inputs.copy(), drive.inputs.copy()
+    for i, name in enumerate(model.inputs):
+        if name in model.rates:
+            inputs[1:, i] = 0.5 * (drive.inputs[:-1, i] + drive.inputs[1:, i])
+        else:
+            between[:-1, i] = 0.5 * (drive.inputs[:-1, i] + drive.inputs[1:, i])
+    return replace(drive, inputs=inputs, between=between)
+
+
+def started_by(model: Model) -> dict[int, int]:
+    """Return the states that a parameter starts, each with the row of that parameter."""
+    rows = {name: i for i, name in enumerate(model.parameter_names)}
+    return {i: rows[str(model.start[s])] for i, s in enumerate(model.states) if model.start.get(s) in rows}
+
+
+def _first_mean(model: Model, recording: xr.Dataset, found: Floats) -> Floats:
+    mean = np.zeros(len(model.states))
+    for i, state in enumerate(model.states):
+        source = model.start.get(state, 0.0)
+        if isinstance(source, str):  # a parameter comes with each candidate, an input with the recording
+            source = 0.0 if source in model.parameter_names else float(recordings.inputs(recording, [source])[0, 0])
+        mean[i] = source
+        for a, (output, expr) in enumerate(model.outputs.items()):
+            if model.ports.get(f"sensor_{output}", expr) == symbol(state) and np.isfinite(found[0, a]):
+                mean[i] = found[0, a]
+    return mean

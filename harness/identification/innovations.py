@@ -1,0 +1,134 @@
+"""The innovations of a filter over recordings, their likelihood, and exact derivatives of both.
+
+``Innovations`` compiles a filter for a model twice: over plain lanes, where eight candidates run at a time, and over
+dual numbers (``harness.engine.simd.dual``), where one candidate runs with its derivatives along eight directions.
+Whatever the filter computes is differentiated: means, covariances, gains, the likelihood. Nothing is differenced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.config import ModelSpec
+from harness.engine.compile import CompiledModel, load_source, paste
+from harness.engine.kernel_names import Belief
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import kernels_of, load_estimator
+from harness.identification import time_loops
+from harness.identification.data import Drive
+from harness.identification.filtered_model import (
+    Candidates,
+    Each,
+    FilteredModel,
+    Slopes,
+    for_each,
+    of_valid,
+)
+
+Floats = NDArray[np.float64]
+
+
+class Innovations(FilteredModel):
+    """A filter compiled for identification.
+
+    Args:
+        spec: The model; its values and variances are where a search begins.
+        kind: File in ``harness/estimation/methods``; of Kalman type and without memory of its own.
+        jobs: Threads; all cores by default.
+    """
+
+    def __init__(self, spec: ModelSpec, kind: str = "ekf", jobs: int | None = None) -> None:
+        super().__init__(spec, spec.model(), jobs)
+        file = load_estimator(kind)
+        self.tuning = np.array(file.tuning(file.Settings(), self.compiled.nx, self.compiled.ny), dtype=float)
+
+        def loop(compiled: CompiledModel, note: Callable[..., None], *more: Callable[..., None]) -> ModuleType:
+            given = {**kernels_of(file), time_loops.note: note}
+            source = paste(compiled, f"innovations_{kind}", [time_loops.innovate, *more], given)
+            return load_source(f"innovations_{kind}", source)
+
+        self._plain = loop(self.compiled, time_loops.note_run)
+        self._slopes = loop(self.duals, time_loops.note_slopes)
+
+    def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
+        """Return the log-likelihood of all recordings at a point, with its exact gradient and Fisher information.
+
+        Args:
+            drives: The recordings.
+            points: One candidate, or one for each recording.
+            directions: Derivatives of what is held, one column per direction.
+        """
+        at, along = for_each(points, drives), for_each(directions, drives)
+        n = along[0].count
+        starts = range(0, n, LANES)
+        tasks = [
+            (drive, point, moved.take(slice(s, s + LANES)))
+            for drive, point, moved in zip(drives, at, along, strict=True)
+            for s in starts
+        ]
+        found = self.share(lambda task: self._slope(*task), tasks)
+        total, gradient, information = 0.0, np.zeros(n), np.zeros((n, n))
+        for i in range(0, len(found), len(starts)):
+            of_drive = found[i : i + len(starts)]
+            total += of_drive[0][0]
+            gradient += np.concatenate([g for _, g, _ in of_drive])[:n]
+            rows = np.concatenate([r.reshape(-1, LANES) for _, _, r in of_drive], axis=1)[:, :n]
+            information += rows.T @ rows
+        return Slopes(total, gradient, information)
+
+    def _slope(self, drive: Drive, point: Candidates, directions: Candidates) -> tuple[float, Floats, Floats]:
+        samples, ny = drive.measurements.shape
+        total = np.empty((2, 2 * LANES))
+        rows = np.zeros((samples, ny + ny * (ny + 1) // 2, LANES))
+        self._innovate(self._slopes, self.duals, drive, _dual(point, directions), total, rows)
+        return float(of_valid(total, drive)[0]), total[0, LANES:].copy(), rows
+
+    def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
+        self._innovate(self._plain, self.compiled, drive, candidates, total, notes)
+
+    def _innovate(
+        self,
+        module: ModuleType,
+        compiled: CompiledModel,
+        drive: Drive,
+        candidates: Candidates,
+        total: Floats,
+        notes: object,
+    ) -> None:
+        variance = np.zeros((compiled.nx, compiled.lanes))
+        variance[:, :LANES] = drive.first_variance[:, None]
+        constants = compiled.constants(candidates.values)
+        belief = Belief(constants, candidates.process, candidates.measurement, self.tuning)
+        memory = np.zeros((0, compiled.lanes))
+        module.innovate(
+            drive.inputs,
+            drive.between,
+            drive.measurements,
+            belief,
+            self._first(drive, candidates.values),
+            variance,
+            memory,
+            self._limits,
+            total,
+            notes,
+        )
+
+
+def _dual(point: Candidates, directions: Candidates) -> Candidates:
+    """Return a point with directions as duals: the value in every lane, then up to ``LANES`` tangents."""
+
+    def join(value: Floats, tangent: Floats) -> Floats:
+        both = np.zeros((len(value), 2 * LANES))
+        both[:, :LANES] = value
+        both[:, LANES : LANES + tangent.shape[1]] = tangent
+        return both
+
+    return Candidates(
+        join(point.values, directions.values),
+        join(point.process, directions.process),
+        join(point.measurement, directions.measurement),
+    )

@@ -1,0 +1,188 @@
+"""Identify a measured car as Sun 2015, section 3.3: table 3.3, figures 3.16 and 3.21.
+
+``python -m harness.identification.measured studies/identify/genesis.toml --out results/identify-genesis`` takes the
+published car, starts its cornering stiffnesses from the slopes of its axle curves, fits the free parameters of the
+file to the drives it names and judges on those kept aside. Steering factor and offset (3.48) are parameters:
+``steering_ratio`` and ``steering_offset``. It writes what ``harness identify`` does. Where the folder of the
+recordings is absent it says so and ends well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import Field
+from rich.console import Console
+
+from harness.cli.options import answers_errors
+from harness.config import ModelSpec
+from harness.config.schema import Name
+from harness.identification.contract import Fit, Problem, load_method, settings_of
+from harness.identification.data import Drive, joined
+from harness.identification.innovations import Innovations
+from harness.identification.judgement import rms
+from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
+from harness.identification.measured_report import document
+from harness.identification.result import Judged, judge, write_outcome
+from harness.recordings.axle_curves import GRAVITY, Axle, Slope, axles_of
+from harness.reporting.document import write
+
+Floats = NDArray[np.float64]
+
+
+class IdentifyFile(MeasuredFile):
+    """The whole file."""
+
+    method: Name = Field(default="likelihood", description="file in harness/identification/methods")
+    settings: dict[str, Any] = Field(default_factory=dict, description="settings of the method")
+
+
+@dataclass(frozen=True)
+class IdentifyStudy(MeasuredStudy):
+    """A file of this study, read."""
+
+    SCHEMA: ClassVar[type[MeasuredFile]] = IdentifyFile
+
+    raw: IdentifyFile
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A measured car, identified.
+
+    Attributes:
+        published: The car as published.
+        fit: What was found; it began at the published car with the slopes of ``axles_before``.
+        judged: Every drive at the first and at the found values.
+        published_error: Root mean square error of the published model alone on each of these drives ``(ny,)``.
+        axles_before: Axle curves of the fitted drives by the published car.
+        axles_after: The same by the car found, with the lines of the stiffnesses found.
+    """
+
+    published: ModelSpec
+    fit: Fit
+    judged: tuple[Judged, ...]
+    published_error: tuple[Floats, ...]
+    axles_before: tuple[Axle, ...]
+    axles_after: tuple[Axle, ...]
+
+
+def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None]) -> Identified:
+    """Return the car of a file, identified."""
+    say("reading the recordings")
+    recordings = study.drives()
+    train, test = recordings["train"], recordings["test"]
+    published, free = study.nominal(), study.fitted_parameters()
+    before = axles_of(train, published.values, str(study.path))
+    say("compiling")
+    innovations = Innovations(from_slopes(published, before), jobs=jobs)
+    drives = [
+        joined(innovations.drive(r, name), innovations.model)
+        for r, name in zip(train + test, names_of(train + test), strict=True)
+    ]
+    fitted, held_out = tuple(drives[: len(train)]), tuple(drives[len(train) :])
+    problem, method = Problem(innovations, fitted, free), load_method(study.raw.method)
+    fit = method.identify(problem, settings_of(method, study.raw.settings), say)
+    judged = judge(problem, fit, held_out)
+    errors = [_alone(innovations, published, j.drive) for j in judged]
+    after = axles_of([calibrated(r, fit.spec.values) for r in train], fit.spec.values, str(study.path))
+    lines = [replace(axle, slope=_line(axle, fit.spec.values)) for axle in after]
+    outputs = list(published.model().outputs)
+    further = {
+        **fit.further,
+        "published_free_running_rmse": {
+            j.drive.name: dict(zip(outputs, e.tolist(), strict=True)) for j, e in zip(judged, errors, strict=True)
+        },
+    }
+    return Identified(
+        published, replace(fit, further=further), tuple(judged), tuple(errors), tuple(before), tuple(lines)
+    )
+
+
+def _alone(innovations: Innovations, spec: ModelSpec, drive: Drive) -> Floats:
+    """Return the root mean square error of a model alone on a drive ``(ny,)``."""
+    values = np.array([spec.values[n] for n in innovations.names])
+    return rms(drive.measurements - innovations.free_run(drive, values).outputs)
+
+
+def static_load(values: Mapping[str, float], end: str) -> float:
+    """Return the vertical load of an axle at rest in N."""
+    front, rear = values["cog_to_front_axle"], values["cog_to_rear_axle"]
+    return values["mass"] * GRAVITY * (rear if end == "front" else front) / (front + rear)
+
+
+def _growth(values: Mapping[str, float], end: str) -> float:
+    """Return the stiffness at the static load over its peak (Ziaukas 2023, 4.6)."""
+    return math.sin(2 * math.atan(static_load(values, end) / values[f"stiffness_load_{end}"]))
+
+
+def from_slopes(spec: ModelSpec, axles: Sequence[Axle]) -> ModelSpec:
+    """Return the model with the cornering stiffnesses of its axle curves; an axle without a line keeps its own."""
+    found = {
+        f"stiffness_peak_{a.name}": a.slope.value * static_load(spec.values, a.name) / _growth(spec.values, a.name)
+        for a in axles
+        if a.slope is not None
+    }
+    return replace(spec, values={**spec.values, **found})
+
+
+def _line(axle: Axle, values: Mapping[str, float]) -> Slope:
+    """Return the identified stiffness as the line of an axle curve."""
+    slope = values[f"stiffness_peak_{axle.name}"] * _growth(values, axle.name) / static_load(values, axle.name)
+    known = np.isfinite(axle.slip) & np.isfinite(axle.share)
+    return Slope(slope, float(np.corrcoef(axle.slip[known], axle.share[known])[0, 1]), 0.0, int(known.sum()))
+
+
+def calibrated(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
+    """Return a recording freed of what was identified of its sensors: steering (3.48), zeros, and the lever arm.
+
+    An accelerometer whose zero was found tells the force of the tyres on a banked road too, where velocities do not.
+    """
+    found = {
+        n: recording[n] - values.get(f"sensor_bias_{n}", 0.0)
+        for n in ("yaw_rate", "lateral_velocity", "lateral_acceleration")
+        if n in recording and (f"sensor_bias_{n}" in values or n != "lateral_acceleration")
+    }
+    found["lateral_velocity"] = found["lateral_velocity"] - values["reference_from_cog"] * found["yaw_rate"]
+    steered = recording["steering_wheel_angle"] / values["steering_ratio"] + values.get("steering_offset", 0.0)
+    return recording.assign({**found, "road_wheel_angle": steered})
+
+
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m harness.identification.measured", description=__doc__)
+    parser.add_argument("file", type=Path, help="such as studies/identify/genesis.toml")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
+    parser.add_argument("--jobs", type=int, default=None, help="threads; all cores if absent")
+    return parser
+
+
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Identify as the file says and write data and report."""
+    chosen = _arguments().parse_args(arguments)
+    study = IdentifyStudy.read(chosen.file)
+    if study.absent:
+        print(study.absent)
+        return
+    with Console(stderr=True).status("starting") as status:
+        found = identified(study, chosen.jobs, status.update)
+    command = f"python -m harness.identification.measured {shlex.join(arguments)}"
+    names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
+    source = f"{study.path}, method {found.fit.method}, on {names}"
+    write_outcome(chosen.out, found.fit, list(found.judged), source)
+    write(document(found, study.raw.title, study.spans(), command), chosen.out)
+    print(f"wrote {chosen.out}/report.html")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,250 @@
+"""What a file about measured drives holds, whatever is done with them: a model, drives to fit, drives to judge on.
+
+::
+
+    title = "Does the bicycle model hold on the proving ground?"
+    recordings = "../../../shared/measured/genesis_g80"   # from this file; skipped where it is absent
+    channels = "../channels/genesis_g80.toml"
+    step = "20 ms"                                        # slower than the signals' own filters
+    bank_map = true                                       # the fitted drives teach the bank of the road
+    free = ["yaw_inertia"]                                # parameters to fit; cornering stiffnesses if absent
+
+    [model]                                               # as [plant] in a study
+    vehicle = "car"
+    tyre = "linear"
+
+    [[train]]
+    file = "slow.mat"
+    span = ["10 s", "200 s"]
+
+    [[test]]
+    file = "fast.mat"
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import xarray as xr
+from pydantic import Field, StrictBool, StrictStr, ValidationError
+
+from harness.common.errors import UserError
+from harness.common.files import read_toml
+from harness.common.registry import closest
+from harness.common.units import to_si
+from harness.config import ModelSpec, resolve_single
+from harness.config.problems import Problems, add_validation_errors
+from harness.config.schema import ModelTable, Name, Quantity, Table
+from harness.recordings.load import load_recording
+from harness.recordings.road_bank_map import with_bank
+from harness.reporting.document import Sheet
+
+SHORTEST = 20.0
+"""s; what shorter drives show is as much the first state as the vehicle."""
+
+FINEST = 0.01
+"""s; longest integration step: errors of integration look like a lag of the steering."""
+
+
+def finely(table: Mapping[str, Any], step: float, where: str) -> ModelSpec:
+    """Return a model as a study states one, integrated finely.
+
+    Args:
+        table: Keys and values as in ``[plant]``. Integrator and substeps are its own if it states them, as for a
+            vehicle so small that its tyres damp within a step.
+        step: Sample time in s.
+        where: Named in errors.
+
+    Raises:
+        UserError: If there cannot be such a model.
+    """
+    fine = {"integrator": "rk4", "substeps": math.ceil(step / FINEST)}
+    return resolve_single({**fine, **table, "step": step}, where)
+
+
+def fitted_parameters(spec: ModelSpec, named: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return the parameters to fit: those named, or the cornering stiffnesses.
+
+    Raises:
+        UserError: If the model has no parameter of a name.
+    """
+    model = spec.model()
+    for i, name in enumerate(named):
+        if name not in model.parameter_names:
+            raise UserError(f"{where}[{i}]: the model has no parameter '{name}'{closest(name, model.parameter_names)}")
+    return tuple(named) or tuple(p.name for p in model.parameters if p.unit in ("N/rad", "1/rad"))
+
+
+class SpanTable(Table):
+    """A span of a recording."""
+
+    file: Name = Field(description="recording, from the folder of recordings")
+    name: StrictStr = Field(default="", description="in reports; the name of the file if absent")
+    span: tuple[Quantity, Quantity] | None = Field(default=None, description="first and last moment; all if absent")
+
+
+class MeasuredFile(Table):
+    """The keys that every file about measured drives has."""
+
+    title: Name = Field(description="title of the report")
+    recordings: Name = Field(description="folder of the recordings, from this file")
+    channels: StrictStr = Field(default="", description="channel map, from this file; signal names if absent")
+    step: Quantity = Field(default="20 ms", description="sample time; slower than the signals' own filters")
+    bank_map: StrictBool = Field(default=False, description="map the bank of the road over the path of fitted drives")
+    free: list[Name] = Field(default_factory=list, description="parameters to fit; stiffnesses if absent")
+    model: ModelTable = Field(description="the nominal model, as [plant] in a study")
+    train: list[SpanTable] = Field(min_length=1, description="drives to fit")
+    test: list[SpanTable] = Field(min_length=1, description="drives to judge on")
+
+
+@dataclass(frozen=True)
+class MeasuredStudy:
+    """Such a file, read.
+
+    Attributes:
+        path: Of the file.
+        raw: Its content.
+        folder: Of the recordings.
+        channels: Channel map, if any.
+        step: Sample time in s.
+    """
+
+    SCHEMA: ClassVar[type[MeasuredFile]] = MeasuredFile
+
+    path: Path
+    raw: MeasuredFile
+    folder: Path
+    channels: Path | None
+    step: float
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file about measured drives.
+
+        Raises:
+            UserError: If anything in it is wrong; one line per problem.
+        """
+        problems = Problems(str(path))
+        try:
+            raw = cls.SCHEMA.model_validate(read_toml(path))
+        except ValidationError as error:
+            add_validation_errors(problems, error, cls.SCHEMA)
+            problems.stop()
+            raise
+        channels = path.parent / raw.channels if raw.channels else None
+        step = to_si(raw.step, "s", f"{path}: step")
+        if step <= 0:
+            raise UserError(f"{path}: step: {step:g} s must be positive")
+        return cls(path, raw, path.parent / raw.recordings, channels, step)
+
+    @property
+    def absent(self) -> str:
+        """Why the study is skipped, in a sentence; empty where the recordings are."""
+        return "" if self.folder.is_dir() else f"{self.path}: skipped, there is no folder {self.folder} of recordings"
+
+    def spans(self) -> dict[str, list[SpanTable]]:
+        """Return the spans by the key of the file that holds them."""
+        return {"train": self.raw.train, "test": self.raw.test}
+
+    def drives(self) -> dict[str, list[xr.Dataset]]:
+        """Return the recordings by the key of the file that names them, with a steering-wheel angle.
+
+        Where a recording holds only the angle of the road wheels, it is that times the stated ratio.
+
+        Raises:
+            UserError: If a recording cannot be read, a span is not in it or too short, or a fitted span is judged on.
+        """
+        wanted = self.spans()
+        files = dict.fromkeys(s.file for spans in wanted.values() for s in spans)
+        whole = {f: self._load(f) for f in files}
+        if self.raw.bank_map:
+            whole = self._with_bank(whole)
+        taken: list[tuple[str, str, float, float]] = []
+        found: dict[str, list[xr.Dataset]] = {}
+        for key, spans in wanted.items():
+            found[key] = []
+            for i, span in enumerate(spans):
+                where = f"{self.path}: {key}[{i}]"
+                start, stop = self._ends(span, whole[span.file], where)
+                for other, file, first, last in taken:
+                    if file == span.file and first < stop and start < last:
+                        raise UserError(f"{where}.span: overlaps {other}; keep every drive for one purpose")
+                taken.append((f"{key}[{i}]", span.file, start, stop))
+                found[key].append(_cut(whole[span.file], start, stop, span))
+        ratio = self.nominal().values.get("steering_ratio", 1.0)
+        return {key: [_steered(r, ratio) for r in recordings] for key, recordings in found.items()}
+
+    def nominal(self) -> ModelSpec:
+        """Return the nominal model, integrated finely.
+
+        Raises:
+            UserError: If the file states one that cannot be.
+        """
+        return finely(self.raw.model.model_dump(exclude_unset=True), self.step, f"{self.path}: model")
+
+    def fitted_parameters(self) -> tuple[str, ...]:
+        """Return the parameters to fit: those that the file names, or the cornering stiffnesses.
+
+        Raises:
+            UserError: If the model has no parameter of that name.
+        """
+        return fitted_parameters(self.nominal(), self.raw.free, f"{self.path}: free")
+
+    def _with_bank(self, whole: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+        """Return the recordings with the bank of the road; those that are fitted teach it, as a whole."""
+        fitted = list(dict.fromkeys(s.file for s in self.raw.train))
+        both = [s.file for s in self.raw.test if s.file in fitted]
+        if both:
+            raise UserError(f"{self.path}: bank_map: '{both[0]}' is fitted, so it teaches the road; judge on another")
+        others = [f for f in whole if f not in fitted]
+        banked = with_bank([whole[f] for f in fitted], [whole[f] for f in others])
+        return dict(zip([*fitted, *others], banked, strict=True))
+
+    def _load(self, file: str) -> xr.Dataset:
+        if not (self.folder / file).exists():
+            beside = sorted(p.name for p in self.folder.iterdir())
+            raise UserError(f"{self.path}: there is no recording '{file}' in {self.folder}{closest(file, beside)}")
+        return load_recording(self.folder / file, self.channels, self.step)
+
+    def _ends(self, span: SpanTable, recording: xr.Dataset, where: str) -> tuple[float, float]:
+        last = float(recording["time"][-1])
+        start, stop = (0.0, last) if span.span is None else (to_si(t, "s", f"{where}.span") for t in span.span)
+        if not 0.0 <= start < stop <= last:
+            raise UserError(f"{where}.span: {start:g} to {stop:g} s; '{span.file}' runs from 0 to {last:.1f} s")
+        if stop - start < SHORTEST:
+            raise UserError(f"{where}.span: {stop - start:.1f} s decide nothing; take at least {SHORTEST:g} s")
+        return start, stop
+
+
+def _cut(recording: xr.Dataset, start: float, stop: float, span: SpanTable) -> xr.Dataset:
+    time = recording["time"]
+    part = recording.isel(time=np.flatnonzero((time >= start) & (time <= stop)))
+    name = span.name or Path(span.file).name.split(".")[0]
+    return part.assign_coords(time=part["time"] - part["time"][0]).assign_attrs(name=name)
+
+
+def _steered(recording: xr.Dataset, ratio: float) -> xr.Dataset:
+    if "steering_wheel_angle" in recording or "road_wheel_angle" not in recording:
+        return recording
+    return recording.assign(steering_wheel_angle=ratio * recording["road_wheel_angle"])
+
+
+def names_of(recordings: Sequence[xr.Dataset]) -> list[str]:
+    """Return the names of drives; spans of one recording are told apart by number."""
+    given = [str(r.attrs["name"]) for r in recordings]
+    return [f"{n} ({given[: i + 1].count(n)})" if given.count(n) > 1 else n for i, n in enumerate(given)]
+
+
+def spans_sheet(spans: Mapping[str, Sequence[SpanTable]]) -> Sheet:
+    """Return the table of the drives for a report, by what they were used for."""
+    rows = [
+        [s.name or s.file, purpose, "all" if s.span is None else " to ".join(map(str, s.span))]
+        for purpose, tables in spans.items()
+        for s in tables
+    ]
+    return Sheet(["recording", "used", "span"], rows, "The drives.", left=3)

@@ -1,0 +1,91 @@
+"""Report of a measured car: table 3.3 and figures 3.16 and 3.21 of Sun 2015, then the report of any fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from harness.identification.measured_file import SpanTable, spans_sheet
+from harness.identification.report import document as fit_document
+from harness.models.quantities import quantity
+from harness.recordings import check_figures
+from harness.recordings.axle_curves import Axle
+from harness.reporting import style
+from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain
+
+if TYPE_CHECKING:
+    from harness.identification.measured import Identified
+
+
+def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTable]], command: str) -> Document:
+    """Return the report.
+
+    Args:
+        found: What was identified.
+        title: The question.
+        spans: The drives by what they were used for.
+        command: How it was made.
+    """
+    evidence = [
+        Section(lambda: [_errors(found)], "How large are the errors of each model?"),
+        Section(lambda: [Prose(plain(_steering(found)))], "How is the steering calibrated?"),
+        Section(lambda: [spans_sheet({"fitted": spans["train"], "kept": spans["test"]})], "Which drives?"),
+        Section(lambda: _stiffness(found), "Where does the search begin, and where does it end?"),
+    ]
+    return fit_document(found.fit, list(found.judged), command, title, evidence)
+
+
+def _stiffness(found: Identified) -> list[Block]:
+    return [
+        Heading("Where does the search begin, and where does it end?"),
+        Prose(plain(_slopes(found))),
+        check_figures.axles(found.axles_before, title="How stiff are the axles, by the published car?"),
+        check_figures.axles(found.axles_after, "stiffness found", "How stiff are the axles, by the car found?"),
+    ]
+
+
+def _errors(found: Identified) -> Sheet:
+    """Return table 3.3 with the fitted drives beside those kept."""
+    rows = []
+    outputs = list(found.published.model().outputs)
+    for judged, published in zip(found.judged, found.published_error, strict=True):
+        for a, name in enumerate(outputs):
+            q = quantity(name)
+            errors = (published[a], *judged.free_error[:, a])
+            role = "kept" if judged.held_out else "fitted"
+            rows.append([judged.drive.name, role, q.words, q.unit, *(style.number(q.scale * e) for e in errors)])
+    header = ["drive", "role", "output", "unit", "published", "from slopes", "identified"]
+    caption = (
+        "Root mean square of measurement minus the model alone, which sees no measurement after the first sample "
+        "(table 3.3 of Sun): as published, with the stiffnesses that the search starts from, and as identified. "
+        "A model that leaves the range in which its equations hold counts up to then."
+    )
+    return Sheet(header, rows, caption, left=4)
+
+
+def _steering(found: Identified) -> str:
+    """State factor and offset of the steering calibration (3.48)."""
+    stated, values = found.published.values, found.fit.spec.values
+    factor = stated["steering_ratio"] / values["steering_ratio"]
+    offset = math.degrees(values.get("steering_offset", 0.0))
+    return (
+        f"Steering: the road wheels turn {style.number(factor)} times the recorded angle (steering ratio "
+        f"{style.number(stated['steering_ratio'])} as stated, {style.number(values['steering_ratio'])} as found) plus "
+        f"{style.number(offset)}°."
+    )
+
+
+def _slopes(found: Identified) -> str:
+    """State the slopes before and after (3.46, 3.47)."""
+    parts = []
+    for before, after in zip(found.axles_before, found.axles_after, strict=True):
+        assert after.slope is not None
+        began = "no line by the published car" if before.slope is None else f"{_slope(before)} by the published car"
+        parts.append(f"{before.name} axle: {began}, {_slope(after)} identified")
+    return f"Lateral force over load per slip angle: {'; '.join(parts)}."
+
+
+def _slope(axle: Axle) -> str:
+    assert axle.slope is not None
+    return f"{style.number(axle.slope.value)} 1/rad (points correlate by {axle.slope.correlation:.2f})"

@@ -1,0 +1,1 @@
+"""One method of identification per file, see ``harness.identification.contract``."""

@@ -1,0 +1,253 @@
+"""Expectation maximisation with particles (Schön, Wills and Ninness 2011; Sun 2015, 2.28 to 2.39, 2.76 to 3.13).
+
+E-step: the bootstrap filter and the marginal smoother give pairs of particles at neighbouring samples with weights
+``W = p(x(t), x(t+1) | y)`` under the parameters at hand, ``theta_m``. M-step: the parameters that maximise
+
+    Q(theta, theta_m) = sum W log N(x(t+1); f_theta(x(t), u(t)), Xi) + sum w log N(y(t); h_theta(x(t), u(t)), R)
+
+(2.77 and 2.78; 2.76 does not depend on them). The exponents in Sun's (3.8) to (3.12) lack their minus sign. The sum
+over pairs is quadratic in ``x(t+1)``, so the mean of ``x(t+1)`` per particle at ``t`` is all it takes
+(``harness.estimation.particle_smoother.transitions``): N terms per sample in place of N^2. The derivatives are exact
+(``harness.engine.simd.dual``).
+
+Sun sets ``Xi`` beforehand and names that as open. Here it maximises Q together with the parameters: for any parameters
+the best variance of a state is the mean of its squared residuals, which is put into Q. The particles make the iterates
+scatter, so the result is their mean over a window, and the search ends when two windows agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.optimize import minimize
+
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.config import ModelSpec
+from harness.identification.contract import Estimate, Fit, Problem
+from harness.identification.data import Drive
+from harness.identification.e_step import Expectation, Expecter, Point
+from harness.identification.filtered_model import Candidates
+from harness.simulation.simulate import variances
+
+Floats = NDArray[np.float64]
+
+
+class Settings(BaseModel):
+    """How EM goes about it; particles as Sun."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    particles: int = Field(default=50, ge=2, le=100_000, description="of filter and smoother")
+    e_step: Literal["smoother", "filter"] = Field(
+        default="smoother", description="whether all measurements count or only those up to the next sample"
+    )
+    search: Literal["gradient", "coordinate"] = Field(
+        default="gradient",
+        description="all parameters at once, or one after the other with an E-step after each, as Sun",
+    )
+    process_noise: bool = Field(default=True, description="whether the process covariance is estimated")
+    measurement_noise: bool = Field(default=False, description="whether the measurement covariance is estimated")
+    window: int = Field(default=10, ge=2, le=10_000, description="iterations whose mean is the result")
+    iterations: int = Field(default=200, ge=1, le=100_000, description="most E-steps")
+    bounds: dict[str, tuple[float, float]] = Field(
+        default_factory=dict, description="search range by parameter, SI; by default the model's bounds"
+    )
+
+
+@dataclass(frozen=True)
+class Found:
+    """What EM found.
+
+    Attributes:
+        point: Mean over the last window.
+        history: The point after each M-step, the start first.
+        converged: Whether two windows agreed within the scatter of the particles before the iterations ran out.
+    """
+
+    point: Point
+    history: tuple[Point, ...]
+    converged: bool
+
+
+class Maximisation:
+    """EM for one model and its recordings.
+
+    Args:
+        spec: The model; its values and variances are where EM begins. Every state needs process noise.
+        free: Names of the parameters to be found.
+        drives: Recordings.
+        settings: How EM goes about it.
+
+    Raises:
+        UserError: If nothing is free or recorded, a name is unknown, or a parameter starts outside its search range.
+    """
+
+    def __init__(
+        self, spec: ModelSpec, free: Sequence[str], drives: Sequence[Drive], settings: Settings | None = None
+    ) -> None:
+        self.spec, self.free, self.settings = spec, tuple(free), settings or Settings()
+        self._bounds = _search_ranges(spec, self.free, self.settings.bounds)
+        if not drives:
+            raise UserError("no recording is given; identification needs at least one")
+        smoothed = self.settings.e_step == "smoother"
+        self.expecter = Expecter(spec, self.free, drives, self.settings.particles, smoothed)
+
+    def start(self) -> Point:
+        """Return the point EM begins with."""
+        return Point(
+            np.array([self.spec.values[name] for name in self.free]),
+            variances(self.spec.process_noise, self.spec.model().states),
+            variances(self.spec.measurement_noise, list(self.spec.model().outputs)),
+        )
+
+    def negative_q(self, expectation: Expectation, point: Point) -> Callable[[Floats], tuple[float, Floats]]:
+        """Return ``-Q(theta, theta_m)`` but for a constant, with its gradient, as a function of the free parameters.
+
+        Variances that are estimated are at their best for the parameters at hand, the others at the point's.
+        """
+        nx, ny = len(point.process), len(point.measurement)
+        counts = np.concatenate([np.full(nx, float(expectation.steps)), expectation.seen])
+        held = np.concatenate([point.process, point.measurement])
+        best = np.repeat([self.settings.process_noise, self.settings.measurement_noise], [nx, ny])
+
+        def evaluate(free: Floats) -> tuple[float, Floats]:
+            sums, slopes = self.expecter.residuals(expectation, free)
+            variance = np.where(best, sums / counts, held)
+            value = 0.5 * np.sum(np.where(best, counts * np.log(variance), sums / variance))
+            return float(value), 0.5 * (slopes / variance[:, None]).sum(axis=0)
+
+        return evaluate
+
+    def maximise(self, expectation: Expectation, point: Point, turn: int) -> Point:
+        """Return the point of the largest Q (the M-step); of the coordinate search, along parameter ``turn``."""
+        cost = self.negative_q(expectation, point)
+        free = self._climb(cost, point.free) if self.settings.search == "gradient" else self._along(cost, point, turn)
+        sums, _ = self.expecter.residuals(expectation, free)
+        process, measurement = np.split(sums, [len(point.process)])
+        return Point(
+            free,
+            process / expectation.steps if self.settings.process_noise else point.process,
+            measurement / expectation.seen if self.settings.measurement_noise else point.measurement,
+        )
+
+    def _climb(self, cost: Callable[[Floats], tuple[float, Floats]], start: Floats) -> Floats:
+        scale = np.where(start == 0, self._bounds[:, 1] - self._bounds[:, 0], np.abs(start))
+
+        def scaled(z: Floats) -> tuple[float, Floats]:
+            value, slope = cost(z * scale)
+            return value, slope * scale
+
+        bounds = list(zip(self._bounds[:, 0] / scale, self._bounds[:, 1] / scale, strict=True))
+        found = minimize(scaled, start / scale, jac=True, method="L-BFGS-B", bounds=bounds)
+        return np.asarray(found.x * scale)
+
+    def _along(self, cost: Callable[[Floats], tuple[float, Floats]], point: Point, turn: int) -> Floats:
+        own = np.arange(len(self.free)) == turn % len(self.free)
+        found = minimize(
+            lambda v: cost(np.where(own, v, point.free))[0],
+            point.free[own],
+            method="Nelder-Mead",
+            bounds=self._bounds[own],
+        )  # what Sun's fminsearch is
+        return np.where(own, found.x, point.free)
+
+    def run(self, seed: int, say: Callable[[str], None] = lambda _: None) -> Found:
+        """Iterate until the mean over a window no longer moves by more than the particles make it scatter.
+
+        A window of the coordinate search counts rounds in which every parameter had its turn.
+
+        Args:
+            seed: Of the particles.
+            say: Takes a line on what is being done.
+
+        Raises:
+            UserError: If a state has no process noise or the filter diverges.
+        """
+        root, turns = np.random.SeedSequence(seed), len(self.free) if self.settings.search == "coordinate" else 1
+        window = self.settings.window * turns
+        history, converged = [self.start()], False
+        while len(history) <= self.settings.iterations and not converged:
+            point = history[-1]
+            expectation = self.expecter.expect(point, root.spawn(1)[0])
+            history.append(self.maximise(expectation, point, len(history) - 1))
+            recent = history[-2 * window :: turns]
+            converged = len(history) > 2 * window and settled(np.array([p.free for p in recent]))
+            if (len(history) - 1) % window == 0:
+                values = zip(self.free, history[-1].free, strict=True)
+                say(f"iteration {len(history) - 1}: " + ", ".join(f"{name} {value:.4g}" for name, value in values))
+        return Found(_mean(history[-window:]), tuple(history), converged)
+
+
+def settled(iterates: Floats) -> bool:
+    """Whether the means of both halves agree within twice their standard error, column by column ``(2 n, free)``."""
+    before, after = np.split(iterates, 2)
+    error = np.sqrt((before.var(axis=0, ddof=1) + after.var(axis=0, ddof=1)) / len(after))
+    return bool(np.all(np.abs(after.mean(axis=0) - before.mean(axis=0)) <= 2.0 * error))
+
+
+def _mean(points: Sequence[Point]) -> Point:
+    fields = ("free", "process", "measurement")
+    return Point(*(np.mean([getattr(p, name) for p in points], axis=0) for name in fields))
+
+
+def _search_ranges(spec: ModelSpec, free: Sequence[str], given: Mapping[str, tuple[float, float]]) -> Floats:
+    """Return lower and upper bound of each free parameter ``(free, 2)``."""
+    declared = {p.name: p for p in spec.model().parameters}
+    if not free:
+        raise UserError("no parameter is free; name at least one")
+    for name in given:
+        if name not in free:
+            raise UserError(f"bounds: '{name}' is no free parameter{closest(name, list(free))}")
+    ranges = []
+    for name in free:
+        if name not in declared:
+            raise UserError(f"model '{spec.model().name}' has no parameter '{name}'{closest(name, list(declared))}")
+        lower, upper = given.get(name, (declared[name].lower, declared[name].upper))
+        if not lower <= spec.values[name] <= upper or lower == upper:
+            raise UserError(f"'{name}' starts at {spec.values[name]:g}, its search range is {lower:g} to {upper:g}")
+        ranges.append((lower, upper))
+    return np.array(ranges)
+
+
+def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = lambda _: None) -> Fit:
+    """Return the parameters and variances at which EM comes to rest.
+
+    Raises:
+        UserError: As ``Maximisation``; if a state has no process noise or the filter diverges.
+    """
+    spec, model = problem.spec, problem.spec.model()
+    search = Maximisation(spec, problem.free, problem.drives, settings)
+    found = search.run(problem.seed, say)
+    units = {p.name: p.unit for p in model.parameters}
+    point, path = found.point, np.array([p.free for p in found.history])
+    values = dict(zip(problem.free, map(float, point.free), strict=True))
+    fitted = replace(
+        spec,
+        values={**spec.values, **values},
+        process_noise=dict(zip(model.states, map(float, point.process), strict=True)),
+        measurement_noise=dict(zip(model.outputs, map(float, point.measurement), strict=True)),
+    )
+    inner = problem.innovations
+    before, after = (float(inner.log_likelihoods(problem.drives, Candidates.of(s))[0]) for s in (spec, fitted))
+    return Fit(
+        method="em",
+        spec=fitted,
+        estimates=tuple(Estimate(n, units[n], spec.values[n], values[n]) for n in problem.free),
+        correlation=np.empty((0, 0)),
+        objective="log-likelihood of the Kalman filter's innovations",
+        before=before,
+        after=after,
+        history=(before, after),
+        converged=found.converged,
+        notes=(
+            f"{len(path) - 1} iterations of {settings.particles} particles; the values are means over the last "
+            f"{settings.window}. EM states no uncertainty; method 'likelihood' does.",
+        ),
+        further={"iterates": {n: path[:, i].tolist() for i, n in enumerate(problem.free)}},
+    )

@@ -1,0 +1,208 @@
+"""Prediction-error maximum likelihood: parameters and noise through the innovations of the extended Kalman filter.
+
+The innovations of a filter that holds the right model are white and normal with the covariance it states, so their
+density is the likelihood of the parameters (Kristensen, Madsen and Joergensen 2004, eqs 6 to 8; Ljung 1999, 7.4).
+Gradient and Fisher information are exact (``harness.identification.innovations``). Process and measurement noise are
+estimated with the parameters: process noise held too large hides what a parameter does, held too small it makes the
+model look wrong. The search fits the parameters first with the error in the measurement noise, then the noise, then
+both; at last it forces the process noise down and refits, for as long as that gains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.stats import qmc
+
+from harness.common.errors import UserError
+from harness.engine.simd.lanes import LANES
+from harness.identification.contract import Fit, Problem
+from harness.identification.coordinates import Coordinates
+from harness.identification.data import Drive
+from harness.identification.fisher_scoring import Found, maximise
+from harness.identification.objective import LogPosterior
+from harness.identification.uncertainty import Summit, estimates_of, limits_of_knowledge
+
+Floats = NDArray[np.float64]
+
+_ROUGH = 5
+"""Iterations of a stage that only prepares the next one."""
+
+_COOLING = np.log(100.0)
+"""How far the logarithm of every process-noise variance is forced down at once."""
+
+_REACH = np.log(2.0)
+"""Other starts lie within this of the first one in each logarithm, or within that share of the range."""
+
+
+class Settings(BaseModel):
+    """How far the search goes."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    starts: int = Field(1, ge=1, le=64, description="points from which the search begins; the first is the given one")
+    iterations: int = Field(60, ge=1, description="largest number of passes with derivatives per stage")
+    annealings: int = Field(3, ge=0, description="how often the process noise is forced down, while that gains")
+    profiles: bool = Field(True, description="whether the likelihood along each parameter is computed")
+    process_noise: bool = Field(True, description="whether the process noise is estimated; false holds it as stated")
+    priors: dict[str, float] = Field(
+        default_factory=dict,
+        description="standard deviation of a prior about the first value by parameter; of the logarithm if positive",
+    )
+
+
+def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = lambda _: None) -> Fit:
+    """Return the parameters and variances that make the recordings most likely.
+
+    Raises:
+        UserError: If nothing is free or the filter diverges at the first values and all other starts.
+    """
+    if not problem.free:
+        raise UserError("free: no parameter is free; name at least one")
+    search = Search(problem, settings)
+    say("first values")
+    before = float(search.objective.values(search.coordinates.centre[:, None])[0])
+    best: Found | None = None
+    for number, start in enumerate(search.starts(settings.starts, problem.seed), 1):
+        say(f"start {number} of {settings.starts}")
+        found = search.climb(start)
+        if best is None or found.value > best.value:
+            best = found
+    assert best is not None
+    best = search.anneal(best, settings.annealings, say)
+    say("certainty")
+    return search.report(best, before, settings.profiles, say)
+
+
+class Search:
+    """The likelihood of a problem as a function of its coordinates, and the stages of the search.
+
+    Args:
+        problem: Model and recordings.
+        settings: Of the method.
+    """
+
+    def __init__(self, problem: Problem, settings: Settings) -> None:
+        self.problem, self.iterations = problem, settings.iterations
+        self.coordinates = Coordinates.of(
+            problem.spec, problem.free, first_noise(problem), settings.priors, settings.process_noise
+        )
+        self.objective = LogPosterior(problem.innovations, problem.drives, self.coordinates)
+
+    def starts(self, count: int, seed: int) -> list[Floats]:
+        """Return first points: the given one, then the likeliest of many spread about it.
+
+        Raises:
+            UserError: If the filter diverges at all of them.
+        """
+        space, parameters = self.coordinates, self.coordinates.kind("parameter")
+        points = [space.centre]
+        if count > 1:
+            tried = max(LANES, 2 ** int(np.ceil(np.log2(8 * count))))
+            cube = 2.0 * qmc.Sobol(int(parameters.sum()), rng=seed).random(tried) - 1.0
+            reach = np.array([_REACH if c.logarithmic else 0.5 * (c.upper - c.lower) for c in space.coordinates])
+            spread = np.repeat(space.centre[:, None], tried, axis=1)
+            spread[parameters] += (cube * reach[parameters]).T
+            spread = np.clip(spread, space.lower[:, None], space.upper[:, None])
+            order = np.argsort(-self.objective.values(spread), kind="stable")
+            points += [spread[:, k] for k in order[: count - 1]]
+        finite = [p for p in points if np.isfinite(self.objective.values(p[:, None])[0])]
+        if not finite:
+            raise UserError(
+                "the filter diverges on these recordings at the first values; check units and signs of the recorded "
+                "signals, start from other values, or ask for more starts"
+            )
+        return finite
+
+    def climb(self, start: Floats) -> Found:
+        """Fit the parameters with all of the error in the measurement noise, then the noise, then everything.
+
+        Process noise that is free from the beginning would grow until it explains the error of the first values, and
+        then hide what the parameters do.
+        """
+        parameters, measurement = self.coordinates.kind("parameter"), self.coordinates.kind("measurement")
+        wide = start.copy()
+        wide[measurement] = np.log(self._innovation_variances(start))
+        rough = maximise(self.objective, wide, parameters | measurement, self.iterations, enough=1.0)
+        noise = maximise(self.objective, rough.z, ~parameters, _ROUGH)
+        return self.together(noise.z)
+
+    def _innovation_variances(self, z: Floats) -> Floats:
+        """Return the mean square of each output's innovations ``(ny,)``, at least its variance at the point."""
+        held = self.coordinates.candidates(z)
+        runs = self.problem.innovations.runs(self.problem.drives, held)
+        squares = np.nanmean(np.concatenate([r.innovation for r in runs]) ** 2, axis=0)
+        return np.maximum(squares, held.measurement[:, 0])
+
+    def together(self, start: Floats) -> Found:
+        """Move everything."""
+        return maximise(self.objective, start, np.ones(len(self.coordinates), dtype=bool), self.iterations)
+
+    def anneal(self, best: Found, times: int, say: Callable[[str], None]) -> Found:
+        """Force the process noise down and refit, for as long as that gains."""
+        process, parameters = self.coordinates.kind("process"), self.coordinates.kind("parameter")
+        for turn in range(times if process.any() else 0):
+            say(f"annealing {turn + 1}")
+            cold = best.z.copy()
+            cold[process] = np.maximum(cold[process] - _COOLING, self.coordinates.lower[process])
+            refitted = maximise(self.objective, cold, parameters, _ROUGH)
+            found = self.together(refitted.z) if np.isfinite(refitted.value) else refitted
+            gained = found.value - best.value
+            if gained > 0:
+                best = found
+            if gained < 0.1:
+                break
+        return best
+
+    def report(self, best: Found, before: float, profiles: bool, say: Callable[[str], None]) -> Fit:
+        """Return what was found with its uncertainty."""
+        history = tuple(self.objective.history)
+        everything = np.ones(len(self.coordinates), dtype=bool)
+        value, _, information = self.objective.slopes(best.z, everything)
+        knowledge = limits_of_knowledge(self.coordinates, best.z, information)
+        summit = Summit(self.coordinates, self.objective, best.z, value, information, knowledge)
+        estimates = estimates_of(summit, profiles, say)
+        notes = []
+        if not best.converged:
+            notes.append(
+                f"The search stopped early: a further step still promises {best.predicted:.2g} units of "
+                "log-likelihood. More iterations or another start may do better."
+            )
+        diverged = self.objective.diverged
+        if diverged:
+            notes.append(f"{diverged} candidates diverged and were passed over.")
+        return Fit(
+            method="likelihood",
+            spec=self.coordinates.fitted(best.z),
+            estimates=estimates,
+            correlation=knowledge.correlation,
+            objective="log-likelihood",
+            before=before,
+            after=value,
+            history=history,
+            converged=best.converged,
+            notes=tuple(notes),
+            further={"diverged_candidates": diverged, "last_predicted_gain": best.predicted},
+        )
+
+
+def first_noise(problem: Problem) -> Floats:
+    """Return first measurement variances ``(ny,)``: from fourth differences, which leave of a smooth signal only noise.
+
+    White noise of variance ``r`` gives fourth differences of variance ``70 r``. Where a signal is too coarsely
+    resolved to show its noise, the variance of the model at hand stays.
+    """
+    given = np.array([problem.spec.measurement_noise[n] for n in problem.spec.model().outputs])
+    found = np.array([white_noise(problem.drives, a) for a in range(len(given))])
+    return np.where(found > 1e-12 * given, found, given)
+
+
+def white_noise(drives: Sequence[Drive], output: int) -> float:
+    """Return the variance of the white noise on an output, from its fourth differences; 0 if there are none."""
+    rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
+    rest = rest[np.isfinite(rest)]
+    # The median is deaf to spikes; 0.6745 is the median magnitude of a standard normal number.
+    return float(np.median(np.abs(rest)) / 0.6745) ** 2 / 70.0 if rest.size else 0.0

@@ -1,0 +1,238 @@
+"""The report of a fit: what the recordings determine, how well the model follows them, what is left over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.identification import figures
+from harness.identification.contract import Estimate, Fit
+from harness.identification.result import Judged
+from harness.models.quantities import print_unit, quantity, words
+from harness.reporting import style
+from harness.reporting.document import (
+    Block,
+    Bullets,
+    Document,
+    Drawing,
+    Heading,
+    Listing,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
+
+Floats = NDArray[np.float64]
+
+_WHITE = 0.01
+"""p-value below which innovations count as correlated."""
+
+
+def document(
+    fit: Fit, judged: list[Judged], command: str, title: str = "", evidence: Iterable[Block] | None = None
+) -> Document:
+    """Return the report.
+
+    Args:
+        fit: What was found.
+        judged: The recordings, fitted ones first.
+        command: How it was made, for the last section.
+        title: The question; what the recordings say about the vehicle by default.
+        evidence: What stands below the answer; the error in each recording by default.
+    """
+    sections = [
+        Section(lambda: _answer(fit), "What was found?"),
+        *(_gains(fit, judged) if evidence is None else evidence),
+        Section(lambda: _parameters(fit), "Which values?"),
+        Section(lambda: _over_time(fit, judged), "Does the model alone follow the drives?"),
+        Section(lambda: _errors(fit, judged), "How large are the errors?"),
+        Section(lambda: _residuals(fit, judged), "Is anything left that could be predicted?"),
+        Section(lambda: _certainty(fit), "Which estimates hang together?"),
+        Section(lambda: _made(fit, command), "How was it made?"),
+    ]
+    return Document(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
+
+
+def answer(fit: Fit) -> str:
+    """Return the result in a sentence."""
+    parameters = [e for e in fit.estimates if e.name in fit.spec.values]
+    judged = [e for e in parameters if e.verdict is not None]
+    if not judged:
+        return f"{len(parameters)} parameters were fitted; the method states no uncertainty."
+    counts = [
+        (sum(e.verdict == verdict for e in judged), text)
+        for verdict, text in (
+            ("determined", "determined"),
+            ("weakly determined", "only weakly"),
+            ("not determined", "not at all"),
+            ("at its bound", "at a bound"),
+        )
+    ]
+    said = ", ".join(f"{count} {text}" for count, text in counts if count)
+    return f"Of {len(judged)} parameters the recordings leave {said}."
+
+
+def _answer(fit: Fit) -> list[Block]:
+    found: list[Block] = [Heading("What was found?"), Prose(strong(answer(fit)))]
+    if not fit.converged:
+        found.append(Prose(plain("The search did not converge; take the values with care.")))
+    return found
+
+
+def _gains(fit: Fit, judged: list[Judged]) -> list[Block]:
+    return [Section(lambda: [Bullets([plain(_gain(j, fit)) for j in judged])], "How near does the model come?")]
+
+
+def _gain(judged: Judged, fit: Fit) -> str:
+    """Say how much nearer the model alone comes to a recording."""
+    outputs = list(fit.spec.model().outputs)
+    ratio = judged.free_error[1] / judged.free_error[0]
+    known = np.flatnonzero(np.isfinite(ratio))
+    role = "kept from the fit" if judged.held_out else "fitted"
+    if not known.size:
+        return f"{judged.drive.name} ({role}): the model alone leaves the range in which its equations hold."
+    before, after = judged.free_error
+    parts = [f"{words(outputs[a])} {_shown(outputs[a], before[a])} to {_shown(outputs[a], after[a])}" for a in known]
+    return f"{judged.drive.name} ({role}): free-running error {', '.join(parts)}."
+
+
+def _shown(name: str, value: float) -> str:
+    q = quantity(name)
+    return style.with_unit(q.scale * value, q.unit)
+
+
+def _parameters(fit: Fit) -> list[Block]:
+    parameters = [e for e in fit.estimates if e.name in fit.spec.values]
+    noise = [e for e in fit.estimates if e.name not in fit.spec.values]
+    blocks: list[Block] = [Heading("Which values?"), _sheet(parameters, "Parameters before and after the fit")]
+    if any(e.profile is not None for e in parameters):
+        blocks.append(
+            Drawing(
+                lambda: figures.profiles(fit),
+                "How far the log-likelihood falls along each parameter, everything else refitted; what lies below the "
+                "dotted line is outside the 95 % interval, dashed is the parabola of the standard error.",
+                "Profile likelihood of each parameter in standard errors from its estimate.",
+            )
+        )
+    if noise:
+        caption = "Noise before and after; process noise as a factor on the variances of all states of that unit"
+        blocks.append(_sheet(noise, caption))
+    reasons = [f"{words(e.name)}: {e.reason}" for e in parameters if e.reason and e.verdict != "determined"]
+    confounded = [f"{words(e.name)}: {e.reason}" for e in parameters if "confounded" in e.reason]
+    remarks = list(dict.fromkeys([*reasons, *confounded]))
+    return [*blocks, Bullets([plain(r) for r in remarks])] if remarks else blocks
+
+
+def _sheet(estimates: list[Estimate], caption: str) -> Sheet:
+    rows = [
+        [
+            words(e.name),
+            print_unit(e.unit),
+            style.number(e.start),
+            style.number(e.value),
+            style.number(e.error),
+            f"{style.number(e.lower)} to {style.number(e.upper)}" if math.isfinite(e.lower) else "–",
+            e.verdict or "–",
+        ]
+        for e in estimates
+    ]
+    header = ["quantity", "unit", "before", "found", "std. error", "95 % interval", "these recordings"]
+    return Sheet(header, rows, f"{caption}. A dash: not stated.", left=2)
+
+
+def _over_time(fit: Fit, judged: list[Judged]) -> list[Block]:
+    outputs = list(fit.spec.model().outputs)
+    blocks: list[Block] = [
+        Heading("Does the model alone follow the drives?"),
+        Prose(plain("The model runs over the recorded inputs without seeing any measurement after the first sample.")),
+    ]
+    for j in judged:
+        role = "kept from the fit" if j.held_out else "fitted"
+        blocks.append(
+            Drawing(
+                partial(figures.over_time, j, outputs),
+                f"{j.drive.name} ({role}): measured, and the model alone before and after the fit.",
+                f"Outputs over time of {j.drive.name}: measured and simulated before and after the fit.",
+            )
+        )
+    return blocks
+
+
+def _errors(fit: Fit, judged: list[Judged]) -> list[Block]:
+    rows = []
+    for j in judged:
+        for a, name in enumerate(fit.spec.model().outputs):
+            q = quantity(name)
+            errors = [*j.free_error[:, a], *j.one_step_error[:, a]]
+            role = "kept" if j.held_out else "fitted"
+            rows.append([j.drive.name, role, q.words, q.unit, *(style.number(q.scale * e) for e in errors)])
+    header = ["drive", "role", "output", "unit", "alone before", "after", "one step before", "after"]
+    caption = (
+        "Root mean square errors: of the model alone, and of the filter's prediction of the next sample. A dash: the "
+        "model left the range in which its equations hold at once."
+    )
+    return [Sheet(header, rows, caption, left=4)]
+
+
+def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
+    if not judged:
+        return []
+    outputs = list(fit.spec.model().outputs)
+    rows, coloured = [], []
+    for j in judged:
+        for name, w in zip(outputs, j.whiteness, strict=True):
+            rows.append(
+                [
+                    j.drive.name,
+                    words(name),
+                    style.number(w.variance),
+                    style.probability(w.ljung_box),
+                    style.probability(w.periodogram),
+                ]
+            )
+            if min(w.ljung_box, w.periodogram) < _WHITE:
+                coloured.append(f"{words(name)} of {j.drive.name}")
+    said = (
+        "No: every output is as white as noise."
+        if not coloured
+        else f"Yes, in {', '.join(coloured)}: the model leaves something there that it could have predicted."
+    )
+    header = ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"]
+    caption = "Whitened innovations; of the right model they have the variance 1 and are white (large p)."
+    return [
+        Heading("Is anything left that could be predicted?"),
+        Prose(strong(said)),
+        Drawing(
+            lambda: figures.periodograms(judged, outputs),
+            "Cumulative periodogram of the whitened innovations less that of white noise, which stays between the "
+            "dotted lines 95 times of 100.",
+            "Share of power below each frequency less that of white noise, for each output, with the 95 % band.",
+        ),
+        Sheet(header, rows, caption, left=2),
+    ]
+
+
+def _certainty(fit: Fit) -> list[Block]:
+    if not fit.correlation.size:
+        return []
+    caption = (
+        "Correlation of the estimates. A pair near 1 or -1 is confounded: the recordings tell one combination of the "
+        "two and not each."
+    )
+    matrix = Drawing(lambda: figures.correlation(fit), caption, "Matrix of correlations between the estimates.")
+    return [Heading("Which estimates hang together?"), matrix]
+
+
+def _made(fit: Fit, command: str) -> list[Block]:
+    text = (
+        f"Method {fit.method}; {fit.objective} {style.number(fit.before, 6)} before and {style.number(fit.after, 6)} "
+        f"after {len(fit.history)} iterations, {'converged' if fit.converged else 'not converged'}."
+    )
+    notes: list[Block] = [Bullets([plain(n) for n in fit.notes])] if fit.notes else []
+    return [Heading("How was it made?"), Prose(plain(text)), *notes, Listing(command, "sh")]

@@ -1,0 +1,246 @@
+"""The loops over a recording that identification is made of; pasted behind the kernels of a model and its filter.
+
+A recording is the same in all lanes; the lanes differ in what they hold the model to be. Over plain lanes these are
+eight candidates, over dual numbers one candidate with its derivatives along eight directions. ``note`` is called at
+every sample: over plain lanes it is ``note_run``, over dual numbers ``note_slopes``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.engine.kernel_names import (
+    LANES,
+    NW,
+    NX,
+    NY,
+    Info,
+    StandIn,
+    State,
+    cholesky,
+    get,
+    next_state,
+    output,
+    output_jacobian,
+    put,
+    select,
+    splat,
+)
+from harness.engine.simd import lanes as plain
+from harness.engine.simd.dual import tangent_of, value_of
+from harness.engine.time_loops import outside, step, workspace
+
+
+def innovate(u, between, y, belief, x0, P0, memory0, limits, total, notes):
+    """Run the filter over a recording and add up the log-likelihood of its innovations.
+
+    Args:
+        u: Inputs ``(samples, nu)``.
+        between: Inputs during the step behind each sample ``(samples, nu)``.
+        y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
+        belief: ``harness.engine.kernel_names.Belief``.
+        x0: First mean ``(nx, LANES)``.
+        P0: First variances ``(nx, LANES)``.
+        memory0: First memory ``(rows, LANES)``.
+        limits: Largest magnitude of each state ``(nx,)``.
+        total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
+        notes: What ``note`` writes to.
+    """
+    samples, nu = u.shape
+    work, scratch = workspace(), scratchpad()
+    before = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy())
+    after = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy())
+    for i in range(NX):
+        put(get(x0, i), before.mean, i)
+        put(get(P0, i), before.covariance, i, i)
+    row = np.zeros((4, LANES))
+    info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
+    u_before, u_now, y_now = np.empty((nu, LANES)), np.empty((nu, LANES)), np.empty((NY, LANES))
+    put(splat(0.0), total, 0)
+    put(splat(1.0 * samples), total, 1)
+    for k in range(1, samples):
+        fill(between[k - 1], u_before)
+        fill(u[k], u_now)
+        fill(y[k], y_now)
+        step(before, u_before, u_now, y_now, belief, work, after, info)
+        note(before, after, u_before, u_now, y_now, belief, info, scratch, k, notes)
+        before, after = after, before
+        put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
+        left = get(total, 1)
+        put(select((outside(before.mean, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
+
+
+def fill(values, numbers):
+    """Write plain values, the same for all lanes."""
+    for i in range(numbers.shape[0]):
+        put(values[i], numbers, i)
+
+
+def scratchpad():
+    """Return the scratch arrays of ``note``."""
+    return (
+        np.zeros((NY, NY, LANES)),
+        np.zeros((NY, NY, LANES)),
+        np.empty((NX, LANES)),
+        np.empty((NY, LANES)),
+        np.empty((NY, NX, LANES)),
+        np.empty((NW, LANES)),
+        np.zeros((NY, NY, plain.LANES)),
+    )
+
+
+def factorise(info, y, S, factor):
+    """Write the Cholesky factor of the innovation covariance, with unit rows in place of missing measurements."""
+    for a in range(NY):
+        for b in range(NY):
+            seen = (get(y, a) == get(y, a)) & (get(y, b) == get(y, b))
+            put(select(seen, get(info.innovation_covariance, a, b), 1.0 if a == b else 0.0), S, a, b)
+    cholesky(S, factor, NY)
+
+
+def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
+    """Keep what the first lane's filter did at a sample; nothing if there is no room for samples.
+
+    The gain is that of a filter linearised at its prediction.
+    """
+    S, factor, x_prior, predicted, H, w, _ = scratch
+    if notes[0].shape[0] > 0:
+        next_state(before.mean, u_before, belief.constants, x_prior, w)
+        output_jacobian(x_prior, u, belief.constants, predicted, H)
+        R = belief.measurement_noise
+        keep_first_lane(info, y, H, after.covariance, R, S, factor, after.mean, k, notes)
+
+
+def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
+    """Keep what the first lane's filter did at a sample, as plain numbers.
+
+    Written to ``notes`` are the innovation and its standard deviation ``(samples, ny)``; the innovation over its
+    Cholesky factor ``(samples, ny)``, NaN where missing; the inverse of that factor ``(samples, ny, ny)``; the gain
+    ``K = P H' R^-1`` with the corrected covariance ``P`` ``(samples, nx, ny)``; and the corrected mean
+    ``(samples, states of x)``, of which the first ``NX`` are those of the filter.
+    """
+    innovation, deviation, whitened, whitening, gain, state = notes
+    factorise(info, y, S, factor)
+    for a in range(NY):
+        missing = np.isnan(y[a, 0])
+        for b in range(a + 1):
+            total = 1.0 if a == b else 0.0
+            for c in range(b, a):
+                total -= factor[a, c, 0] * whitening[k, c, b]
+            whitening[k, a, b] = total / factor[a, a, 0]
+        total = 0.0
+        for b in range(a + 1):
+            if not np.isnan(y[b, 0]):
+                total += whitening[k, a, b] * info.innovation[b, 0]
+        innovation[k, a] = info.innovation[a, 0]
+        deviation[k, a] = np.sqrt(info.innovation_covariance[a, a, 0])
+        whitened[k, a] = np.nan if missing else total
+        for i in range(NX):
+            total = 0.0
+            for j in range(NX):
+                total += P[i, j, 0] * H[a, j, 0]
+            gain[k, i, a] = 0.0 if missing else total / R[a, 0]
+    for i in range(x.shape[0]):
+        state[k, i] = x[i, 0]
+
+
+def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
+    """Keep the derivatives of a sample from which the Fisher information follows; over dual numbers only.
+
+    With the innovation ``e``, its covariance ``S = L L'`` and the derivatives ``de, dS`` along each direction,
+    ``L^-1 de`` and ``G = L^-1 dS L^-T`` are whitened, and the information that the sample holds on two directions is
+    ``(L^-1 de_i)' (L^-1 de_j) + tr(G_i G_j) / 2``. Written to ``notes (samples, ny + ny (ny + 1) / 2, lanes)`` are
+    ``L^-1 de`` and the lower triangle of ``G``, its diagonal over the root of 2, so that the information is the sum
+    of products of the rows. Rows of missing measurements are zero.
+    """
+    S, factor, _, _, _, _, ratio = scratch
+    factorise(info, y, S, factor)
+    row = NY
+    for a in range(NY):
+        inverse = 1.0 / value_of(get(factor, a, a))
+        e = select(get(y, a) == get(y, a), get(info.innovation, a), 0.0)
+        rest = tangent_of(e)
+        for b in range(a):
+            rest = rest - value_of(get(factor, a, b)) * plain.get(notes, k, b)
+        plain.put(rest * inverse, notes, k, a)
+        for b in range(a + 1):  # ratio = L^-1 dL, of which G is the sum with its transpose
+            rest = tangent_of(get(factor, a, b))
+            for c in range(b, a):
+                rest = rest - value_of(get(factor, a, c)) * plain.get(ratio, c, b)
+            rest = rest * inverse
+            plain.put(rest, ratio, a, b)
+            plain.put(1.4142135623730951 * rest if a == b else rest, notes, k, row)
+            row += 1
+
+
+def follow(u, between, y, constants, x0, gain, whitening, slopes):
+    """Run the mean alone, with the gains and the whitening of an earlier pass; over dual numbers only.
+
+    Args:
+        u: Inputs ``(samples, nu)``.
+        between: Inputs during the step behind each sample ``(samples, nu)``.
+        y: Measurements ``(samples, ny)``, NaN where missing.
+        constants: ``(nc, LANES)``.
+        x0: First mean ``(nx, LANES)``.
+        gain: From ``keep_first_lane``, ``(samples, nx, ny)``; states behind its rows are not corrected.
+        whitening: From ``keep_first_lane``, ``(samples, ny, ny)``.
+        slopes: Derivatives of the whitened innovations, written ``(samples, ny, lanes)``.
+    """
+    samples, nu = u.shape
+    x, x_prior, w = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
+    e, u_now = np.empty((NY, LANES)), np.empty((nu, LANES))
+    for i in range(NX):
+        put(get(x0, i), x, i)
+    for k in range(1, samples):
+        fill(between[k - 1], u_now)
+        next_state(x, u_now, constants, x_prior, w)
+        fill(u[k], u_now)
+        output(x_prior, u_now, constants, e)
+        for a in range(NY):
+            if np.isnan(y[k, a]):
+                put(splat(0.0), e, a)
+            else:
+                put(y[k, a] - get(e, a), e, a)
+        for i in range(NX):
+            value = get(x_prior, i)
+            for a in range(NY if i < gain.shape[1] else 0):
+                value = value + gain[k, i, a] * get(e, a)
+            put(value, x, i)
+        for a in range(NY):
+            total = plain.splat(0.0)
+            for b in range(a + 1):
+                total = total + whitening[k, a, b] * tangent_of(get(e, b))
+            plain.put(total, slopes, k, a)
+
+
+def run_free(u, between, constants, x0, limits, states, outputs, left_at):
+    """Run the model alone over the inputs of a recording, without noise and without measurements.
+
+    Args:
+        u: Inputs ``(samples, nu)``.
+        between: Inputs during the step behind each sample ``(samples, nu)``.
+        constants: ``(nc, LANES)``.
+        x0: First state ``(nx, LANES)``.
+        limits: Largest magnitude of each state ``(nx,)``.
+        states: Written ``(samples, nx, LANES)``.
+        outputs: Written ``(samples, ny, LANES)``.
+        left_at: First sample outside the limits, written ``(1, LANES)``; ``samples`` if there is none.
+    """
+    samples, nu = u.shape
+    w, u_now = np.empty((NW, LANES)), np.empty((nu, LANES))
+    put(splat(1.0 * samples), left_at, 0)
+    for i in range(NX):
+        put(get(x0, i), states, 0, i)
+    for k in range(samples):
+        fill(u[k], u_now)
+        output(states[k], u_now, constants, outputs[k])
+        left = get(left_at, 0)
+        put(select((outside(states[k], limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
+        if k + 1 < samples:
+            fill(between[k], u_now)
+            next_state(states[k], u_now, constants, states[k + 1], w)
+
+
+@StandIn
+def note(before, after, u_before, u, y, belief, info, scratch, k, notes):
+    """Stand in for one of the notes above."""

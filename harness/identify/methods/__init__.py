@@ -1,1 +1,0 @@
-"""One method of identification per file, see ``harness.identify.contract``."""

@@ -1,1 +1,0 @@
-"""Studies of the methods on simulated recordings, each a command: ``python -m harness.identify.studies.<name>``."""

@@ -1,0 +1,36 @@
+"""What is pasted behind an estimator's kernels to time it (``harness.engine.compile.paste``)."""
+
+from __future__ import annotations
+
+from harness.engine.time_loops import step
+from harness.realtime.clock import nanoseconds
+
+
+def timed_steps(before, u, y, belief, work, after, info, ticks):
+    """Take samples one after the other, each between two looks at the clock.
+
+    All arrays come from outside: the compiler must take it that the call of the clock sees them, so it can move
+    neither a load nor a store of a step past it.
+
+    Args:
+        before: State at the first sample; with an even number of steps the last one is written here.
+        u: Inputs ``(steps + 1, nu, LANES)``.
+        y: Measurements ``(steps + 1, ny, LANES)``.
+        belief: ``harness.engine.kernel_names.Belief``.
+        work: From ``workspace``.
+        after: With an odd number of steps the last state is written here.
+        info: Written.
+        ticks: Time before and after each step in ns, written ``(steps, 2)``.
+    """
+    for k in range(ticks.shape[0]):
+        ticks[k, 0] = nanoseconds()
+        step(before, u[k], u[k + 1], y[k + 1], belief, work, after, info)
+        ticks[k, 1] = nanoseconds()
+        before, after = after, before
+
+
+def timed_nothing(ticks):
+    """Look at the clock twice, as around a step."""
+    for k in range(ticks.shape[0]):
+        ticks[k, 0] = nanoseconds()
+        ticks[k, 1] = nanoseconds()

@@ -1,0 +1,171 @@
+"""From the columns of a file to one channel per signal: SI units, its own instants, what was odd about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.models.signals import SIGNALS
+from harness.recordings.channel_map import Channel, ChannelMap
+from harness.recordings.clock import Clock, check_clock, spikes, updates
+from harness.recordings.readers import Table
+from harness.recordings.resample import segments
+
+Floats = NDArray[np.float64]
+
+_BRIDGED = 5
+"""Samples that may be missing in a row before it counts as a gap, unless the map states the time."""
+
+
+@dataclass(frozen=True)
+class Raw:
+    """One channel, as delivered.
+
+    Attributes:
+        channel: Its entry in the map.
+        time: s, instants of the samples that are not missing and not repeated.
+        values: In SI units, before the lag and before it is moved to the reference point.
+        largest_gap: s without samples that may be bridged.
+        held: Rows of the file that one sample stands for (1: nothing is repeated).
+        gaps: Stretches without samples longer than that, start and end in s.
+        missing: Rows of the file without a value.
+        spikes: Instants in s of single samples that jump out.
+    """
+
+    channel: Channel
+    time: Floats
+    values: Floats
+    largest_gap: float
+    held: int
+    gaps: list[tuple[float, float]]
+    missing: int
+    spikes: Floats
+
+
+def plain_map(tables: list[Table], file: str) -> ChannelMap:
+    """Return the map of a file whose columns carry the names of signals and SI units.
+
+    Raises:
+        UserError: If no column does, or the file itself states another unit.
+    """
+    channels = []
+    for table in tables:
+        for column in table.columns:
+            name = column.removeprefix("measured_")
+            if name not in SIGNALS or name == "time":
+                continue
+            stated = table.units.get(column, "")
+            if stated and stated not in (SIGNALS[name].unit, SIGNALS[name].unit.replace("^", "**")):
+                raise UserError(
+                    f"{file}: column '{column}' is in {stated} by the file, in {SIGNALS[name].unit} by its name; "
+                    f'write a channel map: {name} = {{ channel = "{column}", unit = "{stated}" }}'
+                )
+            channels.append(Channel(column, column, where=f"{file}: {column}"))
+    if not channels:
+        columns = [c for table in tables for c in table.columns]
+        raise UserError(
+            f"{file}: no column has the name of a signal (harness list signals), so a channel map is needed; "
+            f"the file holds {', '.join(columns)}"
+        )
+    return ChannelMap(tuple(channels), {"time": 1.0})
+
+
+def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[Raw], Clock]:
+    """Return every channel of the map, and the clock that gives the common time base: that of the first signal.
+
+    Raises:
+        UserError: If a channel is not in the file, has no clock, holds no number, or nothing is left between start
+            and stop.
+    """
+    clocks: dict[int, Clock] = {}
+    found = []
+    for channel in channels.channels:
+        place = next((n for n, table in enumerate(tables) if channel.channel in table.columns), None)
+        if place is None:
+            names = [c for table in tables for c in table.columns]
+            raise UserError(
+                f"{channel.where}: {file} has no channel '{channel.channel}'{closest(channel.channel, names)}"
+            )
+        if place not in clocks:
+            clocks[place] = _clock(tables[place], channels, file, channel)
+        found.append(_raw(tables[place].columns[channel.channel], channel, clocks[place], channels, file))
+    return found, next(iter(clocks.values()))
+
+
+def _clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> Clock:
+    """Return the clock of a table, cut to start and stop, by the map, the format or the rate."""
+    rows = len(next(iter(table.columns.values())))
+    named = next((c for c in channels.clocks if c in table.columns), table.clock)
+    if named is not None:
+        clock = check_clock(table.columns[named] * channels.clocks.get(named, 1.0), f"{file}: '{named}'")
+    elif np.isfinite(channels.rate):
+        clock = Clock(np.arange(rows) / channels.rate, np.arange(rows), 1 / channels.rate, ())
+    else:
+        raise UserError(
+            f"{channel.where}: no clock is stored with '{channel.channel}'; map one with "
+            'time = { channel = "...", unit = "s" }, or state [recording] rate = "100 Hz"'
+            f"{closest('time', list(table.columns))}"
+        )
+    since = clock.time - clock.time[0]
+    stop = channels.stop if np.isfinite(channels.stop) else np.inf
+    inside = (since >= channels.start) & (since <= stop)
+    if inside.sum() < 2:
+        raise UserError(
+            f"{file}: nothing lies between start = {channels.start:g} s and stop = {stop:g} s; the recording lasts "
+            f"{since[-1]:.2f} s"
+        )
+    return Clock(clock.time[inside], clock.rows[inside], clock.step, clock.warnings)
+
+
+def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
+    """Return a channel in SI units at its own instants."""
+    values = column[clock.rows].astype(float)
+    finite = np.isfinite(values)
+    if not finite.any():
+        raise UserError(
+            f"{channel.where}: channel '{channel.channel}' of {file} holds no number; take it out of the map"
+        )
+    odd = spikes(values)
+    time_of_spikes = clock.time[odd]
+    if channel.remove_spikes:
+        finite &= ~odd
+    fresh, held = (np.ones(len(values), dtype=bool), 1) if channel.hold else updates(np.where(finite, values, np.nan))
+    keep = finite & fresh
+    time, kept = clock.time[keep], values[keep]
+    largest = channels.largest_gap
+    if not np.isfinite(largest):
+        largest = _BRIDGED * held * clock.step
+    parts = segments(time, largest)
+    gaps = [(float(time[a.stop - 1]), float(time[b.start])) for a, b in pairwise(parts)]
+    return Raw(
+        channel=channel,
+        time=time,
+        values=_in_si(kept, channel),
+        largest_gap=largest,
+        held=held,
+        gaps=gaps,
+        missing=int((~finite).sum()),
+        spikes=time_of_spikes,
+    )
+
+
+def _in_si(values: Floats, channel: Channel) -> Floats:
+    """Apply curve, scale and offset; unwrap a heading, so that it can be joined and differentiated."""
+    if channel.curve is not None:
+        known, given = channel.curve
+        outside = (values < known[0]) | (values > known[-1])
+        if outside.any():
+            worst = values[outside][np.abs(values[outside]).argmax()]
+            raise UserError(
+                f"{channel.where}.curve: the channel reaches {worst:g}, the curve goes from {known[0]:g} to "
+                f"{known[-1]:g}; continue the curve"
+            )
+        values = np.asarray(PchipInterpolator(known, given)(values))
+    values = channel.scale * values + channel.offset
+    return np.unwrap(values) if channel.signal == "heading" else values

@@ -1,0 +1,116 @@
+"""What single channels tell about themselves: clocks that jump, samples that are only repeated, spikes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from harness.common.errors import UserError
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_OUT_OF_ORDER = 0.01
+"""Share of the stamps that may stand still or jump back; with more of them the clock is no clock."""
+_SPIKE = 12.0
+"""A spike leaves the median of its neighbourhood by this many robust standard deviations of what is usual."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A clock that increases.
+
+    Attributes:
+        time: Stamps in s of the rows kept.
+        rows: Which rows of the file they are.
+        step: Median time between them in s.
+        warnings: What was wrong with the stamps.
+    """
+
+    time: Floats
+    rows: NDArray[np.intp]
+    step: float
+    warnings: tuple[str, ...]
+
+
+def check_clock(time: Floats, where: str) -> Clock:
+    """Keep the rows whose stamp is later than every one before.
+
+    Args:
+        time: Stamps in s.
+        where: File and column, for messages.
+
+    Raises:
+        UserError: If fewer than two rows are left, or so many stamps repeat or jump back that the clock is none.
+    """
+    finite = np.isfinite(time)
+    latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
+    later = finite & np.concatenate([[True], time[1:] > latest[:-1]])
+    rows = np.flatnonzero(later)
+    bad = np.flatnonzero(~later)
+    if len(rows) < 2:
+        raise UserError(f"{where}: no two stamps increase; is this the column of the time?")
+    warnings = []
+    if bad.size:
+        first = int(bad[0])
+        evidence = f"first at row {first + 1}, where {time[first]:.6g} s follows {time[max(first - 1, 0)]:.6g} s"
+        if bad.size > _OUT_OF_ORDER * len(time):
+            raise UserError(
+                f"{where}: {bad.size} of {len(time)} stamps are missing, repeat or jump back ({evidence}); "
+                "sort the rows, or cut the file where the clock was set"
+            )
+        warnings.append(f"{where}: {bad.size} rows left out whose stamp is missing, repeats or jumps back ({evidence})")
+    kept = time[rows]
+    return Clock(kept, rows, float(np.median(np.diff(kept))), tuple(warnings))
+
+
+def updates(values: Floats) -> tuple[Mask, int]:
+    """Tell samples that a slower channel delivered from those that only repeat the latest one.
+
+    A recorder that writes rows faster than a channel delivers repeats its latest value, so that nearly no run of equal
+    values is shorter than the ratio of the rates. A channel that merely moves slowly over coarse steps has runs of
+    every length, down to one.
+
+    Args:
+        values: Samples of shape ``(samples,)``; NaN where missing.
+
+    Returns:
+        Which samples are new, and how many rows one of them usually stands for (1: nothing is repeated). Inside a run
+        longer than that, new samples of the same value are taken to have come at the usual distance.
+    """
+    change = np.flatnonzero(values[1:] != values[:-1]) + 1
+    if len(change) < 5:
+        return np.isfinite(values), 1
+    runs = np.diff(change)
+    ratio = int(np.percentile(runs, 10, method="lower"))
+    if ratio < 2:
+        return np.isfinite(values), 1
+    new = np.zeros(len(values), dtype=bool)
+    starts = np.concatenate([[0], change])
+    for start, stop in zip(starts, np.append(change, len(values)), strict=True):
+        new[start : max(stop - ratio // 2, start + 1) : ratio] = True
+    return new & np.isfinite(values), ratio
+
+
+def spikes(values: Floats) -> Mask:
+    """Return the single samples that jump out of their neighbourhood and back.
+
+    A sample is a spike if it leaves the median of five by twelve robust standard deviations of what the
+    channel's samples usually do, and if it stands out by far more than its neighbours differ.
+    """
+    found = np.zeros(len(values), dtype=bool)
+    place = np.flatnonzero(np.isfinite(values))
+    x = values[place]
+    if len(x) < 9:
+        return found
+    away = np.abs(x - median_filter(x, 5, mode="nearest"))
+    usual = 1.4826 * np.median(away[away > 0]) if (away > 0).any() else 0.0
+    if usual == 0:
+        return found
+    before, after = np.abs(np.diff(x, prepend=x[0])), np.abs(np.diff(x, append=x[-1]))
+    alone = np.minimum(before, after) > 4 * np.abs(np.roll(x, 1) - np.roll(x, -1))
+    found[place] = (away > _SPIKE * usual) & alone
+    return found

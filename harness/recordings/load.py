@@ -1,0 +1,259 @@
+"""The door for measured drives: file and channel map in, one recording on one time base out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.recordings import readers
+from harness.recordings.channel_map import ChannelMap, load_map
+from harness.recordings.channels import Raw, collect, plain_map
+from harness.recordings.clock import Clock
+from harness.recordings.consistency import find_delay
+from harness.recordings.derived_signals import DERIVED, Sources
+from harness.recordings.lever_arm import to_reference_point
+from harness.recordings.resample import first_order_lag, onto_grid, updated_on_grid
+from harness.simulation.simulate import signal_attributes
+
+Floats = NDArray[np.float64]
+
+_END = 1.0
+"""s that may be cut from either end where not every signal is there yet, or still."""
+_LONGEST = 20_000_000
+"""Samples; a time base beyond it comes from a stamp that jumped."""
+
+
+def load_recording(
+    path: str | os.PathLike[str], channels: str | Path | None = None, step: float | None = None
+) -> xr.Dataset:
+    """Read a measured drive.
+
+    Args:
+        path: Recording: a file of a known format, or a folder with one signal per file.
+        channels: Channel map. Without one the columns must carry the names of ``models/signals.py``, in SI units, and
+            the clock the name ``time``.
+        step: Step of the common time base in s, in place of that of the channel map.
+
+    Returns:
+        Dataset over ``time`` (s, equidistant, from 0) with a variable per signal, NaN in gaps. Attributes of a
+        variable: ``units``, ``long_name``, ``frame``, ``derived`` (1 if computed from others), ``rate`` (Hz at which
+        new samples came), ``channel``, ``held``, ``gaps``, ``longest_gap`` (s), ``missing``, ``spikes``, ``delay``
+        and ``delay_std`` (s), ``point``, ``includes_gravity``. Where not every sample was
+        measured, the coordinate ``updated_<signal>`` says which were; the others are joined. Attributes of the dataset:
+        ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of sentences).
+
+    Raises:
+        UserError: If file or map cannot be read, or do not fit each other; with file, key or column, and remedy.
+    """
+    file = os.fspath(path)
+    tables = readers.read_tables(path)
+    mapping = plain_map(tables, file) if channels is None else load_map(channels)
+    if step is not None:
+        mapping = replace(mapping, step=step)
+    raws, clock = collect(tables, mapping, file)
+    grid = _grid(raws, clock, mapping, file)
+    signals = {r.channel.signal: _resampled(r, r.channel.delay, grid) for r in raws}
+    step = float(grid[1] - grid[0])
+    delays = _estimated_delays(raws, signals, mapping, grid, file)
+    to_reference_point(signals, mapping, step)
+    _derive(signals, mapping, step, file)
+    covered = _covered(signals, step)
+    start = float(grid[covered][0])
+    recording = xr.Dataset(
+        coords={"time": ("time", grid - start, {"units": "s", "long_name": "time since the first sample"})}
+    )
+    raw_of = {r.channel.signal: r for r in raws}
+    for name, values in signals.items():
+        attributes = {**signal_attributes(name.removeprefix("measured_")), "rate": 1 / step, "derived": 1}
+        if name in raw_of:
+            raw = raw_of[name]
+            delay, spread = delays.get(name, (raw.channel.delay, 0.0))
+            attributes |= _about(raw, delay, spread, mapping)
+            updated = updated_on_grid(raw.time - delay, grid)
+            if raw.held > 1 and not updated.all():
+                recording.coords[f"updated_{name}"] = ("time", updated)
+        recording[name] = ("time", values, attributes)
+    recording.attrs = {
+        "title": mapping.title,
+        "source": mapping.source,
+        "file": file,
+        "reference": mapping.reference,
+        "start": start,
+        "warnings": [
+            *clock.warnings,
+            *(w for r in raws for w in _warnings(r, start)),
+            *_unknown_points(mapping),
+        ],
+    }
+    return recording.isel(time=covered)
+
+
+def measurements(recording: xr.Dataset, names: Sequence[str]) -> Floats:
+    """Return what an estimator may use as measured: shape ``(samples, signals)``, NaN where nothing new was measured.
+
+    A signal of a simulated recording is taken with its noise (``measured_<name>``) where that is recorded.
+
+    Raises:
+        UserError: If the recording lacks a signal.
+    """
+    columns = []
+    for name in names:
+        found = f"measured_{name}" if f"measured_{name}" in recording else name
+        values = _signal(recording, found)
+        updated = recording.coords.get(f"updated_{found}")
+        columns.append(values if updated is None else np.where(updated.values, values, np.nan))
+    return np.stack(columns, axis=1)
+
+
+def inputs(recording: xr.Dataset, names: Sequence[str]) -> Floats:
+    """Return what drives a model: shape ``(samples, signals)``, without gaps.
+
+    Raises:
+        UserError: If the recording lacks a signal, or a sample of it.
+    """
+    columns = []
+    for name in names:
+        values = _signal(recording, name)
+        missing = np.flatnonzero(~np.isfinite(values))
+        if missing.size:
+            raise UserError(
+                f"{_file(recording)}: '{name}' drives the model and is missing at {missing.size} of {len(values)} "
+                f"samples, first at t = {float(recording['time'][missing[0]]):.2f} s; cut with start and stop, or "
+                "bridge the gap with a longer largest_gap"
+            )
+        columns.append(values)
+    return np.stack(columns, axis=1)
+
+
+def _signal(recording: xr.Dataset, name: str) -> Floats:
+    if name not in recording:
+        raise UserError(f"{_file(recording)}: the recording lacks '{name}'{closest(name, [str(v) for v in recording])}")
+    return np.asarray(recording[name].values, dtype=float)
+
+
+def _file(recording: xr.Dataset) -> str:
+    return str(recording.attrs.get("file", "recording"))
+
+
+def _grid(raws: list[Raw], clock: Clock, mapping: ChannelMap, file: str) -> Floats:
+    """Return the common time base: the stated step or that of the clock, over all that any channel holds."""
+    step = mapping.step if np.isfinite(mapping.step) else float(f"{clock.step:.3g}")
+    spans = [(r.time[0], r.time[-1]) for r in raws if len(r.time)]
+    first, last = min(clock.time[0], *(a for a, _ in spans)), max(b for _, b in spans)
+    count = int((last - first) / step + 1e-6) + 1
+    if count > _LONGEST:
+        jump = int(np.diff(clock.time).argmax())
+        raise UserError(
+            f"{file}: {last - first:.6g} s at a step of {step:g} s are {count} samples; the clock jumps from "
+            f"{clock.time[jump]:.6g} to {clock.time[jump + 1]:.6g} s at row {clock.rows[jump] + 1}: cut with start and "
+            "stop"
+        )
+    if count < 2:
+        raise UserError(f"{file}: lasts {last - first:.3g} s, less than one step of {step:g} s")
+    return first + step * np.arange(count)
+
+
+def _resampled(raw: Raw, delay: float, grid: Floats) -> Floats:
+    """Return a channel on the common time base, freed of its delay, behind its lag."""
+    late = 0.0 if np.isnan(delay) else delay
+    values = onto_grid(raw.time - late, raw.values, grid, raw.largest_gap, raw.channel.hold)
+    return first_order_lag(values, float(grid[1] - grid[0]), raw.channel.lag)
+
+
+def _covered(signals: dict[str, Floats], step: float) -> slice:
+    """Return the recording without its ends, up to 1 s each, in which delays and windows leave some signal missing."""
+    whole = np.flatnonzero(np.isfinite(np.stack(list(signals.values()))).all(axis=0))
+    count = len(next(iter(signals.values())))
+    if not whole.size:
+        return slice(0, count)
+    first, last = int(whole[0]), int(whole[-1])
+    return slice(first if first * step <= _END else 0, last + 1 if (count - 1 - last) * step <= _END else count)
+
+
+def _estimated_delays(
+    raws: list[Raw], signals: dict[str, Floats], mapping: ChannelMap, grid: Floats, file: str
+) -> dict[str, tuple[float, float]]:
+    """Return delay and standard error of the signals whose map asks for it, and free them of it, in place.
+
+    One late signal makes others look early, so each is found with the delays of the others taken out, twice over.
+    """
+    wanted = [r for r in raws if np.isnan(r.channel.delay)]
+    step = float(grid[1] - grid[0])
+    delays: dict[str, tuple[float, float]] = {}
+    for _ in range(2 if len(wanted) > 1 else 1):
+        for raw in wanted:
+            name = raw.channel.signal
+            known = {**signals, name: _resampled(raw, 0.0, grid)}
+            to_reference_point(known, mapping, step)
+            delays[name] = find_delay(name, known, step, f"{raw.channel.where}.delay (of {file})")
+            signals[name] = _resampled(raw, delays[name][0], grid)
+    return delays
+
+
+def _derive(signals: dict[str, Floats], mapping: ChannelMap, step: float, file: str) -> None:
+    """Add the signals that the map wants derived, each from what is known by then."""
+    for name in mapping.derive:
+        needs, compute = DERIVED[name]
+        if not any(all(n in signals for n in each) for each in needs):
+            choices = " or ".join(" and ".join(each) for each in needs)
+            raise UserError(f"{file}: derive.signals: '{name}' takes {choices}; map them or name them before it")
+        signals[name] = compute(Sources(signals, step, mapping.window))
+
+
+def _about(raw: Raw, delay: float, spread: float, mapping: ChannelMap) -> dict[str, float | int | str]:
+    """Return what is known of a measured channel, as attributes."""
+    spacing = float(np.median(np.diff(raw.time))) if len(raw.time) > 1 else np.nan
+    return {
+        "derived": 0,
+        "rate": 1 / spacing,
+        "channel": raw.channel.channel,
+        "held": raw.held,
+        "gaps": len(raw.gaps),
+        "longest_gap": max((b - a for a, b in raw.gaps), default=0.0),
+        "missing": raw.missing,
+        "spikes": len(raw.spikes),
+        "delay": delay,
+        "delay_std": spread,
+        "point": raw.channel.point or mapping.reference,
+        "includes_gravity": int(raw.channel.includes_gravity),
+    }
+
+
+def _warnings(raw: Raw, start: float) -> list[str]:
+    """Say what is odd about a channel, with the evidence."""
+    channel, found = raw.channel, []
+    where = channel.signal
+    if raw.gaps:
+        a, b = max(raw.gaps, key=lambda gap: gap[1] - gap[0])
+        found.append(
+            f"{where}: gaps longer than {raw.largest_gap:.3g} s: {len(raw.gaps)}, the longest of {b - a:.3g} s from "
+            f"t = {a - start:.2f} s; they stay missing"
+        )
+    if len(raw.spikes):
+        done = "taken for missing" if channel.remove_spikes else "kept; remove_spikes = true takes them for missing"
+        times = ", ".join(f"{t - start:.2f}" for t in raw.spikes[:3])
+        found.append(f"{where}: single samples that jump out and back: {len(raw.spikes)} (t = {times} s); {done}")
+    if raw.held > 1:
+        found.append(f"{where}: {raw.held} rows repeat each sample; only the first of them counts as measured")
+    return found
+
+
+def _unknown_points(mapping: ChannelMap) -> list[str]:
+    """Say which signals could not be moved because nobody knows where they were measured."""
+    found = []
+    for name, point in mapping.points.items():
+        here = [c.signal for c in mapping.channels if c.point == name]
+        if here and not point.known:
+            found.append(
+                f"{', '.join(here)}: measured at '{name}', whose lever arm is unknown; not moved to the "
+                f"{mapping.reference}"
+            )
+    return found

@@ -1,0 +1,43 @@
+"""A folder with one signal per file, one value per line: ``yawRate.txt.gz`` becomes the column ``yawRate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.errors import UserError
+from harness.recordings import readers
+
+SUFFIXES = ("/",)
+
+
+def read(path: str) -> list[readers.Table]:
+    """Return the columns of the files that hold exactly one, named after the file, grouped by their length.
+
+    Files of unknown suffix, such as a licence, are passed over, and so are those with several columns, which are
+    recordings of their own.
+
+    Raises:
+        UserError: If a file cannot be read, two have the same stem, or none holds a single column.
+    """
+    suffixes = [suffix for suffix in readers.suffixes() if suffix not in SUFFIXES]
+    vectors: dict[str, NDArray[np.float64]] = {}
+    for file in sorted(p for p in Path(path).iterdir() if p.is_file()):
+        suffix = next((s for s in suffixes if file.name.lower().endswith(s)), None)
+        if suffix is None:
+            continue
+        columns = readers.read(file)
+        if len(columns) != 1:
+            continue
+        stem = file.name[: -len(suffix)]
+        if stem in vectors:
+            raise UserError(f"{path}: two files are named '{stem}'; rename one")
+        (vectors[stem],) = columns.values()
+    if not vectors:
+        raise UserError(
+            f"{path}: the recording is a folder without files of one column ({', '.join(sorted(suffixes))}); "
+            "give the path of a file"
+        )
+    return readers.by_length(vectors)

@@ -1,0 +1,70 @@
+"""ASAM MDF version 3 and 4, the format of CAN and calibration tools, through asammdf (extra ``mdf``)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.errors import UserError
+from harness.recordings.readers._table import Table
+
+SUFFIXES = (".mf4", ".mdf", ".dat")
+
+
+def read(path: str) -> list[Table]:
+    """Return the numeric channels in physical values, one table per channel group with its master as clock.
+
+    A channel name that several groups hold becomes ``group.channel``, the group by the name of its acquisition (its
+    number where it has none). Samples that the file marks as invalid are NaN; texts and arrays are left out.
+
+    Raises:
+        UserError: If asammdf is not installed or the file is damaged.
+    """
+    try:
+        from asammdf import MDF
+        from asammdf.blocks.utils import MdfException
+    except ImportError:
+        raise UserError(
+            f'{path}: MDF files are read with asammdf, which is not installed: pip install "robustness-harness[mdf]"'
+        ) from None
+    try:
+        with MDF(path) as file:
+            return _tables(file)
+    except (MdfException, ValueError, KeyError, IndexError, AssertionError) as error:
+        raise UserError(f"{path}: is no readable MDF file: {error or type(error).__name__}") from None
+
+
+def _tables(file: Any) -> list[Table]:
+    """Return a table for each group with samples, the group with most channels first."""
+    groups = [
+        (index, [(place, channel.name) for place, channel in enumerate(group.channels)])
+        for index, group in enumerate(file.groups)
+    ]
+    masters: dict[int, int] = file.masters_db
+    counts = Counter(name for index, channels in groups for place, name in channels if place != masters.get(index))
+    tables: list[Table] = []
+    for index, channels in groups:
+        columns: dict[str, NDArray[np.float64]] = {}
+        units: dict[str, str] = {}
+        label = str(getattr(file.groups[index].channel_group, "acq_name", "") or index)
+        clock = f"{label}.time"
+        for place, name in channels:
+            if place == masters.get(index):
+                continue
+            signal = file.get(group=index, index=place, ignore_invalidation_bits=True)
+            if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "bfiu" or not len(signal.samples):
+                continue
+            values = signal.samples.astype(float)
+            if signal.invalidation_bits is not None:
+                values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
+            full = name if counts[name] == 1 else f"{label}.{name}"
+            full = full if full not in columns else f"{full}.{place}"
+            columns[clock] = np.asarray(signal.timestamps, dtype=float)
+            columns[full] = values
+            units[full] = signal.unit or ""
+        if columns:
+            tables.append(Table(columns, {n: u for n, u in units.items() if u}, clock))
+    return sorted(tables, key=lambda table: -len(table.columns))

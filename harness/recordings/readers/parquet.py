@@ -1,0 +1,32 @@
+"""Apache Parquet, through pyarrow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from harness.common.errors import UserError
+from harness.recordings.readers._table import Table
+
+SUFFIXES = (".parquet", ".pq")
+
+
+def read(path: str) -> list[Table]:
+    """Return the numeric and boolean columns of a Parquet file; nulls are NaN, other columns are left out.
+
+    Raises:
+        UserError: If the file is no Parquet file.
+    """
+    try:
+        # One file is meant: pq.read_table would read "speed=3" in the path as a partition.
+        table = pq.ParquetFile(path).read()
+    except (pa.ArrowException, ValueError) as error:
+        raise UserError(f"{path}: is no readable Parquet file: {str(error).splitlines()[0]}") from None
+    columns: dict[str, NDArray[np.float64]] = {}
+    for field, column in zip(table.schema, table.columns, strict=True):
+        kind = field.type
+        if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
+            columns[field.name] = column.cast(pa.float64()).to_numpy().copy()
+    return [Table(columns)]

@@ -1,0 +1,1 @@
+"""What every report needs: blocks of content, layout, colours and number formats."""

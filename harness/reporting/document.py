@@ -1,0 +1,270 @@
+"""One list of content blocks becomes one Typst text, and that becomes the HTML and the PDF.
+
+Typst does both: the PDF is tagged and embeds its fonts, the HTML has headings, tables, MathML and the figures
+as SVG inside the one file. Its HTML export is young, so the blocks use nothing but headings, paragraphs, lists,
+figures, tables, formulas and listings, and ``requirements.lock`` fixes the version.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import unicodedata
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import typst
+
+from harness.common.failures import RAISED, Failures
+from harness.common.files import write_files
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading in plain text; level 1 is a section."""
+
+    text: str
+    level: int = 1
+
+
+@dataclass(frozen=True)
+class Prose:
+    """A paragraph of Typst markup; plain text goes through ``plain`` first."""
+
+    markup: str
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list of paragraphs of Typst markup."""
+
+    items: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure; caption and description are plain text."""
+
+    svg: bytes
+    caption: str
+    alt: str
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table of plain text; the first ``left`` columns hold words, the others numbers."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str
+    left: int = 1
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Text shown as it is, in fixed width."""
+
+    text: str
+    language: str = "text"
+
+
+@dataclass(frozen=True)
+class Section:
+    """Blocks that are made when the report is written; if that fails a sentence stands for them, and the rest stands.
+
+    Attributes:
+        make: Returns the blocks, sections among them.
+        title: Heading that then stands above the sentence, as it would have above the blocks.
+    """
+
+    make: Callable[[], Iterable[Block]]
+    title: str
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure that is drawn when the report is written; if that fails a sentence stands for it.
+
+    Attributes:
+        draw: Returns the figure as SVG.
+        caption: Plain text.
+        alt: The figure described, in plain text; the sentence names the figure by it.
+    """
+
+    draw: Callable[[], bytes]
+    caption: str
+    alt: str
+
+
+Block = Heading | Prose | Bullets | Picture | Sheet | Listing | Section | Drawing
+
+
+@dataclass(frozen=True)
+class Document:
+    """A report: its title and its blocks."""
+
+    title: str
+    blocks: Sequence[Block] = ()
+
+
+def made(blocks: Iterable[Block], failures: Failures = RAISED) -> list[Block]:
+    """Return blocks with every section made and every figure drawn.
+
+    Args:
+        blocks: Of a report.
+        failures: Takes what cannot be made; by default it is raised.
+    """
+    found: list[Block] = []
+    for block in blocks:
+        match block:
+            case Section():
+                found += _section(block, failures)
+            case Drawing():
+                found.append(_picture(block, failures))
+            case _:
+                found.append(block)
+    return found
+
+
+def _section(section: Section, failures: Failures) -> list[Block]:
+    return failures.attempt(
+        f"the section “{section.title}”",
+        lambda: made(section.make(), failures),
+        lambda why: [Heading(section.title), Prose(plain(f"This section could not be made: {why}."))],
+    )
+
+
+def _picture(drawing: Drawing, failures: Failures) -> Block:
+    name = f"the figure “{drawing.alt.rstrip('.')}”"
+    return failures.attempt(
+        name,
+        lambda: Picture(drawing.draw(), drawing.caption, drawing.alt),
+        lambda why: Prose(plain(f"{name[:1].upper()}{name[1:]} could not be made: {why}.")),
+    )
+
+
+def _string(text: str) -> str:
+    """Write a Typst string literal; what neither HTML nor UTF-8 can hold becomes the replacement character."""
+    known = "".join(c if c in "\n\r\t" or unicodedata.category(c) not in ("Cc", "Cs") else "\ufffd" for c in str(text))
+    escaped = known.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    return f'"{escaped}"'
+
+
+def plain(text: str) -> str:
+    """Write plain text so that no character of it is taken for Typst markup."""
+    return f"#{_string(text)};"
+
+
+def strong(text: str) -> str:
+    """Write plain text in bold."""
+    return f"#strong({_string(text)});"
+
+
+def _array(items: Sequence[str]) -> str:
+    return "(" + "".join(f"{_string(item)}, " for item in items) + ")"
+
+
+def _block(block: Block, files: dict[str, bytes]) -> str:
+    match block:
+        case Heading(text, level):
+            return f"#heading(level: {level}, {_string(text)})"
+        case Prose(markup):
+            return markup
+        case Bullets(items):
+            return "\n".join("- " + item.replace("\n", " ") for item in items)
+        case Picture(svg, caption, alt):
+            name = f"figure-{len(files) + 1:02d}.svg"
+            files[name] = svg
+            floats = "false" if len(files) == 1 else "true"  # the first belongs to the answer above it
+            return f"#picture({_string(name)}, {_string(caption)}, {_string(alt)}, floats: {floats})"
+        case Sheet(header, rows, caption, left):
+            body = "".join(f"\n  {_array(row)}," for row in rows)
+            words = f"left: {left}, caption: {_string(caption)}, header: {_array(header)}"
+            return f"#sheet({words}, rows: ({body}\n))"
+        case Listing(text, language):
+            return f"#raw(block: true, lang: {_string(language)}, {_string(text)})"
+    raise TypeError(f"no layout for {type(block).__name__}")
+
+
+def source(document: Document) -> tuple[str, dict[str, bytes]]:
+    """Return the Typst text of a document and the figures it names."""
+    files: dict[str, bytes] = {}
+    parts = [
+        '#import "template.typ": *',
+        f"#show: report.with(title: {_string(document.title)})",
+        *(_block(block, files) for block in made(document.blocks)),
+    ]
+    return "\n\n".join(parts) + "\n", files
+
+
+def render(document: Document, failures: Failures = RAISED) -> tuple[bytes, bytes]:
+    """Return the document as self-contained HTML and as PDF; the same content always gives the same bytes.
+
+    Args:
+        document: The report.
+        failures: Takes what cannot be made or laid out; by default it is raised.
+    """
+    whole = Document(document.title, made(document.blocks, failures))
+    return failures.attempt(
+        "the report in one piece",
+        lambda: _compiled(whole),
+        lambda _: _compiled(Document(whole.title, [_laid_out(block, whole.title, failures) for block in whole.blocks])),
+    )
+
+
+def _laid_out(block: Block, title: str, failures: Failures) -> Block:
+    """Return a block that can be laid out, or a sentence in its place."""
+
+    def tried() -> Block:
+        _compiled(Document(title, [block]))
+        return block
+
+    return failures.attempt(
+        f"a {type(block).__name__.lower()} of the report",
+        tried,
+        lambda why: Prose(plain(f"This part of the report could not be laid out: {why}.")),
+    )
+
+
+def _compiled(document: Document) -> tuple[bytes, bytes]:
+    text, files = source(document)
+    here = Path(__file__).parent  # of the template and the style sheet
+    fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
+    with tempfile.TemporaryDirectory(prefix="report-") as folder:
+        root = Path(folder)
+        (root / "report.typ").write_text(text, encoding="utf-8")
+        (root / "template.typ").write_text((here / "template.typ").read_text(encoding="utf-8"), encoding="utf-8")
+        for name, svg in files.items():
+            (root / name).write_bytes(svg)
+        compiler = typst.Compiler(root / "report.typ", root=root, font_paths=[fonts], ignore_system_fonts=True)
+        # The warnings only repeat that HTML export is young.
+        html, _ = compiler.compile_with_warnings(format="html", sys_inputs={"medium": "screen"})
+        pdf, _ = compiler.compile_with_warnings(format="pdf", sys_inputs={"medium": "paper"}, timestamp=0)
+    css = (here / "page.css").read_text(encoding="utf-8")
+    assert isinstance(html, bytes)  # lists of pages are for images only
+    assert isinstance(pdf, bytes)
+    page = html.decode("utf-8")
+    head, mark, rest = page.partition("</head>")
+    if not mark:
+        raise RuntimeError("typst wrote HTML without a head")
+    return f"{head}<style>{css}</style>{mark}{rest}".encode(), pdf
+
+
+def write(document: Document, directory: Path, stem: str = "report", failures: Failures | None = None) -> list[Path]:
+    """Write a document into a folder as HTML and PDF, each whole or not at all; return them in this order.
+
+    A section or a figure that fails leaves a sentence in the report, a warning on the console, and its traceback in
+    ``errors.txt`` of the folder.
+
+    Args:
+        document: The report.
+        directory: Where to.
+        stem: Of the names of the files.
+        failures: Takes what cannot be made, where other parts of the same result were tried before.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
+    html, pdf = render(document, Failures(directory) if failures is None else failures)
+    return write_files(directory, {f"{stem}.html": html, f"{stem}.pdf": pdf})

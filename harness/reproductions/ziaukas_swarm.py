@@ -1,0 +1,240 @@
+"""Identify the semitrailer by particle swarm as Ziaukas 2023, 4.2.2 and 4.3: Bild 4.6 to 4.9, table 4.6.
+
+``python -m harness.reproductions.ziaukas_swarm --out results/identify-swarm`` simulates the drives of
+``studies/drives/identification.toml`` with hidden parameters, searches them with the thesis's swarm several times and
+with differential evolution of the same budget beside it, and writes report and ``identify.npz``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from scipy.optimize import differential_evolution
+
+from harness.cli.options import answers_errors
+from harness.common.errors import UserError
+from harness.config import DriveSpec, ModelSpec, resolve_single
+from harness.engine.compile import compile_model
+from harness.engine.simd.lanes import LANES
+from harness.identification.data import Drive
+from harness.identification.methods.swarm import Found, Settings, optimise
+from harness.identification.simulation_error import Free, Misfit
+from harness.models.contracts import Profile
+from harness.reporting.document import write
+from harness.reproductions.simulated_recording import record
+from harness.reproductions.ziaukas_swarm_report import document
+from harness.simulation.drives import profile_of, read_drives
+from harness.simulation.simulate import Simulator, in_lanes
+
+Floats = NDArray[np.float64]
+
+DRIVES = Path("studies/drives/identification.toml")
+LOADS = {
+    "empty": {"trailer_mass": "7.5 t", "trailer_cog_from_rear": "7.2 m"},
+    "laden": {"trailer_mass": "24 t", "trailer_cog_from_rear": "7.8 m"},
+}
+"""Mass and centre of gravity of the hidden trailer; the mass is known to the search."""
+
+BOUNDS = {
+    "friction": (0.1, 1.2),
+    **{f"shape_factor_{axle}": (0.5, 4.0) for axle in ("11", "12", "2")},
+    **{f"stiffness_peak_{axle}": (0.1, 1e9) for axle in ("11", "12", "2")},
+    "stiffness_load_11": (0.1, 1e9),
+    "stiffness_load_12": (0.1, 1e9),
+    "stiffness_load_2": (0.1, 1e6),
+    **{f"relaxation_length_{axle}": (0.01, 2.0) for axle in ("11", "12", "2")},
+    "steering_ratio": (15.0, 30.0),
+}
+"""Search ranges of table 4.4; the centre of gravity comes on top, once per load."""
+
+COG = ("trailer_cog_from_rear", 4.0, 12.0)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The problem: costs on the drives to fit and to judge on, and what is to be found.
+
+    Attributes:
+        fit: Cost on the drives to fit.
+        judge: The same on the drives to judge.
+        hidden: The plant's values of the free parameters ``(free,)``.
+        plants: The hidden plant by the name of the drive.
+        profiles: What the driver does by the name of the drive.
+    """
+
+    fit: Misfit
+    judge: Misfit
+    hidden: Floats
+    plants: dict[str, ModelSpec]
+    profiles: dict[str, Profile]
+
+    def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
+        """Return the outputs of the model alone on a drive to judge, by name; NaN from where it diverges on."""
+        number = [d.name for d in self.judge.drives].index(drive)
+        one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
+        spec = self.plants[drive]
+        names = tuple(spec.model().outputs)
+        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
+        nx, ny = compiled.nx, compiled.ny
+        noise = np.zeros((len(one.time), nx + ny, LANES))
+        batch = Simulator(compiled).run(
+            in_lanes(one.inputs),
+            compiled.constants(values),
+            np.zeros((nx, LANES)),
+            np.zeros((ny, LANES)),
+            noise,
+            in_lanes(one.first_mean),
+        )
+        batch.truth[int(batch.left_at[0]) :] = np.nan
+        return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
+
+
+def plant(load: str) -> ModelSpec:
+    """Return the semitrailer at a load."""
+    parts = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula", "sensors": "test_vehicle"}
+    return resolve_single({**parts, "values": LOADS[load]}, f"semitrailer, {load}")
+
+
+def setup(path: Path, seed: int, jobs: int) -> Setup:
+    """Simulate the drives and return the problem.
+
+    Raises:
+        UserError: If the file cannot be read or a drive's name lacks part or load.
+    """
+    drives: dict[str, list[Drive]] = {"fit": [], "judge": []}
+    loads: dict[str, str] = {}
+    profiles: dict[str, Profile] = {}
+    for number, (name, (kind, options)) in enumerate(read_drives(path).items()):
+        part, _, rest = name.partition("-")
+        load = rest.partition("-")[0]
+        if part not in drives or load not in LOADS:
+            raise UserError(f"{path}, drive '{name}': the name must begin with fit- or judge-, then empty- or laden-")
+        spec = plant(load)
+        profiles[name] = profile_of(spec, DriveSpec(name, kind, options, f"{path}, drive '{name}'", path.parent))
+        drives[part].append(record(spec, profiles[name], name, seed + number))
+        loads[name] = load
+    for part, some in drives.items():
+        for load in LOADS:
+            if load not in (loads[d.name] for d in some):
+                raise UserError(f"{path}: no drive begins with '{part}-{load}-'; the study needs one")
+    specs = {load: plant(load) for load in LOADS}
+    known = {name: {"trailer_mass": specs[load].values["trailer_mass"]} for name, load in loads.items()}
+    free = [Free(name, *ends) for name, ends in BOUNDS.items()]
+    free += [Free(*COG, tuple(n for n in loads if loads[n] == load)) for load in LOADS]
+    hidden = [specs["laden"].values[name] for name in BOUNDS] + [specs[load].values[COG[0]] for load in LOADS]
+    spec = specs["laden"]
+    compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps)
+    costs = {}
+    for part, some in drives.items():
+        names = [d.name for d in some]
+        own = [Free(f.parameter, f.lower, f.upper, tuple(n for n in f.drives if n in names)) for f in free]
+        costs[part] = Misfit(compiled, spec.values, own, some, known, jobs)
+    plants = {name: specs[load] for name, load in loads.items()}
+    return Setup(costs["fit"], costs["judge"], np.array(hidden), plants, profiles)
+
+
+def swarm_over_logarithms(cost: Misfit, seed: int, settings: Settings) -> Found:
+    """Minimise by the swarm with the stiffnesses' coefficients, whose ranges span decades, on a logarithmic scale."""
+    wide = np.array([f.parameter.startswith("stiffness_") for f in cost.free])
+
+    def to_si(z: Floats) -> Floats:
+        return np.where(wide, 10.0 ** np.where(wide, z, 0.0), z)
+
+    lower, upper = (np.where(wide, np.log10(end), end) for end in (cost.lower, cost.upper))
+    found = optimise(lambda z: cost(to_si(z)), lower, upper, seed, settings)
+    return replace(found, values=to_si(found.values))
+
+
+def evolve(cost: Misfit, seed: int, settings: Settings) -> Found:
+    """Minimise by SciPy's differential evolution with as many candidates as the swarm tries."""
+    history: list[float] = []
+    diverged = 0
+
+    def judged(candidates: Floats) -> Floats:
+        nonlocal diverged
+        found = cost(candidates.T)
+        diverged += int(np.sum(~np.isfinite(found)))
+        history.append(min(float(found.min()), history[-1] if history else np.inf))
+        return np.where(np.isfinite(found), found, 1e6)  # the convergence test of SciPy takes means
+
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    first = cost.lower + (cost.upper - cost.lower) * rng.random((settings.particles, len(cost.lower)))
+    best = differential_evolution(
+        judged,
+        list(zip(cost.lower, cost.upper, strict=True)),
+        init=first,
+        maxiter=settings.iterations,
+        tol=0.0,
+        polish=False,
+        vectorized=True,
+        updating="deferred",
+        rng=rng,
+    )
+    values = np.asarray(best.x) if np.isfinite(history[-1]) else np.full(len(cost.lower), np.nan)
+    return Found(values, np.array(history), settings.particles * len(history), diverged)
+
+
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m harness.reproductions.ziaukas_swarm", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
+    parser.add_argument("--drives", type=Path, default=DRIVES, help="file of drives")
+    parser.add_argument("--repeats", type=int, default=10, help="runs of the swarm")
+    parser.add_argument("--beside", type=int, default=3, help="runs of each other search")
+    parser.add_argument("--particles", type=int, default=240, help="candidates per iteration")
+    parser.add_argument("--iterations", type=int, default=200, help="iterations of a run")
+    parser.add_argument("--seed", type=int, default=1, help="of noise and searches")
+    parser.add_argument("--jobs", type=int, default=joblib.cpu_count(), help="threads")
+    return parser
+
+
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Search as the arguments say and write data and report."""
+    chosen, console = _arguments().parse_args(arguments), Console(stderr=True)
+    if min(chosen.repeats, chosen.beside, chosen.iterations, chosen.jobs) < 1 or chosen.particles < 5:
+        raise UserError("repeats, beside, iterations and jobs must be at least 1, particles at least 5")
+    settings = Settings(particles=chosen.particles, iterations=chosen.iterations)
+    problem = setup(chosen.drives, chosen.seed, chosen.jobs)
+    searches = {
+        "swarm": [lambda s: optimise(problem.fit, problem.fit.lower, problem.fit.upper, s, settings)] * chosen.repeats,
+        "swarm, logarithmic": [lambda s: swarm_over_logarithms(problem.fit, s, settings)] * chosen.beside,
+        "differential evolution": [lambda s: evolve(problem.fit, s, settings)] * chosen.beside,
+    }
+    found: dict[str, list[Found]] = {}
+    for name, runs in searches.items():
+        found[name] = []
+        for number, search in enumerate(runs):
+            begin = time.perf_counter()
+            found[name].append(search(chosen.seed + number))
+            console.print(
+                f"{name} {number + 1} of {len(runs)}: cost {found[name][-1].cost:.4f}, "
+                f"{found[name][-1].diverged} of {found[name][-1].evaluated} candidates diverged, "
+                f"{time.perf_counter() - begin:.0f} s"
+            )
+            if not np.isfinite(found[name][-1].cost):
+                raise UserError(f"{name}: every candidate of run {number + 1} diverged; take more particles")
+    command = f"python -m harness.reproductions.ziaukas_swarm {shlex.join(arguments)}"
+    write(document(problem, found, settings, command), chosen.out)
+    arrays = {}
+    for name, some in found.items():
+        stem = name.replace(", ", "_").replace(" ", "_")
+        arrays[f"{stem}_values"] = np.array([f.values for f in some])
+        arrays[f"{stem}_cost"] = np.array([f.history for f in some])
+    parameters = np.array([f.parameter for f in problem.fit.free])
+    path = chosen.out / "identify.npz"
+    np.savez(path, allow_pickle=False, hidden=problem.hidden, parameters=parameters, **arrays)
+    print(f"wrote {chosen.out}/report.html")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

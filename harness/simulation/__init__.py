@@ -1,0 +1,1 @@
+"""Drives, and vehicles that drive them."""

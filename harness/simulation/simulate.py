@@ -1,0 +1,216 @@
+"""Simulate drives: batches of runs for a study, or one drive as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.engine import time_loops
+from harness.engine.compile import CompiledModel, compile_model, load_source, paste
+from harness.engine.simd.lanes import LANES
+from harness.models.assembly.assemble import Model
+from harness.models.contracts import Profile
+from harness.models.signals import SIGNALS
+
+if TYPE_CHECKING:
+    from harness.config import ModelSpec
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Simulated runs of one drive, ``LANES`` at a time.
+
+    Attributes:
+        truth: Signals asked for, ``(samples, ns, LANES)``.
+        measurements: Noisy outputs, ``(samples, ny, LANES)``.
+        left_at: First sample outside the plant's range of validity, ``(LANES,)``; ``samples`` if there is none.
+    """
+
+    truth: Floats
+    measurements: Floats
+    left_at: Floats
+
+
+class Simulator:
+    """A compiled plant and the loop over time around it.
+
+    Args:
+        compiled: The plant.
+    """
+
+    def __init__(self, compiled: CompiledModel) -> None:
+        self.compiled = compiled
+        source = paste(compiled, "simulate", [time_loops.simulate])
+        self._run = load_source("simulate", source).simulate
+        valid = compiled.model.valid
+        self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
+
+    def run(
+        self,
+        inputs: Floats,
+        constants: Floats,
+        variance_x: Floats,
+        variance_y: Floats,
+        noise: Floats,
+        x0: Floats,
+    ) -> Batch:
+        """Simulate ``LANES`` runs.
+
+        Args:
+            inputs: ``(samples, nu, LANES)``.
+            constants: From ``CompiledModel.constants``, ``(nc, LANES)``.
+            variance_x: Process noise per step, ``(nx, LANES)``.
+            variance_y: Measurement noise per sample, ``(ny, LANES)``.
+            noise: Standard normal numbers, ``(samples, nx + ny, LANES)``.
+            x0: First state, ``(nx, LANES)``.
+        """
+        samples = inputs.shape[0]
+        truth = np.empty((samples, len(self.compiled.signal_names), LANES))
+        y = np.empty((samples, self.compiled.ny, LANES))
+        left = np.empty((1, LANES))
+        self._run(
+            inputs,
+            constants,
+            np.sqrt(variance_x),
+            np.sqrt(variance_y),
+            self.limits,
+            x0,
+            noise,
+            truth,
+            y,
+            left,
+        )
+        return Batch(truth, y, left[0])
+
+
+def input_table(
+    profile: Profile, names: Sequence[str], rates: Mapping[str, str], elsewhere: Sequence[str] = ()
+) -> Floats:
+    """Return the inputs of a model over a drive, ``(samples, len(names))``; NaN for those that come from elsewhere.
+
+    The rate of an input is its forward difference, which is what Euler's step needs to keep the kingpin tie;
+    an estimator at sample k + 1 knows it, because it knows the input at k and k + 1.
+
+    Raises:
+        UserError: If the drive has no such input.
+    """
+    step = float(profile.time[1] - profile.time[0])
+    known: dict[str, Floats] = {
+        "steering_wheel_angle": profile.steering_wheel_angle,
+        "speed": profile.speed,
+        "time": profile.time,
+        **profile.further,
+    }
+    for rate, source in rates.items():
+        if source in known:
+            difference = np.diff(known[source]) / step
+            known[rate] = np.append(difference, difference[-1:])
+    known |= {name: np.full(len(profile.time), np.nan) for name in elsewhere}
+    missing = [n for n in names if n not in known]
+    if missing:
+        raise UserError(f"a drive has no input '{missing[0]}'{closest(missing[0], sorted(known))}")
+    return np.column_stack([known[n] for n in names]) if names else np.empty((len(profile.time), 0))
+
+
+def first_state(model: Model, parameters: Floats, profile: Profile) -> Floats:
+    """Return where a model starts, ``(nx, LANES)``: zero but for its ``start``.
+
+    Args:
+        model: The model; ``start`` of its vehicle says which states do not start at zero.
+        parameters: In the model's order, ``(np, LANES)``.
+        profile: The drive, of which the first sample counts.
+    """
+    x = np.zeros((len(model.states), parameters.shape[1]))
+    for state, source in model.start.items():
+        row = model.states.index(state)
+        if not isinstance(source, str):
+            x[row] = source
+        elif source in model.parameter_names:
+            x[row] = parameters[model.parameter_names.index(source)]
+        else:
+            x[row] = getattr(profile, source)[0]
+    return x
+
+
+def in_lanes(table: Floats) -> Floats:
+    """Repeat an array for every lane: ``(...)`` becomes ``(..., LANES)``."""
+    return np.ascontiguousarray(np.repeat(table[..., None], LANES, axis=-1))
+
+
+def simulate_drive(
+    spec: ModelSpec, profile: Profile, signals: Sequence[str] = (), seed: int | None = None
+) -> xr.Dataset:
+    """Simulate one drive and return it as a recording.
+
+    Args:
+        spec: Vehicle, parameters and noise.
+        profile: The drive.
+        signals: Quantities to record beside states, inputs and measured outputs.
+        seed: Seed of process and measurement noise; ``None`` simulates without noise.
+
+    Returns:
+        Dataset over ``time`` with a variable per signal, ``measured_<output>`` for the noisy outputs, each with
+        ``units``, ``long_name`` and ``frame``.
+
+    Raises:
+        UserError: If the vehicle leaves the range in which its equations hold.
+    """
+    model = spec.model()
+    wanted = tuple(dict.fromkeys([*model.states, *signals]))
+    compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, wanted)
+    simulator = Simulator(compiled)
+    table = input_table(profile, model.inputs, model.rates)
+    samples = len(table)
+    noise = np.zeros((samples, compiled.nx + compiled.ny, LANES))
+    if seed is not None:
+        rng = np.random.default_rng(np.random.SeedSequence(seed))
+        noise[:] = rng.standard_normal((samples, compiled.nx + compiled.ny))[..., None]
+    parameters = in_lanes(compiled.parameter_vector(spec.values))
+    constants = compiled.constants(parameters)
+    batch = simulator.run(
+        in_lanes(table),
+        constants,
+        in_lanes(variances(spec.process_noise, model.states)),
+        in_lanes(variances(spec.measurement_noise, list(model.outputs))),
+        noise,
+        first_state(model, parameters, profile),
+    )
+    if batch.left_at[0] < samples:
+        raise UserError(
+            f"the vehicle leaves the range in which its equations hold at t = {batch.left_at[0] * spec.step:.2f} s "
+            f"({', '.join(model.valid)}); choose a calmer drive"
+        )
+    columns = {name: batch.truth[:, i, 0] for i, name in enumerate(wanted)}
+    columns |= {name: table[:, i] for i, name in enumerate(model.inputs) if name not in columns}
+    measured = {f"measured_{name}": batch.measurements[:, i, 0] for i, name in enumerate(model.outputs)}
+    dataset = xr.Dataset(coords={"time": ("time", profile.time, {"units": "s", "long_name": "time"})})
+    for name, values in {**columns, **measured}.items():
+        dataset[name] = ("time", values, signal_attributes(name.removeprefix("measured_")))
+    dataset.attrs = {
+        "model": model.name,
+        "parameters": spec.parameters,
+        "seed": "none" if seed is None else seed,
+    }
+    return dataset
+
+
+def signal_attributes(name: str) -> dict[str, str]:
+    """Return ``units``, ``long_name`` and ``frame`` of a signal."""
+    signal = SIGNALS.get(name)
+    if signal is None:
+        return {"units": "", "long_name": name, "frame": ""}
+    return {"units": signal.unit, "long_name": signal.meaning, "frame": signal.frame}
+
+
+def variances(noise: Mapping[str, float], names: Sequence[str]) -> Floats:
+    """Return noise variances in the order of ``names``; a state without noise has none."""
+    return np.array([float(noise.get(name, 0.0)) for name in names])

@@ -1,0 +1,1 @@
+"""Studies of the robustness of estimators: design, runs, store, results."""

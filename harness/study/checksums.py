@@ -1,0 +1,197 @@
+"""Checksums of a store's files, so that no report rests on a store that has lost some of them.
+
+A store of scores has a group ``checksums`` with one array per design: for each unit a 64-bit BLAKE2b hash of the chunk
+of every array, as it lies on the disk. It is written after everything else of the unit. What a store has before its
+first unit (metadata, coordinates, values of the factors) stands with its hash in the attributes of that array, and the
+runs over time in those of their group. A chunk that holds nothing but the fill value takes no file; that is a
+hash of its own, so a file that is gone is noticed as well as one that has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from harness.study.scores import STATUS
+
+GROUP = "checksums"
+HISTORY = "history"
+
+Place = tuple[str, int, int, int]
+"""A unit in the store: name of the design, band, number of its chunk along the samples, drive."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A file of a store that is not as it was written.
+
+    Attributes:
+        file: Path within the store.
+        missing: Whether it is gone; otherwise its content has changed.
+        unit: The unit whose scores it holds; ``None`` if it holds none.
+    """
+
+    file: str
+    missing: bool
+    unit: Place | None = None
+
+    def __str__(self) -> str:
+        return f"{self.file} is {'missing' if self.missing else 'damaged'}"
+
+
+def described(faults: Sequence[Fault]) -> str:
+    """Return the first of some faults in words, and how many more there are."""
+    more = len(faults) - 1
+    return f"{faults[0]}{f' (and {more} more)' if more else ''}"
+
+
+def digest(file: Path) -> int:
+    """Return the hash of a file; that of nothing where there is none."""
+    content = file.read_bytes() if file.is_file() else b""
+    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little")
+
+
+def of_files(root: Path, below: str = "") -> dict[str, str]:
+    """Return the hashes of the files below a group but its own metadata, by their path within the store."""
+    own = root / below / "zarr.json"
+    return {_name(root, p): _hex(p) for p in sorted((root / below).rglob("*")) if p.is_file() and p != own}
+
+
+def _name(root: Path, file: Path) -> str:
+    return file.relative_to(root).as_posix()
+
+
+def _hex(file: Path) -> str:
+    return f"{digest(file):016x}"
+
+
+def changed_files(root: Path, hashes: Mapping[str, str]) -> list[Fault]:
+    """Return the files that are not what ``of_files`` said."""
+    wrong = [name for name, wanted in hashes.items() if _hex(root / name) != wanted]
+    return [Fault(name, not (root / name).is_file()) for name in wrong]
+
+
+def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: tuple[int, int, int]) -> None:
+    """Add the checksums of a design to a store that holds no scores yet.
+
+    Args:
+        root: The store.
+        design: Name of the design, whose group is there.
+        dims: Dimensions of each of its arrays of scores.
+        units: How many there are: bands, chunks along the samples, drives.
+    """
+    sums, own = zarr.open_group(str(root), mode="r+").require_group(GROUP), root / design / "zarr.json"
+    sums.create_array(
+        design,
+        shape=(*units, len(dims)),
+        chunks=(1, 1, 1, len(dims)),
+        dtype="uint64",
+        fill_value=0,
+        compressors=None,
+        dimension_names=("band", "chunk", "drive", "array"),
+        attributes={
+            "arrays": {name: list(d) for name, d in dims.items()},
+            "files": {_name(root, own): _hex(own), **of_files(root, design)},
+        },
+    )
+
+
+def chunk_files(dims: Mapping[str, Sequence[str]], unit: Place) -> dict[str, str]:
+    """Return the file of a unit's chunk of each array, within the store."""
+    design, band, chunk, drive = unit
+    at = {"band": band, "sample": chunk, "drive": drive}
+    return {name: "/".join([design, name, "c", *(str(at.get(d, 0)) for d in each)]) for name, each in dims.items()}
+
+
+def write(root: Path, sums: Any, unit: Place, written: Sequence[str]) -> None:
+    """Write the checksums of a unit whose scores are in the store.
+
+    Args:
+        root: The store.
+        sums: The array of its design, opened for writing.
+        unit: The unit.
+        written: Names of the arrays that it has scores in; other units may share the chunks of the rest.
+    """
+    files = chunk_files(sums.attrs["arrays"], unit)
+    row = [digest(root / file) if name in written else 0 for name, file in files.items()]
+    sums[unit[1:]] = np.array(row, dtype=np.uint64)
+
+
+def is_verifiable(attributes: Mapping[str, Any]) -> bool:
+    """Return whether a store with these root attributes has checksums; earlier ones have none."""
+    return GROUP in attributes
+
+
+def faults(root: Path) -> list[Fault]:
+    """Return the files of a store of scores that are not as they were written; units that are to come have none.
+
+    Args:
+        root: The store. One without checksums is not looked at.
+
+    Raises:
+        ValueError, KeyError, OSError: If the root of the store cannot be read.
+    """
+    attributes: dict[str, Any] = dict(zarr.open_group(str(root), mode="r").attrs)
+    if not is_verifiable(attributes):
+        return []
+    found: list[Fault] = []
+    complete = True
+    for design in _names(attributes["designs"]):
+        sums = _opened(root, f"{GROUP}/{design}")
+        if sums is None:
+            found.append(Fault(f"{GROUP}/{design}", not (root / GROUP / design / "zarr.json").is_file()))
+            continue
+        found += changed_files(root, sums.attrs["files"])
+        for unit in np.ndindex(*sums.shape[:3]):
+            place = (design, *unit)
+            files = chunk_files(sums.attrs["arrays"], place)
+            if (root / files[STATUS]).is_file():
+                found += _of_unit(root, sums, place, files)
+            else:
+                complete = False
+    return found + _of_histories(root, int(attributes[GROUP]["histories"]), complete)
+
+
+def _names(designs: Any) -> list[str]:
+    return [str(name) for name in (json.loads(designs) if isinstance(designs, str) else designs)]
+
+
+def _opened(root: Path, path: str) -> Any:
+    """Return a node of the store; ``None`` where it cannot be read."""
+    try:
+        return zarr.open(str(root), path=path, mode="r")
+    except (ValueError, KeyError, OSError):
+        return None
+
+
+def _of_unit(root: Path, sums: Any, unit: Place, files: Mapping[str, str]) -> Iterator[Fault]:
+    """Return what is wrong with the files of a finished unit."""
+    own = "/".join([GROUP, unit[0], "c", *map(str, unit[1:]), "0"])
+    try:
+        row: NDArray[np.uint64] = np.asarray(sums[unit[1:]])
+    except (ValueError, OSError):
+        row = np.zeros(len(files), dtype=np.uint64)
+    wanted = {name: int(value) for name, value in zip(files, row, strict=True)}
+    if not wanted[STATUS]:
+        yield Fault(own, not (root / own).is_file(), unit)
+        return
+    for name, file in files.items():
+        if wanted[name] and digest(root / file) != wanted[name]:
+            yield Fault(file, not (root / file).is_file(), unit)
+
+
+def _of_histories(root: Path, wanted: int, complete: bool) -> list[Fault]:
+    """Return what is wrong with the runs over time, which are written after all units."""
+    group = _opened(root, HISTORY)
+    attributes = {} if group is None else dict(group.attrs)
+    if complete and wanted and attributes.get("runs") != wanted:
+        return [Fault(HISTORY, True)]
+    return changed_files(root, attributes.get("files", {}))

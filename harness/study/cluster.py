@@ -1,0 +1,218 @@
+"""Run a study's units on the workers of a Dask cluster.
+
+Each worker opens study and store for itself, once, and writes the chunks of its units; only the unit comes back.
+So the cluster needs a file system that all machines see, and every worker the same code and packages.
+
+Units are submitted as Dask futures. joblib's Dask backend would do the same call, but waits for ever for a task
+whose workers all died (joblib 1.6: ``DaskDistributedBackend._collect`` calls nobody back when a future has failed).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import platform
+import threading
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.text import Text
+
+from harness.common.errors import UserError
+from harness.config import Study
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+from harness.study.provenance import code_state, processor
+from harness.study.store import STORE, Store
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT = 10.0
+"""s to wait for a scheduler, and then for its first worker."""
+
+_LOOK = 2.0
+"""s between two looks at which workers are there while nothing is finished."""
+
+_OPENED_AT_ONCE = 4
+"""Studies that a worker keeps open."""
+
+_opened: dict[tuple[str, Path], tuple[StudyEvaluator, Store]] = {}
+_opening = threading.Lock()
+
+
+class ClusterFailure(RuntimeError):
+    """The cluster gave up; what is finished is in the store."""
+
+
+@contextlib.contextmanager
+def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Client]:
+    """Give a client of a scheduler, or of a cluster of processes on this machine that ends with the block.
+
+    Args:
+        scheduler: Address such as ``tcp://host:8786``; ``None`` starts the local cluster.
+        workers: Processes of the local cluster, by default one per core.
+
+    Raises:
+        UserError: If Dask is not installed, no scheduler answers or it has no worker.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise UserError(
+            "a cluster takes Dask, which is not installed; in the project's folder: pip install --editable '.[cluster]'"
+        ) from None
+    with contextlib.ExitStack() as stack:
+        if scheduler is None:
+            processes = workers or os.cpu_count()
+            cluster = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=processes,
+                    threads_per_worker=1,
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+            yield stack.enter_context(distributed.Client(cluster, set_as_default=False))
+            return
+        try:
+            client = stack.enter_context(distributed.Client(scheduler, timeout=CONNECT, set_as_default=False))
+        except (OSError, ValueError) as error:
+            raise UserError(
+                f"--scheduler {scheduler}: no Dask scheduler answers there ({str(error).splitlines()[0]}); write "
+                "tcp://HOST:PORT as 'dask scheduler' prints it"
+            ) from None
+        try:
+            client.wait_for_workers(1, timeout=CONNECT)
+        except TimeoutError:
+            raise UserError(
+                f"--scheduler {scheduler}: it has no worker after {CONNECT:g} s; start some: dask worker {scheduler}"
+            ) from None
+        yield client
+
+
+def check_workers(client: Client, study: Study, folder: Path, console: Console) -> None:
+    """Refuse workers that could not write the same bits into the same store; point out other processors.
+
+    Args:
+        client: Of the cluster.
+        study: The study.
+        folder: Result folder with the store.
+        console: Where a warning is shown.
+
+    Raises:
+        UserError: If a worker does not see the store, lacks the harness, or runs other code or packages.
+    """
+    expected = code_state(study)
+    try:
+        answers = client.run(_about, study, folder.resolve())
+    except ImportError as error:
+        raise UserError(f"a worker cannot import the harness ({error}); install it there as here") from None
+    others = set()
+    for address, found in answers.items():
+        if not found["sees_store"]:
+            raise UserError(
+                f"worker {address} on {found['host']} does not see {folder.resolve()}; choose a folder that all "
+                "machines share with --out"
+            )
+        _refuse_other_code(f"worker {address} on {found['host']}", expected, found)
+        others |= {found["processor"]} - {processor()}
+    if others:
+        console.print(
+            Text(f"warning: workers have other processors ({', '.join(sorted(others))}); last bits may differ"),
+            style="yellow",
+            soft_wrap=True,
+        )
+
+
+def _about(study: Study, folder: Path) -> dict[str, Any]:
+    """Return what a worker is; runs there."""
+    sees = (folder / STORE).exists()
+    return {**code_state(study), "sees_store": sees, "host": platform.node(), "processor": processor()}
+
+
+def _refuse_other_code(who: str, expected: dict[str, str], found: dict[str, str]) -> None:
+    there, here = (json.loads(state["versions"]) for state in (found, expected))
+    differing = [f"{name} {there.get(name)} instead of {version}" for name, version in here.items()
+                 if there.get(name) != version]  # fmt: skip
+    if differing:
+        raise UserError(f"{who} has {', '.join(differing)}; install the same lock file on all machines")
+    if found["engine"] != expected["engine"]:
+        raise UserError(f"{who} runs other code of this project; bring it to the same commit and restart it")
+
+
+def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], console: Console) -> Iterator[Unit]:
+    """Evaluate units on the workers, which write the scores; return each unit when it is in the store.
+
+    A unit whose worker is lost is given to another one.
+
+    Args:
+        client: Of the cluster, its workers checked by ``check_workers``.
+        study: The study.
+        folder: Result folder with the store.
+        todo: What is to be evaluated.
+        console: Where lost workers are reported.
+
+    Raises:
+        ClusterFailure: If one unit has lost several workers, or the scheduler is gone.
+        UserError: If a worker that came later runs other code or does not see the store.
+    """
+    from distributed import CancelledError, KilledWorker, wait
+    from distributed.comm import CommClosedError
+
+    expected, place = code_state(study), folder.resolve()
+    pending = {client.submit(_evaluate_there, study, place, unit, expected, pure=False) for unit in todo}
+    workers = set(client.ncores())
+    try:
+        while pending:
+            with contextlib.suppress(TimeoutError):
+                with client.as_current():
+                    done, pending = wait(pending, timeout=_LOOK, return_when="FIRST_COMPLETED")
+                for future in done:
+                    yield future.result()
+            workers = _report_lost(workers, set(client.ncores()), console)
+    except KilledWorker as error:
+        raise ClusterFailure(
+            f"a unit was lost with each of the workers that took it, the last {error.last_worker.address} (out of "
+            "memory?); what is finished is kept and the same command goes on from there"
+        ) from error
+    except (CancelledError, CommClosedError) as error:
+        raise ClusterFailure(
+            "the scheduler is gone; what is finished is kept and the same command goes on from there"
+        ) from error
+    finally:
+        if client.status == "running":
+            client.cancel(list(pending))
+
+
+def _report_lost(before: Collection[str], now: set[str], console: Console) -> set[str]:
+    for address in sorted(set(before) - now):
+        left = f"{len(now)} left" if now else "none is left, so this waits for one (Ctrl-C keeps what is finished)"
+        console.print(Text(f"lost worker {address}: its units are done again; {left}"), style="yellow", soft_wrap=True)
+    return now
+
+
+def _evaluate_there(study: Study, folder: Path, unit: Unit, expected: dict[str, str]) -> Unit:
+    """Evaluate a unit and write its scores; runs on a worker."""
+    evaluator, store = _open(study, folder, expected)
+    store.write(unit, evaluator.evaluate(unit))
+    return unit
+
+
+def _open(study: Study, folder: Path, expected: dict[str, str]) -> tuple[StudyEvaluator, Store]:
+    """Return study and store, opened once in this process."""
+    key = study.hash, folder
+    with _opening:
+        if key not in _opened:
+            _refuse_other_code(f"worker on {platform.node()}", expected, code_state(study))
+            if not (folder / STORE).exists():
+                raise UserError(f"the worker on {platform.node()} does not see {folder}")
+            while len(_opened) >= _OPENED_AT_ONCE:
+                _opened.pop(next(iter(_opened)))
+            evaluator = StudyEvaluator(study)
+            _opened[key] = evaluator, Store(study, evaluator, folder)
+        return _opened[key]

@@ -1,0 +1,119 @@
+"""A study ready to run: its models and estimators compiled, its drives built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.config import ModelSpec, Study
+from harness.engine.compile import CompiledModel, compile_model
+from harness.estimation.contract import Estimator
+from harness.models.assembly.assemble import Model
+from harness.models.contracts import DRIVE_INPUTS, Profile
+from harness.simulation.drives import profile_of
+from harness.simulation.simulate import Batch, Simulator, in_lanes, input_table
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DriveInputs:
+    """A drive ready to run.
+
+    Attributes:
+        profile: Inputs over time.
+        plant: As the plant reads them, ``(samples, nu, LANES)``.
+        belief: What the estimators know, ``(samples, nu, LANES)``; NaN for what the plant supplies.
+    """
+
+    profile: Profile
+    plant: Floats
+    belief: Floats
+
+
+class CompiledStudy:
+    """The models, estimators and drives of a study.
+
+    Args:
+        study: The study.
+
+    Attributes:
+        signals: What the estimators tell of: targets first, then unknown inputs and what is drawn over time.
+        supplied: Inputs of the belief that come from the vehicle itself, see ``supplied_inputs``.
+        drives: In the order of the study.
+        plant: The compiled plant; its signals are all that scores and estimators need of it.
+        belief: The compiled model that the estimators hold for true.
+        simulator: Of the plant.
+        estimators: In the order of the study.
+
+    Raises:
+        UserError, ModelError: If a drive, model or estimator cannot be built.
+    """
+
+    def __init__(self, study: Study) -> None:
+        belief_model, plant_model = study.belief.model(), study.plant.model()
+        drawn = [name for history in study.history for name in history.signals]
+        self.signals = tuple(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *drawn]))  # scored first
+        known = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
+        self.supplied = supplied_inputs(plant_model, belief_model)
+        states = (s for s in belief_model.states if s in known)
+        exact = (name for name in self.supplied if name not in plant_model.outputs)
+        watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in known)]))
+        self.drives = [self._drive(study, i) for i in range(len(study.drives))]
+        self.plant = _compile(study.plant, watched)
+        self.belief = _compile(study.belief, self.signals)
+        self.simulator = Simulator(self.plant)
+        self._measured = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
+        self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base) for e in study.estimators]
+
+    def _drive(self, study: Study, index: int) -> DriveInputs:
+        profile = profile_of(study.plant, study.drives[index])
+        plant, belief = study.plant.model(), study.belief.model()
+        tables = (
+            input_table(profile, plant.inputs, plant.rates),
+            input_table(profile, belief.inputs, belief.rates, self.supplied),
+        )
+        return DriveInputs(profile, *(in_lanes(table) for table in tables))
+
+    def measured(self, measurements: Floats) -> Floats:
+        """Return the measurements that the belief has outputs for, in their order, ``(samples, ny, LANES)``."""
+        if self._measured == list(range(self.plant.ny)):
+            return measurements
+        return np.ascontiguousarray(measurements[:, self._measured])
+
+    def known(self, drive: int, batch: Batch) -> Floats:
+        """Return the belief's inputs ``(samples, nu, LANES)``, those that the plant supplies filled in."""
+        inputs = self.drives[drive].belief[: len(batch.truth)]
+        if not self.supplied:
+            return inputs
+        inputs = inputs.copy()
+        outputs = list(self.plant.model.outputs)
+        for name in self.supplied:
+            column = self.belief.model.inputs.index(name)
+            if name in outputs:
+                inputs[:, column] = batch.measurements[:, outputs.index(name)]
+            else:
+                inputs[:, column] = batch.truth[:, self.plant.signal_names.index(name)]
+        return inputs
+
+    def first_variance(self, process: Floats) -> Floats:
+        """Return the first covariance ``(nx, LANES)``: the process noise (Ziaukas 2023, 5.1 and 6.1) if not stated."""
+        first = process.copy()
+        for state, variance in self.belief.model.start_variance.items():
+            first[self.belief.model.states.index(state)] = variance
+        return first
+
+
+def supplied_inputs(plant: Model, belief: Model) -> tuple[str, ...]:
+    """Return the inputs of the belief that are no input of a drive but come from the vehicle itself.
+
+    They are what its sensors measure, noise included, or where no sensor does, the plant's exact state or port.
+    """
+    driven = {*plant.inputs, *belief.rates, *DRIVE_INPUTS, "time"}
+    return tuple(name for name in belief.inputs if name not in driven)
+
+
+def _compile(spec: ModelSpec, signals: tuple[str, ...]) -> CompiledModel:
+    return compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, signals)

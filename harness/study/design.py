@@ -1,0 +1,254 @@
+"""Which cases a study runs: the points of each design, and the units of work they are cut into.
+
+Levels are taken as they are. Bands are boxes, filled in one of three ways:
+
+* ``sobol``: SALib's Sobol sequence (Joe and Kuo 2003), unscrambled and from its first point on: dropping or
+  skipping points spoils the balance (Owen 2020, arXiv:2008.08051), and the first point, the origin, is the
+  lower corner of every box.
+* ``saltelli``: SALib's cross-sampled pair of matrices for Sobol indices (Saltelli et al. 2010, doi
+  10.1016/j.cpc.2009.09.018), from a scrambled sequence.
+* ``tolerance``: the nominal point, each factor alone at its lower and at its upper edge, and a scrambled Sobol
+  sequence in the box; bands are nested boxes.
+
+All bands of a design use the same points, scaled, so that sample ``k`` lies at the same relative place in each.
+
+The design is paired: points, drives and seeds are fixed before any estimator is looked at, so every
+estimator sees the same runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.config import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Study
+from harness.config.bounds import settled
+
+RUNS_PER_UNIT = 64
+
+
+@dataclass(frozen=True)
+class DesignPoints:
+    """The points of one design in SI units.
+
+    Attributes:
+        factors: Name of each factor's parameter; ``belief.<parameter>`` if only the belief varies, shape
+            ``(factor,)``.
+        values: Shape ``(band, sample, factor)``.
+        lower: Lower edge, shape ``(band, factor)``; equal to ``upper`` for a level.
+        upper: Upper edge, shape ``(band, factor)``.
+        band_labels: Shape ``(band,)``.
+    """
+
+    factors: tuple[str, ...]
+    values: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    band_labels: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RunParameters:
+    """What one model holds in a series of runs, one row each.
+
+    Attributes:
+        values: Parameters in the order of ``model().parameter_names``, shape ``(run, np)``.
+        process_noise: Variances per step in the order of the states, shape ``(run, nx)``.
+        measurement_noise: Variances per sample in the order of the outputs, shape ``(run, ny)``.
+    """
+
+    values: NDArray[np.float64]
+    process_noise: NDArray[np.float64]
+    measurement_noise: NDArray[np.float64]
+
+
+@dataclass(frozen=True, order=True)
+class Unit:
+    """A piece of work: one band of one design on one drive, some of its samples, all their repeats.
+
+    Attributes:
+        design: Index of the design in the study.
+        band: Index of the band.
+        drive: Index of the drive in the study.
+        first: First sample.
+        stop: One past the last sample.
+    """
+
+    design: int
+    band: int
+    drive: int
+    first: int
+    stop: int
+
+    @property
+    def samples(self) -> slice:
+        """The samples as a slice."""
+        return slice(self.first, self.stop)
+
+    def runs(self, study: Study) -> int:
+        """Return the number of runs, samples times repeats."""
+        return (self.stop - self.first) * study.designs[self.design].repeats
+
+
+def unit_box(samples: int, dimensions: int) -> NDArray[np.float64]:
+    """Return the first points of SALib's Sobol sequence in the unit box, shape ``(samples, dimensions)``."""
+    from SALib.sample import sobol_sequence
+
+    return np.asarray(sobol_sequence.sample(samples, dimensions), dtype=np.float64)
+
+
+def saltelli_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return SALib's Saltelli design in the unit box, ``(samples * (dimensions + 2), dimensions)``.
+
+    Args:
+        samples: Points of the scrambled sequence, a power of two.
+        dimensions: Number of factors.
+        seed: Seed of the scrambling.
+    """
+    from SALib.sample import sobol
+
+    names = [str(i) for i in range(dimensions)]
+    box = {"num_vars": dimensions, "names": names, "bounds": [[0.0, 1.0]] * dimensions}
+    found = sobol.sample(box, samples, calc_second_order=False, scramble=True, seed=np.random.default_rng(seed))
+    return np.asarray(found, dtype=np.float64)
+
+
+def scrambled_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return a Sobol sequence with Owen's scrambling in the unit box, ``(samples, dimensions)``.
+
+    Scrambled, every point is uniform in the box, so that shares of points estimate shares of the box.
+    """
+    from scipy.stats import qmc
+
+    generator = qmc.Sobol(d=dimensions, scramble=True, seed=np.random.default_rng(seed))
+    return np.asarray(generator.random(samples), dtype=np.float64)
+
+
+def _scaled(factor: FactorSpec, band: int, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of one factor at places in the unit interval."""
+    lower, upper = factor.lower[band], factor.upper[band]
+    if factor.log:
+        return lower * np.exp(unit * np.log(upper / lower))
+    # As SALib.util.scale_samples: the same operations in the same order give the same bits.
+    return unit * (upper - lower) + lower
+
+
+def points(study: Study, design: DesignSpec) -> DesignPoints:
+    """Return all points of a design; nothing in them depends on an estimator or a worker.
+
+    Args:
+        study: The study.
+        design: One of its designs.
+
+    Raises:
+        ValueError: If the design is not of this study.
+    """
+    if design not in study.designs:
+        raise ValueError(f"design '{design.name}' is not one of study '{study.name}'")
+    factors, shape = design.factors, (design.bands, len(design.factors))
+    lower = np.array([f.lower for f in factors]).T.reshape(shape)
+    upper = np.array([f.upper for f in factors]).T.reshape(shape)
+    values = np.repeat(lower[:, None, :], design.samples, axis=1)
+    banded = [i for i, f in enumerate(factors) if f.banded]
+    if design.sampling == "saltelli":
+        unit = saltelli_points(design.base_samples, len(banded), study.seed)
+    elif design.sampling == "tolerance":
+        unit = scrambled_points(design.base_samples, len(banded), study.seed)
+    else:
+        unit = unit_box(design.samples, len(banded)) if banded else np.empty((design.samples, 0))
+    for band in range(design.bands):
+        for column, i in enumerate(banded):
+            values[band, -len(unit) :, i] = _scaled(factors[i], band, unit[:, column])
+    if design.sampling == "tolerance":
+        values[:, : 1 + 2 * len(factors)] = _nominal_and_edges(lower, upper, np.array([f.nominal for f in factors]))
+    names = tuple(f.parameter if f.of != "belief" else f"belief.{f.parameter}" for f in factors)
+    return DesignPoints(names, values, lower, upper, design.band_labels)
+
+
+def _nominal_and_edges(
+    lower: NDArray[np.float64], upper: NDArray[np.float64], nominal: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the nominal point, then each factor alone at its lower and at its upper edge, ``(band, 1 + 2 D, D)``."""
+    bands, count = lower.shape
+    values = np.tile(nominal, (bands, 1 + 2 * count, 1))
+    for i in range(count):
+        values[:, 1 + 2 * i, i], values[:, 2 + 2 * i, i] = lower[:, i], upper[:, i]
+    return values
+
+
+def run_parameters(
+    spec: ModelSpec, design: DesignSpec, side: Literal["plant", "belief"], values: NDArray[np.float64]
+) -> RunParameters:
+    """Return what a model holds at given points of a design.
+
+    Args:
+        spec: ``study.plant`` or ``study.belief``.
+        design: The design the points belong to.
+        side: Which of the two ``spec`` is.
+        values: Points of the design, shape ``(run, factor)``, e.g. ``points.values[band, samples]``.
+    """
+    model, runs = spec.model(), len(values)
+    names = model.parameter_names
+    parameters = np.tile([spec.values[n] for n in names], (runs, 1)).reshape(runs, len(names))
+    process = np.tile([spec.process_noise[s] for s in model.states], (runs, 1))
+    measurement = np.tile([spec.measurement_noise[o] for o in model.outputs], (runs, 1))
+    scaled = dict(zip(NOISE_SCALES, (process, measurement), strict=True))
+    varied: dict[str, NDArray[np.float64]] = {}
+    for column, factor in enumerate(design.factors):
+        if factor.of not in (side, "both"):
+            continue
+        if factor.parameter in scaled:
+            scaled[factor.parameter] *= values[:, column, None]
+        else:
+            varied[factor.parameter] = values[:, column]
+    for name, changed in settled(spec.vehicle, spec.values, varied).items():
+        parameters[:, names.index(name)] = changed
+    return RunParameters(parameters, process, measurement)
+
+
+def scale_noise(believed: RunParameters, belief: ModelSpec, factors: Mapping[str, float]) -> RunParameters:
+    """Return what one estimator believes after tuning: variances multiplied by the factor of their group.
+
+    Args:
+        believed: What the belief holds.
+        belief: The belief; its unknown inputs are a group of their own.
+        factors: By ``NOISE_GROUPS``; a group that is absent stays as it is.
+    """
+    if not factors:
+        return believed
+    groups = ["unknown_inputs" if s in belief.unknown_inputs else "process" for s in belief.model().states]
+    return RunParameters(
+        believed.values,
+        believed.process_noise * np.array([factors.get(group, 1.0) for group in groups]),
+        believed.measurement_noise * factors.get("measurement", 1.0),
+    )
+
+
+def units(study: Study, design: DesignSpec) -> list[Unit]:
+    """Cut a design into units, in an order that depends on the study alone, not on the number of workers.
+
+    Args:
+        study: The study.
+        design: One of its designs.
+    """
+    index, size = study.designs.index(design), samples_per_unit(design)
+    return [
+        Unit(index, band, drive, first, min(first + size, design.samples))
+        for band in range(design.bands)
+        for drive in range(len(study.drives))
+        for first in range(0, design.samples, size)
+    ]
+
+
+def samples_per_unit(design: DesignSpec) -> int:
+    """Return how many samples a unit has; the last one along a band may have fewer.
+
+    A unit has at most ``RUNS_PER_UNIT`` runs. The repeats of a sample stay together, so it has more where a sample
+    alone has. Pieces are as few as that allows, and then as even as equal chunks of the store allow.
+    """
+    largest = max(RUNS_PER_UNIT // design.repeats, 1)
+    return -(-design.samples // -(-design.samples // largest))

@@ -1,0 +1,172 @@
+"""Evaluate a unit of a study: simulate its runs, let every estimator see the same ones, return the scores."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.config import Study
+from harness.engine.kernel_names import Belief, State
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Scores
+from harness.simulation.simulate import Batch, first_state
+from harness.study.compiled_study import CompiledStudy
+from harness.study.design import RunParameters, Unit, points, run_parameters, scale_noise
+from harness.study.error_windows import ErrorWindows
+from harness.study.run_noise import Case, RunNoise
+from harness.study.scores import (
+    ESTIMATOR_DIVERGED,
+    OK,
+    OVER_TIME,
+    PENDING,
+    PER_RUN,
+    PER_TARGET,
+    PLANT_DIVERGED,
+    STATUS,
+)
+
+Floats = NDArray[np.float64]
+
+
+class StudyEvaluator:
+    """A study ready to evaluate units, from any thread.
+
+    Args:
+        study: The study.
+
+    Attributes:
+        compiled: Its models, estimators and drives.
+        noise: The random numbers of its runs.
+        windows: Those in which errors are kept over time.
+
+    Raises:
+        UserError, ModelError: If a drive, model or estimator cannot be built.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self.study, self.compiled, self.noise = study, CompiledStudy(study), RunNoise(study)
+        self.windows = ErrorWindows(study, self.compiled)
+        self._points = [points(study, d).values for d in study.designs]
+
+    def warm_up(self, index: int) -> str:
+        """Compile one kernel (0 is the simulation, then the estimators) and return its name; ``range(kernels)``."""
+        short = Unit(0, 0, 0, 0, 1)
+        if index == 0:
+            self.simulate(short, [Case(0, 0)], samples=3)
+            return "simulation"
+        batch, belief = (
+            self.simulate(short, [Case(0, 0)], samples=3),
+            self.parameters(short, [Case(0, 0)], "belief"),
+        )
+        self.estimate(index - 1, short, [Case(0, 0)], batch, belief)
+        return self.study.estimators[index - 1].name
+
+    @property
+    def kernels(self) -> int:
+        """Number of kernels that ``warm_up`` compiles."""
+        return 1 + len(self.compiled.estimators)
+
+    def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
+        """Return the scores of a unit: ``(sample, repeat, estimator[, target])`` by name, SI units."""
+        design = self.study.designs[unit.design]
+        shape = (unit.stop - unit.first, design.repeats, len(self.compiled.estimators))
+        result: dict[str, NDArray[np.generic]] = {
+            n: np.full((*shape, len(self.study.targets)), np.nan) for n in PER_TARGET
+        }
+        result |= {n: np.full(shape, np.nan) for n in PER_RUN}
+        result[STATUS] = np.full(shape, PENDING, dtype=np.int8)
+        windows = self.windows.count(unit.design, unit.drive)
+        if windows is not None:
+            result[OVER_TIME] = np.full((*shape, len(self.study.targets), windows), np.nan, dtype=np.float32)
+        cases = [Case(s, r) for s in range(unit.first, unit.stop) for r in range(design.repeats)]
+        for start in range(0, len(cases), LANES):
+            group = cases[start : start + LANES]
+            batch, belief = self.simulate(unit, group), self.parameters(unit, group, "belief")
+            for e in range(len(self.compiled.estimators)):
+                scores = self.estimate(e, unit, group, batch, belief, keep=windows is not None)
+                self._enter(result, unit, group, e, batch, scores)
+        return result
+
+    def parameters(self, unit: Unit, group: list[Case], side: Literal["plant", "belief"]) -> RunParameters:
+        """Return what plant or belief holds in each lane; lanes without a run repeat the last one."""
+        design = self.study.designs[unit.design]
+        rows = [c.sample for c in group] + [group[-1].sample] * (LANES - len(group))
+        values = self._points[unit.design][unit.band, rows]
+        return run_parameters(getattr(self.study, side), design, side, values)
+
+    def simulate(self, unit: Unit, group: list[Case], samples: int | None = None) -> Batch:
+        """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them; all samples by default."""
+        plant, inputs = self.parameters(unit, group, "plant"), self.compiled.drives[unit.drive].plant[:samples]
+        model = self.compiled.plant
+        noise = self.noise.draw(unit, group, len(inputs), model.nx + model.ny)
+        return self.compiled.simulator.run(
+            inputs,
+            model.constants(plant.values.T),
+            np.ascontiguousarray(plant.process_noise.T),
+            np.ascontiguousarray(plant.measurement_noise.T),
+            noise,
+            first_state(model.model, plant.values.T, self.compiled.drives[unit.drive].profile),
+        )
+
+    def estimate(
+        self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool = False
+    ) -> Scores:
+        """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
+        belief, first = self.begin(index, unit, group, believed)
+        inputs, measurements = self.seen(unit.drive, batch)
+        return self.compiled.estimators[index].run(
+            inputs,
+            measurements,
+            batch.truth,
+            self.compiled.plant.signal_names,
+            batch.left_at,
+            belief,
+            first,
+            keep,
+        )
+
+    def begin(self, index: int, unit: Unit, group: list[Case], believed: RunParameters) -> tuple[Belief, State]:
+        """Return what an estimator believes and its first state, with what the belief holds in each lane."""
+        estimator = self.compiled.estimators[index]
+        believed = scale_noise(believed, self.study.belief, self.study.estimators[index].noise)
+        process = np.ascontiguousarray(believed.process_noise.T)
+        belief = estimator.belief(
+            self.compiled.belief.constants(believed.values.T),
+            process,
+            np.ascontiguousarray(believed.measurement_noise.T),
+        )
+        mean = first_state(self.compiled.belief.model, believed.values.T, self.compiled.drives[unit.drive].profile)
+        seeds = self.noise.seeds(unit, group, self.study.estimators[index].name)
+        return belief, estimator.init(mean, self.compiled.first_variance(process), seeds)
+
+    def seen(self, drive: int, batch: Batch) -> tuple[Floats, Floats]:
+        """Return what an estimator sees of a simulated batch: inputs ``(samples, nu, LANES)`` and measurements."""
+        return self.compiled.known(drive, batch), self.compiled.measured(batch.measurements)
+
+    def _enter(
+        self,
+        result: dict[str, NDArray[np.generic]],
+        unit: Unit,
+        group: list[Case],
+        e: int,
+        batch: Batch,
+        scores: Scores,
+    ) -> None:
+        """Write a batch's scores of one estimator into the unit's arrays."""
+        count, targets = len(group), len(self.study.targets)
+        at = (np.array([c.sample for c in group]) - unit.first, np.array([c.repeat for c in group]), e)
+        for name in PER_TARGET:
+            result[name][at] = getattr(scores, name)[:targets, :count].T
+        if OVER_TIME in result:
+            windows = result[OVER_TIME].shape[-1]
+            result[OVER_TIME][at] = self.windows.rmse(batch, scores, windows)[:count]
+        for name in PER_RUN[:-1]:
+            result[name][at] = getattr(scores, name)[:count]
+        samples = len(batch.truth)
+        diverged = scores.diverged_at[:count] < samples
+        left = ~diverged & (batch.left_at[:count] < samples)
+        first = np.where(diverged, scores.diverged_at[:count], batch.left_at[:count])
+        result[STATUS][at] = np.where(diverged, ESTIMATOR_DIVERGED, np.where(left, PLANT_DIVERGED, OK))
+        result["time_of_divergence"][at] = np.where(diverged | left, first * self.study.plant.step, np.nan)

@@ -1,0 +1,80 @@
+"""Where a result comes from: code, package versions, commit and processor."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+import subprocess
+from pathlib import Path
+from types import ModuleType
+
+from harness.common import registry, sources
+from harness.config import Study
+from harness.estimation.contract import load_estimator
+from harness.models.assembly.placement import load_effect
+from harness.recordings import readers
+from harness.simulation.drives import options_of
+from harness.study import evaluate
+
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
+
+
+def code_state(study: Study) -> dict[str, str]:
+    """Return what the bits of a score depend on beside the study: ``engine`` and ``versions`` of the packages."""
+    versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
+    return {"versions": json.dumps(versions), "engine": engine_hash(study)}
+
+
+def engine_hash(study: Study) -> str:
+    """Return a hash of the code and the networks that decide a study's scores, whatever their files are called.
+
+    Raises:
+        UserError: If an estimator's file is not there.
+    """
+    total = hashlib.sha256(sources.digest([evaluate, *parts(study)]).encode())
+    for spec in study.estimators:
+        file = load_estimator(spec.kind)
+        for path in file.files(file.Settings(**spec.settings), spec.base):
+            total.update(path.read_bytes())
+    return total.hexdigest()
+
+
+def parts(study: Study) -> list[ModuleType]:
+    """Return the files of the registries that a study uses: what ``evaluate`` finds by name and does not import."""
+    found = [registry.load("harness.estimation.methods", e.kind) for e in study.estimators]
+    for spec in (study.plant, study.belief):
+        found.append(registry.load("harness.models.vehicles", spec.vehicle))
+        found += [registry.load("harness.models.tyres", spec.tyre)] if spec.tyre else []
+        found += [load_effect(name) for name in spec.effects]
+        found.append(registry.load("harness.models.sensors", spec.sensors))
+    for drive in study.drives:
+        found.append(registry.load("harness.models.drives", drive.kind))
+        if any(option.unit == "text" for option in options_of(drive.kind)):  # it may read a recording
+            found += readers.modules()
+    return list(dict.fromkeys(found))
+
+
+def commit() -> str:
+    """Return the commit of the checkout, marked if there are changes, or ``unknown`` outside one."""
+    head, changes = _git("rev-parse", "HEAD"), _git("status", "--porcelain")
+    return "unknown" if head is None else head + (" with changes" if changes else "")
+
+
+def _git(*arguments: str) -> str | None:
+    here = Path(__file__).resolve().parents[2]
+    try:
+        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()
+
+
+def processor() -> str:
+    """Return the name of the processor, for the record of a result."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "unknown processor"

@@ -1,0 +1,85 @@
+"""Stage *report*: a finished result folder becomes ``report.html`` and ``report.pdf``; nothing is run again.
+
+The parts: ``store`` reads, ``analysis`` computes every number once, each file of ``sections`` writes one part,
+``document`` turns the list of content blocks into both files, ``style`` says how everything looks.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from harness.reporting.document import Document, Section, write
+from harness.study.report.analysis import Analysis
+from harness.study.report.opening import answer_in_short
+from harness.study.report.sections import (
+    answer,
+    boxes,
+    certainty,
+    consistency,
+    drives,
+    history,
+    made,
+    over_time,
+    paired,
+    scatter,
+    sensitivity,
+    tolerance,
+    weights,
+)
+from harness.study.report.sections.made import NOT_VERIFIABLE as NOT_VERIFIABLE
+from harness.study.results import read
+
+_SECTIONS = {
+    "Answer": answer.blocks,
+    "How large are the errors?": boxes.blocks,
+    "Which parameter drives the error?": sensitivity.blocks,
+    "How far may the vehicle drift in everything at once?": tolerance.blocks,
+    "When does which parameter make the error?": over_time.blocks,
+    "Which estimator is better, run by run?": paired.blocks,
+    "What do runs look like over time?": history.blocks,
+    "How much weight does a measurement get?": weights.blocks,
+    "When does the drive tell the estimators something?": certainty.blocks,
+    "Do the estimators know how wrong they are?": consistency.blocks,
+    "On which drives are the estimators wrong?": drives.blocks,
+    "How does the error depend on the actual value?": scatter.blocks,
+    "How was this made?": made.blocks,
+}
+"""The sections of a report in their order, each with the title that it has if it cannot be made."""
+
+
+def document(analysis: Analysis) -> Document:
+    """Return the report of a study."""
+    attributes = analysis.store.attributes
+    question = str(attributes.get("title") or attributes.get("study_name") or analysis.store.directory.name)
+    sections = [Section(partial(blocks, analysis), title) for title, blocks in _SECTIONS.items()]
+    return Document(question, sections)
+
+
+def analyse(directory: Path) -> Analysis:
+    """Return the analysis of a finished study, from which its headline and its report are made.
+
+    Args:
+        directory: Folder with ``scores.zarr`` and, if there is one, ``run.json``.
+
+    Raises:
+        UserError: If the folder holds no finished study, or files of it are missing or damaged.
+    """
+    return Analysis(read(Path(directory)))
+
+
+def headline(analysis: Analysis) -> str:
+    """Return the answer of a study in one or two sentences, as its report opens."""
+    return answer_in_short(analysis.main)
+
+
+def write_report(analysis: Analysis) -> list[Path]:
+    """Write the report of a study beside its scores.
+
+    Returns:
+        The files written: HTML, then PDF. The same store always gives the same bytes.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
+    return write(document(analysis), analysis.store.directory)

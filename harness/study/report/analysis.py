@@ -1,0 +1,263 @@
+"""The numbers of a report, computed once and used by words, figures and tables alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common import statistics
+from harness.reporting.style import Look, looks
+from harness.study.report.ranking import Ranking
+from harness.study.results import Design, Store
+from harness.study.scores import OK
+
+NEGLIGIBLE = 0.01
+"""Share of the error below which a difference between estimators is of no use to anybody."""
+
+HARDLY_MORE = 0.001
+"""Share of the runs by which an estimator may lose more than another and still be compared by its median."""
+
+
+@dataclass(frozen=True)
+class Paired:
+    """One paired comparison of two estimators.
+
+    Attributes:
+        target: Number of the target.
+        first: Number of the estimator compared with.
+        second: Number of the estimator compared.
+        band: Number of the band; None for all bands together.
+        result: Second minus first, in report units.
+        relative: Median difference over the median error of the first estimator on the same runs.
+        p_corrected: p-value after Holm's correction over all comparisons of the design.
+    """
+
+    target: int
+    first: int
+    second: int
+    band: int | None
+    result: statistics.Comparison
+    relative: float
+    p_corrected: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether a difference is shown at the 5 % level."""
+        return bool(self.p_corrected < 0.05)
+
+    @property
+    def negligible(self) -> bool:
+        """Whether the difference is below 1 % of the error, be it shown or not."""
+        return bool(abs(self.relative) < NEGLIGIBLE)
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """NEES or NIS of a band and estimator, each divided by its expectation.
+
+    Attributes:
+        ratio: Average over expectation; 1 for a consistent filter.
+        lower: Lower bound of the average over expectation, 95 %.
+        upper: Upper bound.
+        inside: Share of samples inside the 95 % region; 0.95 for a consistent filter.
+        runs: Number of runs averaged.
+    """
+
+    ratio: float
+    lower: float
+    upper: float
+    inside: float
+    runs: int
+
+    @property
+    def verdict(self) -> str:
+        """What the ratio says about the covariance."""
+        if not np.isfinite(self.ratio):
+            return "–"
+        if self.ratio > self.upper:
+            return "over-confident"
+        return "cautious" if self.ratio < self.lower else "consistent"
+
+
+class Findings:
+    """All numbers of one design."""
+
+    def __init__(self, design: Design, seed: int):
+        self.design = design
+        self.seed = seed
+
+    @cached_property
+    def summaries(self) -> list[list[list[statistics.Summary]]]:
+        """Box-plot numbers by target, band, estimator."""
+        d = self.design
+        return [
+            [
+                [statistics.summarise(d.rmse[t, b, e], d.strata, seed=self.seed) for e in range(len(d.estimators))]
+                for b in range(len(d.bands))
+            ]
+            for t in range(len(d.targets))
+        ]
+
+    @cached_property
+    def medians(self) -> NDArray[np.float64]:
+        """Median errors, ``(target, band, estimator)``; NaN without a run."""
+        return np.array([[[s.median.value for s in row] for row in table] for table in self.summaries])
+
+    @cached_property
+    def comparable(self) -> NDArray[np.bool_]:
+        """Estimators whose medians may be compared, ``(estimator,)``: those that lose hardly more runs than any other.
+
+        The medians of the others are those of the runs that were easy enough to survive.
+        """
+        lost = np.asarray((self.design.status != OK).mean(axis=(0, 2, 3, 4)))
+        return lost <= lost.min() + HARDLY_MORE
+
+    @cached_property
+    def reference(self) -> int:
+        """Estimator that many are compared with: the best over all targets and bands, by the mean of log medians."""
+        some = np.isfinite(self.medians) & (self.medians > 0)
+        known = self.comparable & some.any(axis=(0, 1))
+        logs = np.log(np.where(some, self.medians, 1.0)).sum(axis=(0, 1)) / np.maximum(some.sum(axis=(0, 1)), 1)
+        return int(np.argmin(np.where(known, logs, np.inf)))
+
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Estimators compared: the two of a pair, of more each with the best."""
+        count = len(self.design.estimators)
+        if count <= 2:
+            return [(0, 1)][: count - 1]
+        return [(self.reference, b) for b in range(count) if b != self.reference]
+
+    @cached_property
+    def ranking(self) -> Ranking:
+        """Sobol indices of a ``saltelli`` design."""
+        return Ranking(self.design, self.seed)
+
+    @property
+    def told(self) -> list[int | None]:
+        """Bands of which words and tables compare estimators: the one believed, and all together (None)."""
+        if len(self.design.bands) == 1:
+            return [0]
+        return [None] if self.design.matched is None else [self.design.matched, None]
+
+    @cached_property
+    def comparisons(self) -> list[Paired]:
+        """All paired comparisons: by target and pair, every band and then all bands together."""
+        d = self.design
+        rows: list[tuple[int, int, int, int | None, statistics.Comparison, float]] = []
+        for t in range(len(d.targets)):
+            for first, second in self.pairs:
+                values = d.rmse[t]
+                for b in range(len(d.bands)):
+                    one, other = values[b, first], values[b, second]
+                    result = statistics.compare(one, other, d.strata, seed=self.seed)
+                    rows.append((t, first, second, b, result, _relative(result, one, other)))
+                if len(d.bands) > 1:
+                    one, other = _over_bands(values[:, first], values[:, second])
+                    result = statistics.compare(one, other, d.strata, seed=self.seed)
+                    rows.append((t, first, second, None, result, _relative(result, one, other)))
+        corrected = statistics.holm([row[4].p_value for row in rows])
+        return [Paired(*row, float(p)) for row, p in zip(rows, corrected, strict=True)]
+
+    def compared(self, target: int, first: int, second: int, band: int | None) -> Paired:
+        """Return one comparison; all bands together where there is a single band is that band."""
+        wanted = 0 if band is None and len(self.design.bands) == 1 else band
+        return next(
+            c for c in self.comparisons if (c.target, c.first, c.second, c.band) == (target, first, second, wanted)
+        )
+
+    @cached_property
+    def with_covariance(self) -> list[int]:
+        """Estimators that state a covariance, hence have NEES or NIS."""
+        nees, nis = self.design.per_run("nees"), self.design.per_run("nis")
+        return [
+            e
+            for e in range(len(self.design.estimators))
+            if np.isfinite(nees[:, e]).any() or np.isfinite(nis[:, e]).any()
+        ]
+
+    def consistency(self, score: str, band: int, estimator: int) -> Consistency:
+        """Return ``nees`` or ``nis`` of a band and estimator against its bounds."""
+        d = self.design
+        averages = d.per_run(score)[band, estimator]
+        used = np.isfinite(averages)
+        runs = int(used.sum())
+        dimension = d.state_dimension if score == "nees" else d.output_dimension
+        if runs == 0 or dimension < 1:
+            return Consistency(np.nan, np.nan, np.nan, np.nan, runs)
+        weights = np.ones(runs)
+        count = float(runs)
+        if score == "nis":
+            weights = d.per_run("updates")[band, estimator][used]
+            count = float(weights.sum())
+        lower, upper = statistics.average_bounds(dimension, count)
+        inside = d.per_run(f"{score}_inside")[band, estimator][used]
+        return Consistency(
+            float(np.average(averages[used], weights=weights)) / dimension,
+            lower / dimension,
+            upper / dimension,
+            float(np.average(inside, weights=weights)),
+            runs,
+        )
+
+    def alone(self, band: int, estimator: int) -> tuple[int, int]:
+        """Count the runs whose own average NEES is above the upper bound of a single run, and all that have one."""
+        d = self.design
+        averages = d.per_run("nees")[band, estimator]
+        used = averages[np.isfinite(averages)]
+        return int(np.sum(used > statistics.average_bounds(d.state_dimension, 1.0)[1])), used.size
+
+    def repairs(self, band: int, estimator: int) -> int:
+        """Count the steps of a band and estimator at which a covariance factor had to be repaired."""
+        return int(np.nansum(self.design.per_run("repairs")[band, estimator]))
+
+    def shared_n(self, band: int) -> tuple[int, int]:
+        """Return the smallest and largest number of scored runs over the estimators of a band."""
+        counts = [self.design.count(OK, band, e) for e in range(len(self.design.estimators))]
+        return min(counts), max(counts)
+
+
+def _over_bands(
+    first: NDArray[np.float64], second: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean errors of each run over the bands in which both estimators have one.
+
+    Bands share the noise of a run: to count it once for each would make an interval too narrow and a p-value too small.
+    """
+    both = np.isfinite(first) & np.isfinite(second)
+    count = both.sum(axis=0)
+    means = (np.where(both, x, 0.0).sum(axis=0) / np.maximum(count, 1) for x in (first, second))
+    one, other = (np.where(count > 0, mean, np.nan) for mean in means)
+    return one, other
+
+
+def _relative(result: statistics.Comparison, first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return the median difference over the median error of the first estimator on the runs of both."""
+    both = np.isfinite(first) & np.isfinite(second)
+    error = float(np.median(first[both])) if both.any() else 0.0
+    return result.difference.value / error if error > 0 else np.nan
+
+
+class Analysis:
+    """A store with its numbers and the looks of its estimators."""
+
+    def __init__(self, store: Store):
+        self.store = store
+        self.findings = [Findings(design, store.seed) for design in store.designs]
+        names = list(dict.fromkeys(e for d in store.designs for e in d.estimators))
+        self.looks: dict[str, Look] = looks(names)
+
+    @property
+    def main(self) -> Findings:
+        """The first design of the study, which the answer in words is about."""
+        return self.findings[0]
+
+    @property
+    def levelled(self) -> list[Findings]:
+        """Designs shown by level: the first, and those that no section of their own or scatter over a factor shows."""
+        first, *others = self.findings
+        one_factor = [f for f in others if f.design.sampled and len(f.design.factors) == 1]
+        return [first, *(f for f in others if f not in one_factor and f.design.sampling == "sobol")]

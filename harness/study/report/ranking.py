@@ -1,0 +1,96 @@
+"""The numbers of the sections on designs over all factors at once: Sobol indices and tolerances, each computed once."""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.study import sobol_indices
+from harness.study.results import Design
+from harness.study.scores import OK
+from harness.study.sobol_indices import Indices
+from harness.study.tolerance import Tolerance, tolerance
+
+FEWEST = 0.05
+"""Share of the points that must differ in their lost runs from the others; an index of fewer is mostly chance."""
+
+Floats = NDArray[np.float64]
+
+
+class Ranking:
+    """Sobol indices of a ``saltelli`` design."""
+
+    def __init__(self, design: Design, seed: int):
+        self.design = design
+        self.seed = seed
+
+    def _indices(self, outcome: Floats) -> Indices | None:
+        if not np.isfinite(outcome).all():
+            return None
+        return sobol_indices.sobol_indices(outcome, len(self.design.factors), seed=self.seed)
+
+    @cached_property
+    def outcomes(self) -> Floats:
+        """Error of each point over all drives in report units, lost runs scored, ``(target, estimator, sample)``."""
+        return np.stack([sobol_indices.over_drives(sobol_indices.scored(values[0])) for values in self.design.rmse])
+
+    @cached_property
+    def lost(self) -> Floats:
+        """Share of the runs of each point that were lost, ``(estimator, sample)``."""
+        return np.asarray(np.mean(self.design.status[0] != OK, axis=(1, 3)))
+
+    @cached_property
+    def errors(self) -> list[list[Indices | None]]:
+        """Indices of the error by target and estimator; None where it does not vary or no run has a score."""
+        return [[self._indices(y) for y in row] for row in self.outcomes]
+
+    @cached_property
+    def of_ranks(self) -> list[list[Indices | None]]:
+        """Indices of the rank of the error, for which the score of a lost run matters little."""
+        return [[self._indices(sobol_indices.ranks(y)) for y in row] for row in self.outcomes]
+
+    @cached_property
+    def divergence(self) -> list[Indices | None]:
+        """Indices of the share of lost runs by estimator; None where too few points differ in it from the others."""
+        return [self._indices(y) if np.mean(y != np.median(y)) >= FEWEST else None for y in self.lost]
+
+    def converging(self, target: int, estimator: int) -> list[Indices]:
+        """Return the indices of the error from ever more of the points."""
+        return sobol_indices.converging(self.outcomes[target, estimator], len(self.design.factors), seed=self.seed)
+
+    def best(self, target: int) -> int:
+        """Return the estimator with the smallest median of the error, lost runs scored."""
+        return int(np.argmin(np.nanmedian(self.outcomes[target], axis=-1)))
+
+    def order(self, target: int) -> list[int]:
+        """Return the factors by their mean total index over the estimators, largest first."""
+        known = [[t.value for t in found.total] for found in self.errors[target] if found is not None]
+        return [int(i) for i in np.argsort(-np.mean(known, axis=0), kind="stable")] if known else []
+
+
+def limits_of(attributes: dict[str, Any]) -> dict[str, float]:
+    """Return the largest tolerable error of each target, SI, by the attributes of a store; empty if it has none."""
+    stored = attributes.get("limits", {})
+    return dict(json.loads(stored) if isinstance(stored, str) else stored)
+
+
+def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int], Tolerance]:
+    """Return what each estimator bears in a ``tolerance`` design, by target and estimator.
+
+    Args:
+        design: The design.
+        limits: Largest tolerable RMSE by target, SI; targets without one are left out.
+    """
+    found = {}
+    for t, target in enumerate(design.targets):
+        if target.name not in limits:
+            continue
+        for e in range(len(design.estimators)):
+            errors = np.where(design.status[:, e] == OK, design.rmse[t, :, e], np.inf)
+            worst = errors.max(axis=(1, 3))  # over drives and repeats
+            found[t, e] = tolerance(worst, limits[target.name] * target.scale, len(design.factors))
+    return found

@@ -1,0 +1,111 @@
+"""Errors per drive: drives differ in what they ask of an estimator, and a box hides that."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from numpy.typing import NDArray
+
+from harness.models.quantities import words
+from harness.reporting import style
+from harness.reporting.document import Block, Heading, Picture, Prose, plain
+from harness.study.report.analysis import Analysis, Findings
+from harness.study.report.sections.boxes import UPRIGHT
+
+_LINE = 0.225  # inches per drive
+
+
+def blocks(analysis: Analysis) -> list[Block]:
+    """Return maps of the medians per drive and estimator of the first design, as believed and where it is worst."""
+    findings = analysis.main
+    design = findings.design
+    if len(design.drives) < 2:
+        return []
+    found: list[Block] = [
+        Heading("On which drives are the estimators wrong?"),
+        Prose(
+            plain(
+                "Drives differ in speed and steadiness, hence in what they ask of an estimator, and a box mixes them. "
+                "Here each has a number of its own."
+            )
+        ),
+    ]
+    panels = [(target, band) for target in range(len(design.targets)) for band in shown(findings, target)]
+    height = 0.42 + _LINE * len(design.drives)
+    per_page = max(1, int((style.TALLEST - 1.6) // height))
+    return found + [_picture(findings, panels[k : k + per_page], height) for k in range(0, len(panels), per_page)]
+
+
+def shown(findings: Findings, target: int) -> list[int]:
+    """Return the bands drawn of a target: the one believed, and the one with the largest median over estimators."""
+    medians = np.where(findings.comparable, findings.medians[target], np.nan)
+    size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else -np.inf for row in medians])
+    worst = int(np.argmax(size))
+    home = findings.design.matched
+    return [worst] if home is None or home == worst else [home, worst]
+
+
+def medians(findings: Findings, target: int) -> NDArray[np.float64]:
+    """Return the median RMSE over samples and repeats, ``(band, estimator, drive)``; NaN without a run."""
+    values = findings.design.rmse[target]
+    flat = values.reshape(*values.shape[:3], -1)
+    result = np.full(flat.shape[:3], np.nan)
+    some = np.isfinite(flat).any(axis=-1)
+    result[some] = np.nanmedian(flat[some], axis=-1)
+    return result
+
+
+def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -> Picture:
+    design = findings.design
+    turn = {"rotation": 90} if len(design.estimators) > UPRIGHT else {}
+    with style.drawing():
+        fig = style.figure((0.6 if not turn else 1.2) + height * len(panels))
+        rows = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (target, band) in zip(rows, panels, strict=True):
+            values = medians(findings, target)
+            _map(axes, values[band].T, _scale(values))
+            quantity = design.targets[target]
+            believed = f" ({design.matched_is})" if band == design.matched else ""
+            axes.set_title(
+                f"{quantity.words}{style.in_unit(quantity.unit)}, {design.bands[band]}{believed}", loc="left"
+            )
+            axes.set_yticks(range(len(design.drives)), [words(d) for d in design.drives])
+            axes.tick_params(length=0)
+            axes.spines[:].set_visible(False)
+        rows[-1].set_xticks(range(len(design.estimators)), design.estimators, **turn)
+        style.head(fig, "On which drives is the error large?")
+        svg = style.svg(fig)
+    names = " and ".join(dict.fromkeys(design.targets[t].words for t, _ in panels))
+    runs = design.planned // len(design.drives)
+    caption = (
+        f"Median RMSE of {names} per drive and estimator over {runs} runs less those lost, where plant and estimators "
+        "differ least and most; darker is worse, – means no run was ok."
+    )
+    return Picture(svg, caption, f"Median RMSE of {names} per drive, level and estimator")
+
+
+def _scale(values: NDArray[np.float64]) -> Normalize:
+    """Return the colours of a target, the same in all its panels."""
+    positive = values[np.isfinite(values) & (values > 0)]
+    low, high = (positive.min(), positive.max()) if positive.size else (0.1, 1.0)
+    return LogNorm(low, high * 1.001) if high > 5 * low else Normalize(0.0, high)
+
+
+def _map(axes: Axes, values: NDArray[np.float64], norm: Normalize) -> None:
+    """Draw drives by estimators as coloured cells with their numbers."""
+    shown = np.ma.masked_invalid(values)
+    edges_x, edges_y = np.arange(values.shape[1] + 1) - 0.5, np.arange(values.shape[0] + 1) - 0.5
+    colours = mpl.colormaps["Blues"]
+    depth: Any = norm(shown)  # 0 to 1, masked where there is no run
+    axes.pcolormesh(edges_x, edges_y, shown, cmap=colours, norm=norm, edgecolors="white", lw=0.8)
+    axes.invert_yaxis()
+    digits = 3 if values.shape[1] <= UPRIGHT else 2
+    for (row, column), value in np.ndenumerate(values):
+        dark = bool(np.ma.filled(depth, 0.0)[row, column] > 0.6)
+        text = style.number(float(value), digits)
+        cell = axes.text(column, row, text, ha="center", va="center", color="white" if dark else "black")
+        cell.set_in_layout(False)  # inside the axes anyway, and measuring hundreds of them takes seconds

@@ -1,0 +1,208 @@
+"""How the report was made: what was run, with what, and what the scores mean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from harness.common.statistics import RESAMPLES
+from harness.models.quantities import print_unit, quantity, words
+from harness.reporting.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
+from harness.reporting.style import number, with_unit
+from harness.study.report.analysis import Analysis
+from harness.study.results import Store
+
+NOT_VERIFIABLE = "the scores have no checksums, so whether files of them are missing or damaged cannot be told"
+
+_DEFINITIONS = (
+    r"*RMSE*, *bias* and *maximum error* of a target $z$ over the $K$ samples of a run: "
+    r"$sqrt(1/K sum_(k=1)^K (hat(z)_k - z_k)^2)$, $1/K sum_(k=1)^K (hat(z)_k - z_k)$ and "
+    r"$max_k abs(hat(z)_k - z_k)$.",
+    r"*NEES*, the normalised estimation error squared, with the covariance $P_k$ that the estimator states: "
+    r"$epsilon_k = (x_k - hat(x)_k)^top P_k^(-1) (x_k - hat(x)_k)$; for a consistent estimator it is "
+    r"$chi^2$-distributed with $n$ degrees of freedom, $n$ being the number of states.",
+    r"*NIS*, the normalised innovation squared, with the innovation $nu_k$ and its covariance $S_k$: "
+    r"$nu_k^top S_k^(-1) nu_k$; for a consistent estimator $chi^2$-distributed with $m$ degrees of "
+    r"freedom, $m$ "
+    r"being the number of outputs.",
+    r"*Bounds.* The average NIS over $M$ updates of all runs of a level lies in "
+    r"$[chi^2_(0.025)(M m), chi^2_(0.975)(M m)] \/ M$ with a probability of 95 %; the average NEES over "
+    r"$N$ runs in "
+    r"$[chi^2_(0.025)(N n), chi^2_(0.975)(N n)] \/ N$ with at least that.",
+    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled "
+    "within itself, "
+    "seeded with the seed of the study.",
+)
+
+
+def blocks(analysis: Analysis) -> list[Block]:
+    """Return configuration, definitions and the study text."""
+    store = analysis.store
+    found: list[Block] = [
+        Prose("#settle()"),
+        Heading("How was this made?"),
+        Sheet(["item", "value"], _facts(store), "Configuration of the study and of the run.", left=2),
+        *_models(store),
+        *_noise(store),
+        Heading("Drives and targets", 2),
+        _drives(store),
+        _targets(store),
+        Heading("Definitions", 2),
+        Bullets(_DEFINITIONS),
+    ]
+    if str(store.attributes.get("study", "")).strip():
+        found += [
+            Heading("The study", 2),
+            Prose(plain("The full text from which everything above follows:")),
+            Listing(str(store.attributes["study"]).rstrip("\n"), "toml"),
+        ]
+    return found
+
+
+def _facts(store: Store) -> list[list[str]]:
+    a = store.attributes
+    rows = []
+    for key, label in (("study_name", "study"), ("study_hash", "hash of the study"), ("seed", "seed")):
+        if key in a:
+            rows.append([label, str(a[key])])
+    if "step" in a:
+        rows.append(["step", f"{number(1000 * float(a['step']))} ms"])
+    for design in store.designs:
+        rows.append([f"design “{design.name}”", _size(design.status.shape)])
+    if not store.is_verifiable:
+        rows.append(["checksums", NOT_VERIFIABLE])
+    for key in ("commit", "machine"):
+        if key in a:
+            rows += [[label, value] for label, value in flatten({key: a[key]})]
+    versions = a.get("versions")
+    if isinstance(versions, dict):
+        rows.append(["versions", ", ".join(f"{k} {v}" for k, v in versions.items())])
+    return rows + [[label, value] for label, value in flatten(_timing(store.run)) if value]
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    bands, estimators, drives, samples, repeats = shape
+    runs = bands * samples * drives * repeats
+    return (
+        f"{bands} bands × {samples} samples × {drives} drives × {repeats} repeats = {runs} simulated drives, "
+        f"each seen by {estimators} estimators"
+    )
+
+
+_TIMING = {
+    "compile_s": ("compilation", "s"),
+    "duration_s": ("duration", "s"),
+    "runs_per_s": ("rate", "runs per second"),
+    "peak_memory_mib": ("peak memory", "MiB"),
+}
+
+
+def _timing(run: dict[str, Any]) -> dict[str, Any]:
+    """Put units to what the runner noted."""
+    named = {}
+    for key, value in run.items():
+        label, unit = _TIMING.get(key, (key, "")) if isinstance(value, int | float) else (key, "")
+        named[label] = f"{value:.1f} {unit}" if unit else value
+    return named
+
+
+_SIDES = ("plant", "belief")
+_NOISES = {"process_noise": "process", "measurement_noise": "measurement"}
+
+
+def _sides(store: Store) -> dict[str, dict[str, Any]]:
+    """Return what the store says of plant and belief; empty where it says nothing."""
+    description = store.attributes.get("description")
+    found = description if isinstance(description, dict) else {}
+    return {side: found[side] for side in _SIDES if isinstance(found.get(side), dict)}
+
+
+def _models(store: Store) -> list[Block]:
+    """Return plant and belief side by side: the models, and the parameters in which they differ."""
+    sides = _sides(store)
+    if len(sides) < 2:
+        return []
+    keys = [k for k in dict.fromkeys(k for side in sides.values() for k in side) if k not in _NOISES]
+    rows = [[words(k), *(_text(sides[side].get(k)) or "–" for side in _SIDES)] for k in keys]
+    rows = [row for row in rows if row[1:] != ["–", "–"]]
+    differing = store.attributes["description"].get("differing") or {}
+    for name, entry in differing.items():
+        unit = print_unit(str(entry.get("unit") or ""))
+        texts = [with_unit(entry[s], unit) if isinstance(entry.get(s), int | float) else "–" for s in _SIDES]
+        rows.append([words(name), *texts])
+    caption = "What drives (plant) and what the estimators hold for true (belief), before a design changes it."
+    return [Sheet(["item", "plant", "belief"], rows, caption, left=3)]
+
+
+def _noise(store: Store) -> list[Block]:
+    """Return the noise of plant and belief as standard deviations in report units."""
+    sides = _sides(store)
+    rows = []
+    for key, kind in _NOISES.items():
+        variances = {side: sides[side].get(key) or {} for side in sides}
+        for place, name in enumerate(dict.fromkeys(n for v in variances.values() for n in v)):
+            q = quantity(name)
+            cells: list[str] = []
+            for side in _SIDES:
+                held = variances.get(side, {}).get(name)
+                cells.append("–" if held is None else number(q.scale * math.sqrt(held)))
+            for side in _SIDES:
+                held = variances.get(side, {}).get(name)
+                cells.append("–" if held is None else f"{held:g}")
+            rows.append(["" if place else kind, q.words, q.unit or "1", *cells])
+    if not rows:
+        return []
+    header = ["noise", "signal", "unit", "σ plant", "σ belief", "variance plant", "variance belief"]
+    caption = (
+        "Noise: standard deviation σ in the unit named, and the variance in SI units as a study states it; process "
+        "noise per step, measurement noise per sample."
+    )
+    return [Sheet(header, rows, caption, left=3)]
+
+
+def flatten(value: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Turn nested settings into pairs of words and text, e.g. ``("plant, tyre", "magic_formula")``.
+
+    Settings two levels down, such as a noise per state, share a row.
+    """
+    for key, entry in value.items():
+        label = f"{prefix}, {words(str(key))}" if prefix else words(str(key))
+        flat = isinstance(entry, dict) and not any(isinstance(e, dict) for e in entry.values())
+        if isinstance(entry, dict) and not (prefix and flat):
+            yield from flatten(entry, label)
+        elif isinstance(entry, list | tuple):
+            yield label, ", ".join(_text(e) for e in entry)
+        else:
+            yield label, _text(entry)
+
+
+def _text(entry: Any) -> str:
+    if entry is None:
+        return ""
+    if isinstance(entry, bool):
+        return "yes" if entry else "no"
+    if isinstance(entry, float):
+        return f"{entry:.6g}"
+    if isinstance(entry, list | tuple):
+        return ", ".join(_text(e) for e in entry)
+    if isinstance(entry, dict):
+        return ", ".join(f"{words(str(k))} {_text(v)}" for k, v in entry.items() if v is not None)
+    return str(entry)
+
+
+def _drives(store: Store) -> Sheet:
+    rows: dict[str, str] = {}
+    for design in store.designs:
+        for k, name in enumerate(design.drives):
+            known = "duration" in design.data
+            rows[name] = number(float(design.data["duration"].values[k])) if known else "–"
+    return Sheet(["drive", "duration in s"], [list(item) for item in rows.items()], "Drives.")
+
+
+def _targets(store: Store) -> Sheet:
+    names = dict.fromkeys(t.name for _, _, t in store.pairs())
+    for run in store.histories:
+        names |= dict.fromkeys(str(t) for t in run["target"].values)
+    chosen = [quantity(name) for name in names]
+    return Sheet(["quantity", "meaning"], [[q.words, q.meaning] for q in chosen], "Quantities scored or drawn.", left=2)

@@ -1,0 +1,309 @@
+"""Which factor drives the error: Sobol indices of the designs that vary all factors at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from harness.common.statistics import Interval
+from harness.models.quantities import listed
+from harness.reporting import style
+from harness.reporting.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
+from harness.study.report.analysis import Analysis
+from harness.study.report.ranking import FEWEST, Ranking
+from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
+from harness.study.sobol_indices import Indices
+
+DRIVING = 0.1
+"""Total index from which on a factor is said to drive the error."""
+
+NAMED = 2
+"""Factors that are named where the answer is told in short."""
+
+_FACTOR_HEIGHT = 0.34
+_LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+_MARKERS = ("o", "s", "^", "D", "v")
+
+
+def blocks(analysis: Analysis) -> list[Block]:
+    """Return words, figures and tables for each ``saltelli`` design; else nothing."""
+    found: list[Block] = []
+    for findings in analysis.findings:
+        if findings.design.sampling == "saltelli":
+            found += _design(analysis, findings.ranking)
+    return [Heading("Which parameter drives the error?"), *found] if found else []
+
+
+def _design(analysis: Analysis, ranking: Ranking) -> list[Block]:
+    design = ranking.design
+    if design.count(PENDING):
+        return [Prose(plain(f"Design “{design.name}” is not finished; Sobol indices need all of its points."))]
+    found: list[Block] = [Bullets(_words(ranking)), Prose(plain(_rule(ranking)))]
+    for target in range(len(design.targets)):
+        if any(ranking.errors[target]):
+            found += [_indices_picture(analysis, ranking, target), *_tables(ranking, target)]
+    if any(ranking.divergence):
+        found += [_divergence_picture(analysis, ranking), _divergence_table(ranking)]
+    if any(any(row) for row in ranking.errors):
+        found.append(_convergence_picture(ranking))
+    return found
+
+
+def in_short(ranking: Ranking) -> list[str]:
+    """Say for each target which factors drive the error of the estimator that is best over the box."""
+    design, sentences = ranking.design, []
+    for t, target in enumerate(design.targets):
+        best = ranking.best(t)
+        found = ranking.errors[t][best]
+        if found is None:
+            continue
+        large = [i for i in found.order if found.total[i].value >= DRIVING][:NAMED]
+        parts = [f"{design.factors[i].words} (total index {found.total[i].value:.2f})" for i in large]
+        who = f"With {design.estimators[best]}, the error of the {target.words}"
+        by = listed(parts) if parts else "no factor more than by others"
+        sentences.append(f"{who} is driven by {by}{_undecided(ranking, found)}.")
+    return sentences
+
+
+def _undecided(ranking: Ranking, found: Indices) -> str:
+    """Say that the samples do not tell which factor leads, where they do not."""
+    second = found.total[found.order[1]].value if len(found.order) > 1 else 0.0
+    if second < DRIVING or found.lead.lower > 0:
+        return ""
+    one, other = (ranking.design.factors[i].words for i in found.order[:2])
+    return (
+        f"; {found.samples} base samples are too few to decide whether {one} or {other} does more (difference "
+        f"{_told(found.lead)})"
+    )
+
+
+def _words(ranking: Ranking) -> list[str]:
+    design = ranking.design
+    items = []
+    for t, target in enumerate(design.targets):
+        name = strong(target.words[:1].upper() + target.words[1:] + ".")
+        items.append(f"{name} {plain(_drivers(ranking, ranking.errors[t], ranking.best(t)) + _by_ranks(ranking, t))}")
+    lost = strong("Divergence.")
+    if any(ranking.divergence):
+        some = [e for e, found in enumerate(ranking.divergence) if found is not None]
+        most = max(some, key=lambda e: float(ranking.lost[e].mean()))
+        items.append(f"{lost} {plain(_drivers(ranking, ranking.divergence, most, 'the share of lost runs'))}")
+    else:
+        items.append(f"{lost} {plain('No estimator lost runs at enough points to explain it by factors.')}")
+    return items
+
+
+def _drivers(ranking: Ranking, indices: Sequence[Indices | None], shown: int, what: str = "the error") -> str:
+    """Name the factors with a large total index for one estimator, and the estimators for which another one leads."""
+    design, found = ranking.design, indices[shown]
+    if found is None:
+        return f"With {design.estimators[shown]} {what} does not vary."
+    large = [i for i in found.order if found.total[i].value >= DRIVING]
+    small = [found.total[i].value for i in found.order if i not in large]
+    parts = [f"{design.factors[i].words} {_told(found.total[i])}" for i in large]
+    text = f"With {design.estimators[shown]}, the total indices of {what} are {listed(parts)}"
+    if not parts:
+        text = f"With {design.estimators[shown]}, no factor has a total index of {what} of {DRIVING}"
+    elif small:
+        text += f"; the other {len(small)} factors have at most {max(small[0], 0.0):.2f} each"
+    text += _undecided(ranking, found)
+    other = [
+        f"{name} ({design.factors[f.order[0]].words} {f.total[f.order[0]].value:.2f})"
+        for name, f in zip(design.estimators, indices, strict=True)
+        if f is not None and f.order[0] != found.order[0]
+    ]
+    return text + (f". Another factor leads for {listed(other)}." if other else ".")
+
+
+def _by_ranks(ranking: Ranking, target: int) -> str:
+    """Say whether the leading factor is the same when only the order of the errors counts."""
+    pairs = zip(ranking.design.estimators, ranking.errors[target], ranking.of_ranks[target], strict=True)
+    other = [
+        f"{name} ({ranking.design.factors[ranks.order[0]].words})"
+        for name, error, ranks in pairs
+        if error is not None and ranks is not None and error.order[0] != ranks.order[0]
+    ]
+    if not other:
+        return " By ranks of the error the same factor leads."
+    return (
+        f" By ranks of the error another factor leads for {listed(other)}: there, few large errors make the variance."
+    )
+
+
+def _rule(ranking: Ranking) -> str:
+    design = ranking.design
+    counts = [
+        f"{name} {estimator} + {plant}"
+        for e, name in enumerate(design.estimators)
+        if (estimator := design.count(ESTIMATOR_DIVERGED, None, e)) + (plant := design.count(PLANT_DIVERGED, None, e))
+    ]
+    runs = design.status[:, 0].size
+    told = (
+        f"Runs lost (estimator diverged + plant left its range): {', '.join(counts)}." if counts else "No run was lost."
+    )
+    base = int(design.data.attrs["base_samples"])
+    return (
+        f"Sobol indices from {base} base samples, {len(design.factors)} factors, hence {design.status.shape[3]} "
+        f"points, on {len(design.drives)} drives: {runs} runs of each estimator. The error of a point is the root "
+        "mean square over its drives; all points share the noise, so the factors alone make it vary. The "
+        "first-order index is the share of the variance that one factor explains alone, the total index adds what "
+        "it does together with others; intervals are at 95 %, bootstrapped over base samples. A lost run keeps the "
+        f"design balanced with the largest error that any finished run had on the same drive. {told}"
+    )
+
+
+def _indices_picture(analysis: Analysis, ranking: Ranking, target: int) -> Picture:
+    design, quantity = ranking.design, ranking.design.targets[target]
+    question = f"Which parameter drives the error of the {quantity.words}?"
+    order = ranking.order(target)
+    svg = _dots(analysis, ranking, ranking.errors[target], order, question, "share of the variance of the RMSE")
+    caption = (
+        f"Sobol indices of the RMSE of {quantity.words}, design “{design.name}”, n = {design.status[:, 0].size} "
+        f"runs of each estimator, {_lost(ranking)}. Filled: total index with its 95 % interval; open: first order."
+    )
+    return Picture(svg, caption, question)
+
+
+def _divergence_picture(analysis: Analysis, ranking: Ranking) -> Picture:
+    question = "Which parameter makes runs diverge?"
+    known = [found for found in ranking.divergence if found is not None]
+    order = [int(i) for i in np.argsort(-np.mean([[t.value for t in f.total] for f in known], axis=0), kind="stable")]
+    svg = _dots(analysis, ranking, ranking.divergence, order, question, "share of the variance of the outcome “lost”")
+    caption = (
+        f"Sobol indices of the share of runs lost at a point, design “{ranking.design.name}”, {_lost(ranking)}. "
+        "Filled: total index with its 95 % interval; open: first order. Estimators whose losses differ at less than "
+        f"{100 * FEWEST:g} % of the points are not shown."
+    )
+    return Picture(svg, caption, question)
+
+
+def _lost(ranking: Ranking) -> str:
+    design = ranking.design
+    counts = [f"{n} {int(np.sum(design.status[:, e] != OK))}" for e, n in enumerate(design.estimators)]
+    return f"lost: {', '.join(counts)}"
+
+
+def _dots(
+    analysis: Analysis, ranking: Ranking, indices: Sequence[Indices | None], order: list[int], question: str, label: str
+) -> bytes:
+    """Draw total and first-order indices of several estimators, a row for each factor."""
+    design = ranking.design
+    shown = [(name, found) for name, found in zip(design.estimators, indices, strict=True) if found is not None]
+    with style.drawing():
+        fig = style.figure(1.0 + _FACTOR_HEIGHT * len(order))
+        axes = fig.subplots()
+        for k, (name, found) in enumerate(shown):
+            look = analysis.looks[name]
+            places = np.arange(len(order)) + ((k + 0.5) / len(shown) - 0.5) * 0.8
+            total = np.array([found.total[i] for i in order])
+            axes.hlines(places, total[:, 1], total[:, 2], color=look.line, lw=1.2)
+            axes.plot(total[:, 0], places, look.marker, ms=4.2, color=look.line, label=name)
+            first = [found.first[i].value for i in order]
+            axes.plot(first, places, look.marker, ms=4.2, mec=look.line, mfc="white", mew=0.7)
+        _factor_rows(axes, ranking, order)
+        axes.set_xlim(left=min(axes.get_xlim()[0], -0.02))
+        axes.set_xlabel(label)
+        handles = [
+            Line2D([], [], color=analysis.looks[n].line, marker=analysis.looks[n].marker, label=n) for n, _ in shown
+        ]
+        style.head(fig, question, handles)
+        return style.svg(fig)
+
+
+def _factor_rows(axes: Axes, ranking: Ranking, order: list[int]) -> None:
+    for k in range(0, len(order), 2):
+        axes.axhspan(k - 0.5, k + 0.5, color="#f4f4f4", lw=0, zorder=0)
+    axes.axvline(0.0, color="black", lw=0.6)
+    axes.set_yticks(range(len(order)), [ranking.design.factors[i].words for i in order])
+    axes.tick_params(axis="y", length=0)
+    axes.set_ylim(len(order) - 0.5, -0.5)
+    axes.grid(axis="x")
+
+
+def _two_digits(interval: Interval) -> list[str]:
+    return [f"{v:.2f}".replace("-0.00", "0.00").replace("-", "−") for v in interval]
+
+
+def _told(interval: Interval) -> str:
+    value, lower, upper = _two_digits(interval)
+    return f"{value} ({lower} to {upper})"
+
+
+def _in_table(interval: Interval) -> str:
+    value, lower, upper = _two_digits(interval)
+    return f"{value}\n{lower} to {upper}"
+
+
+def _tables(ranking: Ranking, target: int) -> list[Block]:
+    design, words = ranking.design, ranking.design.targets[target].words
+    order = ranking.order(target)
+    sheets: list[Block] = []
+    for kind, name in (("total", "Total"), ("first", "First-order")):
+        rows = [
+            [
+                design.factors[i].words,
+                *("–" if f is None else _in_table(getattr(f, kind)[i]) for f in ranking.errors[target]),
+            ]
+            for i in order
+        ]
+        caption = f"{name} Sobol indices of the RMSE of {words} with 95 % intervals, design “{design.name}”."
+        sheets.append(Sheet(["factor", *design.estimators], rows, caption))
+    rows = [
+        [design.factors[i].words, *("–" if f is None else _in_table(f.total[i]) for f in ranking.of_ranks[target])]
+        for i in order
+    ]
+    caption = (
+        f"Total Sobol indices of the rank of the RMSE of {words}: what is left when only the order of errors counts."
+    )
+    return [*sheets, Sheet(["factor", *design.estimators], rows, caption)]
+
+
+def _divergence_table(ranking: Ranking) -> Sheet:
+    design = ranking.design
+    rows = [
+        [f.words, *("–" if found is None else _in_table(found.total[i]) for found in ranking.divergence)]
+        for i, f in enumerate(design.factors)
+    ]
+    share = [f"{100 * float(np.mean(lost)):.1f} %" for lost in ranking.lost]
+    caption = f"Total Sobol indices of the share of lost runs with 95 % intervals, design “{design.name}”."
+    return Sheet(["factor", *design.estimators], [["runs lost", *share], *rows], caption)
+
+
+def _convergence_picture(ranking: Ranking) -> Picture:
+    """Draw the total indices of the leading factors over the number of base samples, for the best estimator."""
+    design = ranking.design
+    targets = [t for t in range(len(design.targets)) if any(ranking.errors[t])]
+    question = "Are there enough samples to tell the factors apart?"
+    with style.drawing():
+        fig = style.figure(0.9 + 2.2 * len(targets))
+        rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
+        leading = list(dict.fromkeys(i for t in targets for i in ranking.order(t)[:3]))[: len(_LINES)]
+        for axes, t in zip(rows, targets, strict=True):
+            best = ranking.best(t)
+            found = ranking.converging(t, best)
+            sizes = [f.samples for f in found]
+            for k, i in enumerate(leading):
+                total = np.array([f.total[i] for f in found])
+                axes.fill_between(sizes, total[:, 1], total[:, 2], color=_LINES[k], alpha=0.15, lw=0)
+                axes.plot(sizes, total[:, 0], color=_LINES[k], marker=_MARKERS[k], ms=4)
+            axes.set_title(f"{design.targets[t].words}, {design.estimators[best]}", loc="left")
+            axes.set_ylabel("total index")
+            axes.set_xscale("log", base=2)
+            axes.set_xticks(sizes, [str(n) for n in sizes], minor=False)
+            axes.grid()
+        rows[-1].set_xlabel("base samples N")
+        handles = [
+            Line2D([], [], color=_LINES[k], marker=_MARKERS[k], label=design.factors[i].words)
+            for k, i in enumerate(leading)
+        ]
+        style.head(fig, question, handles)
+        svg = style.svg(fig)
+    caption = (
+        f"Total Sobol indices of the RMSE over the number of base samples, design “{design.name}”, for the "
+        "estimator with the smallest median error and the leading factors; shaded: 95 % interval. Each N is what a "
+        "study of that size would have found."
+    )
+    return Picture(svg, caption, question)

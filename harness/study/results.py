@@ -1,0 +1,297 @@
+"""Read a finished result folder into arrays in report units, ready to be drawn."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from numpy.typing import NDArray
+
+from harness.common.errors import UserError
+from harness.common.units import registry
+from harness.models.quantities import Quantity, print_unit, quantity, words
+from harness.study.checksums import HISTORY, described, faults, is_verifiable
+from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
+
+FATES = {
+    ESTIMATOR_DIVERGED: "estimator diverged",
+    PLANT_DIVERGED: "plant left its range",
+    PENDING: "not yet run",
+}
+_RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor of a design; all numbers in its report unit.
+
+    Attributes:
+        name: Parameter name.
+        words: The name in words.
+        unit: Unit as printed.
+        of: ``plant``, ``belief`` or ``both``.
+        lower: Lower end per band, ``(band,)``.
+        upper: Upper end per band, ``(band,)``.
+        nominal: Value the estimators believe; NaN where there is no single one.
+        values: Value used, ``(band, sample)``.
+        log: Whether bands are filled evenly in the logarithm.
+    """
+
+    name: str
+    words: str
+    unit: str
+    of: str
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    nominal: float
+    values: NDArray[np.float64]
+    log: bool = False
+
+
+def _decode(value: Any) -> Any:
+    """Read an attribute that may have been stored as JSON text."""
+    if isinstance(value, str):
+        try:
+            return json.loads(value)
+        except json.JSONDecodeError:
+            return value
+    return value
+
+
+def _factor(row: dict[str, Any], data: xr.Dataset) -> Factor:
+    """Build a factor from its attributes and the values that were used."""
+    unit = str(row.get("unit") or "")
+    base = float(registry().Quantity(1.0, unit or "dimensionless").to_base_units().magnitude)
+    si = data[f"factor_{row['name']}"].transpose("band", "sample").values.astype(float)
+    nominal = row.get("nominal")
+    return Factor(
+        name=row["name"],
+        words=words(str(row.get("parameter") or row["name"])),
+        unit=print_unit(unit),
+        of=str(row.get("of", "plant")),
+        lower=np.asarray(row.get("lower", si.min(axis=1)), dtype=float) / base,
+        upper=np.asarray(row.get("upper", si.max(axis=1)), dtype=float) / base,
+        nominal=np.nan if nominal is None else float(nominal) / base,
+        values=si / base,
+        log=row.get("scale") == "log",
+    )
+
+
+@dataclass
+class Design:
+    """One design of a study: the runs of all its bands, drives, repeats and estimators.
+
+    Attributes:
+        name: Name of the design.
+        data: The group of the store.
+        estimators: Names, in the order of the study.
+        targets: What was scored.
+        drives: Names of the drives.
+        bands: Labels of the levels or bands.
+        factors: What varies.
+        state_dimension: Expectation of NEES.
+        output_dimension: Expectation of NIS.
+    """
+
+    name: str
+    data: xr.Dataset
+    estimators: list[str]
+    targets: list[Quantity]
+    drives: list[str]
+    bands: list[str]
+    factors: list[Factor]
+    state_dimension: int
+    output_dimension: int
+
+    @cached_property
+    def status(self) -> NDArray[np.int8]:
+        """Fate of each run, ``(band, estimator, drive, sample, repeat)``."""
+        return self.data["status"].transpose(*_RUN_DIMS).values
+
+    @cached_property
+    def rmse(self) -> NDArray[np.float64]:
+        """RMSE in report units, ``(target, band, estimator, drive, sample, repeat)``; NaN unless ok."""
+        return self._per_target("rmse")
+
+    def _per_target(self, name: str) -> NDArray[np.float64]:
+        values = self.data[name].transpose("target", *_RUN_DIMS).values.astype(float)
+        values = values * np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
+        return np.where(self.status == OK, values, np.nan)
+
+    def per_run(self, name: str) -> NDArray[np.float64]:
+        """Return a score without target, shape as ``status``; NaN unless the run is ok or if not stored."""
+        if name not in self.data:
+            return np.full(self.status.shape, np.nan)
+        values = self.data[name].transpose(*_RUN_DIMS).values.astype(float)
+        return np.where(self.status == OK, values, np.nan)
+
+    @cached_property
+    def strata(self) -> NDArray[np.int64]:
+        """Number of the drive of each run, ``(drive, sample, repeat)``."""
+        shape = self.status.shape[2:]
+        return np.broadcast_to(np.arange(shape[0]).reshape(-1, 1, 1), shape)
+
+    @property
+    def planned(self) -> int:
+        """Runs per band and estimator."""
+        return int(np.prod(self.status.shape[2:]))
+
+    @cached_property
+    def matched(self) -> int | None:
+        """Band in which every factor has the value the estimators believe; None if there is none."""
+        if self.sampling != "sobol":
+            return None  # one box around that value, or several
+        inside = np.ones(len(self.bands), dtype=bool)
+        distance, width = np.zeros((2, len(self.bands)))
+        for factor in self.factors:
+            if not np.isfinite(factor.nominal):
+                return None
+            slack = 1e-9 * max(abs(factor.nominal), 1e-12)
+            inside &= (factor.lower - slack <= factor.nominal) & (factor.nominal <= factor.upper + slack)
+            distance += np.abs((factor.lower + factor.upper) / 2 - factor.nominal)
+            width += factor.upper - factor.lower
+        if not self.factors or not inside.any():
+            return None
+        return min(np.flatnonzero(inside).tolist(), key=lambda band: (distance[band], width[band]))
+
+    @property
+    def matched_is(self) -> str:
+        """What the matched band is: as believed or around that; as stated, where the belief varies as well."""
+        if not all(f.of == "plant" for f in self.factors):
+            return "as stated"
+        wide = any(f.lower[self.matched] < f.upper[self.matched] for f in self.factors)
+        return "around what is believed" if wide else "as believed"
+
+    @property
+    def sampling(self) -> str:
+        """How the bands were filled, see ``harness.study.design``."""
+        return str(self.data.attrs.get("sampling", "sobol"))
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a factor takes more than one value within a band, whatever the other factors do."""
+        return self.sampling == "sobol" and any(bool(np.any(np.ptp(f.values, axis=1) > 0)) for f in self.factors)
+
+    def count(self, fate: int, band: int | None = None, estimator: int | None = None) -> int:
+        """Count the runs of a fate, in all or in one band and estimator."""
+        chosen = self.status
+        chosen = chosen if band is None else chosen[band : band + 1]
+        chosen = chosen if estimator is None else chosen[:, estimator : estimator + 1]
+        return int(np.sum(chosen == fate))
+
+    def lost(self, band: int, estimator: int) -> int:
+        """Count the runs of a band and estimator that have no score for the box: everything but ok."""
+        return self.planned - self.count(OK, band, estimator)
+
+
+def run_in_words(history: xr.Dataset, drive: bool = True) -> str:
+    """Name a run that is drawn over time: its own name, its level and, if asked for, its drive."""
+    attributes = [history.attrs.get("name"), words(str(history.attrs.get("band_label") or ""))]
+    named = ", ".join(str(a) for a in [*attributes, drive and history.attrs.get("drive")] if a)
+    return named[:1].upper() + named[1:]
+
+
+@dataclass
+class Store:
+    """A finished result folder.
+
+    Attributes:
+        directory: The folder.
+        attributes: Root attributes of the store.
+        designs: The designs, in the order of the study.
+        histories: The runs kept over time, as many as the study asked for.
+        run: What ``run.json`` says about the run, possibly nothing.
+    """
+
+    directory: Path
+    attributes: dict[str, Any]
+    designs: list[Design]
+    histories: list[xr.Dataset]
+    run: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_verifiable(self) -> bool:
+        """Whether the store has checksums, so that ``read`` could tell that none of its files is missing or damaged."""
+        return is_verifiable(self.attributes)
+
+    @property
+    def seed(self) -> int:
+        """Seed of the study, used for the bootstrap as well."""
+        return int(self.attributes.get("seed", 0))
+
+    def pairs(self) -> Iterator[tuple[Design, int, Quantity]]:
+        """Go through every design and target."""
+        for design in self.designs:
+            for k, target in enumerate(design.targets):
+                yield design, k, target
+
+
+def _design(path: Path, name: str) -> Design:
+    data = xr.open_zarr(path, group=name, chunks=None, consolidated=False).load()
+    units = data.get("target_unit")
+    names = [str(t) for t in data["target"].values]
+    labels = data["band_label"] if "band_label" in data else data["band"]
+    return Design(
+        name=name,
+        data=data,
+        estimators=[str(e) for e in data["estimator"].values],
+        targets=[quantity(t, "" if units is None else str(units.values[k])) for k, t in enumerate(names)],
+        drives=[str(d) for d in data["drive"].values],
+        bands=[words(str(b)) for b in labels.values],
+        factors=[_factor(row, data) for row in _decode(data.attrs.get("factors", "[]"))],
+        state_dimension=int(data.attrs.get("state_dimension", 0)),
+        output_dimension=int(data.attrs.get("output_dimension", 0)),
+    )
+
+
+def read(directory: Path) -> Store:
+    """Read ``scores.zarr`` and ``run.json`` of a result folder.
+
+    Raises:
+        UserError: If there is no store, it is not one that a study wrote, or files of it are missing or damaged.
+    """
+    path = directory / "scores.zarr"
+    if not path.is_dir():
+        raise UserError(
+            f"{directory}: no finished study here (scores.zarr is missing); "
+            f"make one with 'harness run studies/<name>.toml --out {directory}'"
+        )
+    try:
+        root = zarr.open_group(path, mode="r")
+        attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
+        names = attributes.get("designs", [])
+        if not names:
+            raise KeyError("designs")
+        lost = faults(path)
+        if lost:
+            raise UserError(
+                f"{path}: {described(lost)}; 'harness run' with the study '{attributes.get('study_name')}' and "
+                f"'--out {directory}' computes what is lost again, and nothing else"
+            )
+        has_runs = HISTORY in set(root.group_keys())
+        designs = [_design(path, str(name)) for name in names]
+        kept = sorted(zarr.open_group(path, mode="r", path="history").group_keys(), key=int) if has_runs else []
+        histories = [
+            xr.open_zarr(path, group=f"history/{index}", chunks=None, consolidated=False).load() for index in kept
+        ]
+    except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last by a chunk that cannot be decoded
+        raise UserError(
+            f"{path}: not a store that a study wrote ({type(error).__name__}: {error}); "
+            "run the study again into an empty folder"
+        ) from error
+    attributes["study"] = root.attrs.get("study", "")
+    run_file = directory / "run.json"
+    run: dict[str, Any] = {}
+    if run_file.is_file():
+        try:
+            run = json.loads(run_file.read_text(encoding="utf-8"))
+        except json.JSONDecodeError as error:
+            raise UserError(f"{run_file}: line {error.lineno}: not JSON; delete it or run again") from error
+    return Store(directory, attributes, designs, histories, run)

@@ -1,0 +1,183 @@
+"""What tyres and effects are handed while a model is assembled: reading by name, own parameters, own states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import sympy as sp
+
+from harness.common import registry
+from harness.models.assembly.expressions import present
+from harness.models.assembly.model import symbol
+from harness.models.assembly.placement import Site, suffix
+from harness.models.contracts import ModelError, Parameter
+
+if TYPE_CHECKING:
+    from harness.models.assembly.assemble import Builder
+
+
+@dataclass(frozen=True)
+class Body:
+    """What effects may ask of a rigid body; all expressions in SI.
+
+    Attributes:
+        speed: Longitudinal velocity of the CoG in m/s.
+        lateral_velocity: Lateral velocity of the CoG in m/s.
+        yaw_rate: rad/s.
+        mass: kg; ``None`` where the vehicle's equations have none.
+        wheelbase: m, between the points that carry the body.
+    """
+
+    speed: sp.Expr
+    lateral_velocity: sp.Expr
+    yaw_rate: sp.Expr
+    mass: sp.Expr | None
+    wheelbase: sp.Expr
+
+    @property
+    def centripetal_acceleration(self) -> sp.Expr:
+        """Yaw rate times speed in m/s^2: the lateral acceleration of quasi-steady driving, known without any force."""
+        return self.yaw_rate * self.speed
+
+
+class _Reader:
+    """What every part of a model may do: read signals and parameters by name."""
+
+    def __init__(self, builder: Builder, owner: str, parameters: Mapping[str, str]) -> None:
+        self._builder, self._owner, self._own = builder, owner, dict(parameters)
+
+    def p(self, name: str) -> sp.Symbol:
+        """Return one of the part's own parameters."""
+        if name not in self._own:
+            raise ModelError(
+                f"{self._owner} reads parameter '{name}' it does not declare{registry.closest(name, [*self._own])}"
+            )
+        return symbol(self._own[name])
+
+    def read(self, name: str) -> sp.Symbol:
+        """Return a state, input, port, or vehicle parameter; checked once the model is complete."""
+        self._builder.note_read(self._owner, name)
+        return symbol(name)
+
+
+class TyreContext(_Reader):
+    """What a tyre sees of one axle: slip angle, load, friction, its parameters and its ports."""
+
+    def __init__(
+        self,
+        builder: Builder,
+        parameters: Sequence[Parameter],
+        axle: str,
+        group: str,
+        quantities: Mapping[str, sp.Expr],
+    ) -> None:
+        super().__init__(builder, f"tyre of axle {axle}", {p.name: f"{p.name}_{group}" for p in parameters})
+        self.axle = axle
+        self.slip_angle = quantities["slip_angle"]
+        self.vertical_load = quantities["vertical_load"]
+        self.friction = quantities["friction"]
+
+    def port(self, kind: str, expr: sp.Expr) -> sp.Symbol:
+        """Publish ``<kind>_axle_<axle>``, e.g. ``cornering_stiffness_axle_11``."""
+        return self._builder.port(f"{kind}_axle_{self.axle}", expr)
+
+
+class EffectContext(_Reader):
+    """What an effect may do at one of its sites: read signals, use its parameters and states, know the time.
+
+    Attributes:
+        site: The port that is changed, with its place, body and axle.
+        time: Time since the start of the drive in s.
+    """
+
+    def __init__(
+        self, builder: Builder, name: str, parameters: Mapping[str, str], site: Site, flag: sp.Symbol | None = None
+    ) -> None:
+        super().__init__(builder, f"effect '{name}'", parameters)
+        self.site, self._flag = site, flag
+        self.time = symbol("time")
+
+    @property
+    def body(self) -> Body:
+        """The body of the site.
+
+        Raises:
+            ModelError: If the vehicle does not describe it.
+        """
+        return self._builder.body_named(self.site.body, self._owner)
+
+    @property
+    def mass(self) -> sp.Expr:
+        """Mass of the site's body in kg.
+
+        Raises:
+            ModelError: If the vehicle's equations have no mass.
+        """
+        return self._known_mass(self.body)
+
+    @property
+    def leader(self) -> Body:
+        """The body in front."""
+        return self._builder.body_named(self._builder.layout.leader, self._owner)
+
+    @property
+    def total_mass(self) -> sp.Expr:
+        """Mass of all bodies in kg.
+
+        Raises:
+            ModelError: If the vehicle's equations have no mass.
+        """
+        bodies = [self._builder.body_named(name, self._owner) for name in self._builder.layout.bodies]
+        return sp.Add(*(self._known_mass(body) for body in bodies))
+
+    def _known_mass(self, body: Body) -> sp.Expr:
+        if body.mass is None:
+            raise self.refuse("its equations have no mass")
+        return body.mass
+
+    def at_leader(self, stem: str) -> sp.Symbol:
+        """Read ``stem`` of the body in front."""
+        return self.read(stem + suffix(self._builder.layout.leader))
+
+    def at_body(self, stem: str) -> sp.Symbol:
+        """Read ``stem`` of the site's body, e.g. ``yaw_acceleration_trailer``."""
+        return self.read(stem + suffix(self.site.body))
+
+    def at_axle(self, stem: str) -> sp.Symbol:
+        """Read ``<stem>_axle_<axle>`` of the site's axle."""
+        return self.read(f"{stem}_axle_{self.site.axle}")
+
+    def provides(self, name: str) -> bool:
+        """Whether the vehicle or the tyre has published a state or port so far."""
+        return name in self._builder.states or name in self._builder.ports
+
+    def refuse(self, reason: str) -> ModelError:
+        """Return the error of an effect that makes no sense at this site, to be raised."""
+        return ModelError(f"{self._owner} does not fit '{self._builder.vehicle_name}': {reason}")
+
+    def input(self, name: str) -> sp.Symbol:
+        """Return an input that this effect adds to the model, if it does not have it yet."""
+        return self._builder.add_input(name)
+
+    def state(self, stem: str, shared: bool = False, start: float | str | None = None) -> sp.Symbol:
+        """Return one of the effect's own states: of the site's place, or one for all places.
+
+        Args:
+            stem: Its name in ``STATES``.
+            shared: Whether all places share it.
+            start: First value where it is not zero, as in ``Model.start``.
+        """
+        return self._builder.own_state(self._owner, self._state_name(stem, shared), start)
+
+    def derivative(self, stem: str, expr: sp.Expr, shared: bool = False) -> None:
+        """State the time derivative of one of the effect's own states."""
+        name = self._state_name(stem, shared)
+        self._builder.own_state(self._owner, name)
+        if self._flag is not None and not shared:  # what places share must not depend on one of them
+            expr = present(self._flag, sp.sympify(expr), sp.Integer(0))
+        self._builder.own_derivative(name, expr)
+
+    def _state_name(self, stem: str, shared: bool) -> str:
+        return stem if shared else stem + self.site.suffix

@@ -1,0 +1,104 @@
+"""A complete set of equations, and the symbols it is written in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import sympy as sp
+
+from harness.common import registry
+from harness.models.contracts import ModelError, Parameter
+
+
+def symbol(name: str) -> sp.Symbol:
+    """Return the SymPy symbol that stands for a signal or parameter."""
+    return sp.Symbol(name, real=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A complete set of equations: ``dx/dt = f(x, u, p)``, or ``x(n+1) = f(x, u, p)``; ``y = h(x, u, p)``.
+
+    Attributes:
+        name: Name of the vehicle file, with the tyre.
+        states: Signal names of the state vector, shape ``(nx,)``.
+        inputs: Signal names of the input vector, shape ``(nu,)``.
+        parameters: All parameters of vehicle, tyre and effects, shape ``(np,)``.
+        ports: Named intermediates in order of use; each expression reads states, inputs, parameters and
+            earlier ports only.
+        derivatives: Time derivative of each state; of a discrete model its value one sample later.
+        outputs: Names and expressions of what is measured.
+        valid: Largest magnitude of a state for which the equations hold; beyond it a run counts as diverged.
+        rates: Inputs that are time derivatives of other inputs, ``{"speed_rate": "speed"}``.
+        axles: Axle names, front to rear.
+        effects: Names of the effects in force, in the order they act.
+        start: First value of a state that does not start at zero: a number, or the name of a parameter or of an
+            input of the drive.
+        start_variance: Variance of a first state that an estimator begins with, where it is not the process noise.
+        discrete: Whether the equations lead from sample to sample, so that there is nothing to integrate.
+        noise: Variance per second of the process noise that a state of an effect has by its definition.
+        flags: Of a model whose effects may be absent (``harness.models.assembly.expressions.present``): a flag for each
+            effect and place, which is set if one of these parameters is not at its neutral value.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    ports: dict[str, sp.Expr]
+    derivatives: tuple[sp.Expr, ...]
+    outputs: dict[str, sp.Expr]
+    valid: dict[str, float]
+    rates: dict[str, str] = field(default_factory=dict)
+    axles: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
+    start: dict[str, float | str] = field(default_factory=dict)
+    start_variance: dict[str, float] = field(default_factory=dict)
+    discrete: bool = False
+    noise: dict[str, float] = field(default_factory=dict)
+    flags: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters in the order of the parameter vector."""
+        return tuple(p.name for p in self.parameters)
+
+    def resolve(self, name: str) -> sp.Expr:
+        """Return the expression of a state, input or port by name.
+
+        Raises:
+            ModelError: If the model has no such quantity (with the closest names).
+        """
+        if name in self.states or name in self.inputs:
+            return symbol(name)
+        if name in self.ports:
+            return symbol(name)
+        known = [*self.states, *self.inputs, *self.ports]
+        raise ModelError(f"model '{self.name}' has no quantity '{name}'{registry.closest(name, known)}")
+
+    def expand(self, expr: sp.Expr) -> sp.Expr:
+        """Write an expression in states, inputs and parameters only, all ports substituted."""
+        expanded: dict[sp.Symbol, sp.Expr] = {}
+        for name, port in self.ports.items():
+            expanded[symbol(name)] = port.xreplace(expanded)
+        return expr.xreplace(expanded)
+
+    def augment(self, unknown_inputs: Sequence[str]) -> Model:
+        """Return the model with inputs moved into the state as random walks (Ziaukas 2.32, 2.33).
+
+        Args:
+            unknown_inputs: Inputs the estimator does not know; they are appended to the states in this order.
+
+        Raises:
+            ModelError: If one of them is not an input of the model.
+        """
+        for name in unknown_inputs:
+            if name not in self.inputs:
+                raise ModelError(f"'{name}' is not an input of '{self.name}'{registry.closest(name, self.inputs)}")
+        return replace(
+            self,
+            states=self.states + tuple(unknown_inputs),
+            inputs=tuple(i for i in self.inputs if i not in unknown_inputs),
+            derivatives=self.derivatives + tuple(symbol(n) if self.discrete else sp.Integer(0) for n in unknown_inputs),
+        )

@@ -1,0 +1,211 @@
+"""The campaign: ratios with intervals against closed forms, verdicts, and the findings on studies of known errors."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+from scipy import stats
+
+from harness.campaign import write_campaign
+from harness.campaign.answer import Joint, answer
+from harness.campaign.claims import CLAIMS, findings
+from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
+from harness.campaign.results import Results
+from harness.common.errors import UserError
+from harness.common.statistics import Interval
+from harness.realtime.measure import PACES
+from harness.realtime.outcome import write as write_times
+from support.joint_study import scores, study_of
+from support.synthetic import design, write
+
+LABELS = {
+    "ideal": ["nominal"],
+    "process-noise": ["×10", "×1", "×0.001"],
+    "mass": ["8 t", "24 t", "32 t"],
+    "cog": ["-2 m", "0 m", "+2 m"],
+    "friction": ["0.5", "0.6", "0.9", "1.1"],
+    "tyre": ["±0 %", "±10 %", "±20 %", "±30 %"],
+}
+EVERYONE = ("EKF", "UKF", "NARX")
+FORCE, ANGLE = "lateral_force_axle_21", "articulation_angle"
+
+
+def _write_times(folder: Path) -> None:
+    """A step of the UKF takes 3 times as long as one of the EKF, one of the network half as long."""
+    median = np.array([1.0, 3.0, 0.5])[None, :, None]
+    ratio = np.broadcast_to(median * np.array([1.0, 0.9, 1.1]), (2, 3, 3))
+    times = xr.Dataset(
+        {
+            "step_time": (("pace", "estimator", "time"), np.ones((2, 3, 100))),
+            "ratio": (("pace", "estimator", "end"), ratio),
+        },
+        coords={
+            "pace": np.array(PACES, dtype=object),
+            "estimator": np.array(EVERYONE, dtype=object),
+            "time": 0.01 * np.arange(100),
+        },
+        attrs={"cycle": 0.01},
+    )
+    write_times(times, folder)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path):
+    """Return a function that writes the six studies, each level with the error and the losses one asks for."""
+
+    def make(growth: dict[tuple[str, str, str], float] | None = None, lost: tuple[str, str, int] | None = None):
+        for study, labels in LABELS.items():
+            data = design(estimators=EVERYONE, levels=[24.0] * len(labels), repeats=4, seed=3)
+            data["rmse"] = xr.zeros_like(data["rmse"]) + data["rmse"][{"band": 0, "estimator": 0}]
+            data = data.assign_coords(band_label=("band", np.array(labels, dtype=object)))
+            for (of, label, target), factor in (growth or {}).items():
+                if of == study:
+                    place = {"band": labels.index(label), "target": list(data["target"].values).index(target)}
+                    data["rmse"][place] = data["rmse"][place] * factor
+            if lost is not None and lost[0] == study:
+                data["status"][{"band": labels.index(lost[1]), "repeat": slice(0, lost[2])}] = 1
+            write(tmp_path / study, {"level": data})
+        write(tmp_path / "joint", scores(study_of(tmp_path)))
+        zarr.open_group(tmp_path / "joint" / "scores.zarr").attrs["limits"] = json.dumps({ANGLE: np.deg2rad(2.0)})
+        _write_times(tmp_path / "realtime")
+        return Results(tmp_path)
+
+    return make
+
+
+def verdict_on(found, place: str) -> Verdict:
+    """Return the verdict on the claim whose text begins so."""
+    return next(f.verdict for f in found if f.claim.text.startswith(place))
+
+
+def test_interval_of_a_ratio_holds_the_closed_form():
+    """Medians of independent log-normal samples: their ratio is the exponential of a difference of normal medians."""
+    rng = np.random.default_rng(0)
+    held = 0
+    for seed in range(60):
+        above, below = np.exp(rng.normal(np.log(2.0), 0.4, (6, 1, 40))), np.exp(rng.normal(0.0, 0.4, (6, 1, 40)))
+        (_, lower, upper), n = ratio_of_medians(above, below, seed=seed)
+        held += lower <= 2.0 <= upper
+        assert n == 240
+    assert 51 <= held <= 60  # 57 expected; outside with a probability of 3 in 1000
+
+
+def test_pairs_take_what_both_share_out_of_the_interval():
+    rng = np.random.default_rng(1)
+    common = np.exp(rng.normal(0.0, 1.0, (6, 1, 40)))
+    above = 1.5 * common * np.exp(rng.normal(0.0, 0.01, common.shape))
+    paired, _ = ratio_of_medians(above, common)
+    torn_apart, _ = ratio_of_medians(above, rng.permuted(common, axis=2))
+    assert paired.lower < 1.5 < paired.upper
+    assert paired.upper - paired.lower < 0.1 * (torn_apart.upper - torn_apart.lower)
+
+
+def test_a_pair_with_a_lost_run_counts_on_neither_side():
+    above, below = np.full((1, 1, 4), 3.0), np.full((1, 1, 4), 1.0)
+    above[0, 0, 0], below[0, 0, 1] = np.nan, np.nan
+    below[0, 0, 0] = 100.0
+    assert ratio_of_medians(above, below) == (Interval(3.0, 3.0, 3.0), 2)
+    empty, n = ratio_of_medians(np.full((1, 1, 4), np.nan), below)
+    assert n == 0
+    assert np.isnan(empty.value)
+
+
+def test_share_is_clopper_pearson():
+    found = share(11, 60)
+    assert found.lower == pytest.approx(stats.beta.ppf(0.025, 11, 50))
+    assert found.upper == pytest.approx(stats.beta.ppf(0.975, 12, 49))
+    assert share(0, 60).upper == pytest.approx(1 - 0.025 ** (1 / 60))
+
+
+@pytest.mark.parametrize(
+    ("interval", "verdict"),
+    [
+        ((1.1, 1.0, 1.2), Verdict.REPRODUCED),
+        ((2.0, 1.6, 2.4), Verdict.NOT_REPRODUCED),
+        ((1.4, 1.2, 1.6), Verdict.UNDECIDED),
+        ((np.nan, np.nan, np.nan), Verdict.UNDECIDED),
+    ],
+)
+def test_verdict_asks_for_the_whole_interval(interval, verdict):
+    assert Evidence("", Interval(*interval), (0.9, 1.5), np.nan, 10).verdict is verdict
+
+
+def test_one_number_against_a_claim_refutes_it_and_one_open_number_leaves_it_open():
+    def evidence(lower, upper):
+        return Evidence("", Interval((lower + upper) / 2, lower, upper), (0.0, 1.0), np.nan, 10)
+
+    inside, across, outside = evidence(0.2, 0.8), evidence(0.8, 1.2), evidence(1.2, 1.4)
+    assert judge([inside, inside]) is Verdict.REPRODUCED
+    assert judge([inside, across]) is Verdict.UNDECIDED
+    assert judge([inside, across, outside]) is Verdict.NOT_REPRODUCED
+    assert judge([]) is Verdict.UNDECIDED
+
+
+def test_findings_follow_the_errors(campaign):
+    """All estimators alike and nothing matters: what says so is reproduced, what says otherwise is not."""
+    found = findings(campaign())
+    assert len(found) == len(CLAIMS)
+    assert verdict_on(found, "EKF and UKF differ") is Verdict.REPRODUCED
+    assert verdict_on(found, "The mass hardly") is Verdict.REPRODUCED
+    assert verdict_on(found, "A trailer mass other") is Verdict.NOT_REPRODUCED
+    assert verdict_on(found, "Ten-fold") is Verdict.NOT_REPRODUCED
+    assert verdict_on(found, "Trailer tyres within") is Verdict.NOT_REPRODUCED
+    assert verdict_on(found, "A step of the network") is Verdict.REPRODUCED
+    assert verdict_on(found, "With the centre of gravity 2 m") is Verdict.UNDECIDED  # 0 of 24 excludes up to 14 %
+
+    growth = {("mass", "8 t", FORCE): 3.0, ("mass", "32 t", FORCE): 2.0, ("friction", "0.5", FORCE): 4.0}
+    growth |= {("tyre", "±10 %", FORCE): 1.05, ("tyre", "±20 %", FORCE): 1.24, ("tyre", "±30 %", FORCE): 1.5}
+    growth |= {("friction", "0.5", "articulation_angle"): 2.0}
+    found = findings(campaign(growth, lost=("cog", "-2 m", 1)))
+    assert verdict_on(found, "A trailer mass other") is Verdict.REPRODUCED
+    assert verdict_on(found, "On a road of friction 0.5") is Verdict.REPRODUCED
+    assert verdict_on(found, "Friction hardly") is Verdict.NOT_REPRODUCED
+    cog = next(f for f in found if f.claim.text.startswith("With the centre of gravity 2 m"))
+    assert [e.value.value for e in cog.evidence] == [0.25] * 3
+
+
+def test_missing_and_unfinished_studies_are_named(campaign, tmp_path: Path):
+    with pytest.raises(UserError, match=r"no finished study ideal.*make study-ideal"):
+        Results(tmp_path)
+    campaign()
+    write(tmp_path / "mass", {"level": design(status=lambda fates: fates.fill(-1))})
+    with pytest.raises(UserError, match=r"mass: \d+ runs are still to come.*make study-mass"):
+        _ = Results(tmp_path).stores
+
+
+def test_a_study_without_the_level_compared_is_named(campaign, tmp_path: Path):
+    campaign()
+    write(tmp_path / "mass", {"level": design(estimators=EVERYONE, levels=(12.0, 24.0))})
+    with pytest.raises(UserError, match="study 'mass' has no level '8 t'"):
+        findings(Results(tmp_path))
+
+
+def test_answer_is_that_of_the_joint_study(campaign):
+    results = campaign()
+    told = " ".join(str(vars(block)) for block in answer(results, findings(results)))
+    assert "Over the whole box of perturbations EKF and UKF estimate the lateral force axle 21 best" in told
+    box = Joint(results).borne[1, 0].box
+    assert 0.5 <= box < 1.0  # at half the way to the heavy edge the error is 2 deg
+    assert f"stays below 2.00° on every drive while all factors together stay within {100 * box:.0f} %" in told
+    assert re.search(r"articulation angle is driven by trailer mass \(total index 0\.[78]\d\) and friction \(", told)
+    lost = int((results.stores["joint"].designs[0].status[:, 1] == 1).sum())
+    assert f"EKF in 0 (0 % to 0.29 %) and UKF in {lost} (" in told
+
+
+def test_report_is_written(campaign, tmp_path: Path):
+    campaign()
+    html, pdf = write_campaign(tmp_path, tmp_path / "campaign")
+    text = html.read_text(encoding="utf-8")
+    for words in (
+        "How often does it fail?",
+        "Bild 5.13 (tyre). ",
+        "Bild 6.9 (computing time). ",
+        "EKF and UKF differ only marginally.",
+        "How it was made",
+    ):
+        assert words in text
+    assert pdf.read_bytes().startswith(b"%PDF")

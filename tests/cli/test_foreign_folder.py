@@ -1,0 +1,39 @@
+"""The harness at work in a folder with other people's ``models.py`` and ``tests.py``."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.probe_study import STUDY
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def harness(tmp_path):
+    """Run ``python -m harness`` in a folder whose modules must not be touched; return what it prints."""
+    for name in ("models", "tests", "support", "bench"):
+        (tmp_path / f"{name}.py").write_text(f"raise SystemExit('the {name}.py of the user was imported')\n")
+
+    def run(*arguments):
+        command = [sys.executable, "-m", "harness", *map(str, arguments)]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run
+
+
+def test_one_drive_is_simulated(harness, tmp_path):
+    harness("simulate", "semitrailer", "--drive", "sine", "--option", "speed=12", "--out", "drive.csv")
+    assert (tmp_path / "drive.csv").read_text().startswith("time")
+
+
+def test_a_study_is_run_with_its_report(harness, tmp_path):
+    (tmp_path / "probe.toml").write_text(STUDY)
+    assert "report.html" in harness("run", "probe.toml", "--jobs", 1)
+    assert (tmp_path / "results" / "probe" / "report.html").is_file()

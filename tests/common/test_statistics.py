@@ -1,0 +1,180 @@
+"""Known answers for the statistics of the report."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from harness.common import statistics
+
+
+def test_median_interval_of_a_sample_that_cannot_vary():
+    assert statistics.median_interval([4.0, 4.0, 4.0]) == (4.0, 4.0, 4.0)
+    assert statistics.median_interval([7.5]) == (7.5, 7.5, 7.5)
+    assert np.isnan(statistics.median_interval([np.nan, np.nan])).all()
+
+
+def test_median_interval_is_reproducible_and_depends_on_the_seed():
+    values = np.random.default_rng(3).normal(size=400)
+    first = statistics.median_interval(values, seed=0)
+    assert first == statistics.median_interval(values, seed=0)
+    assert first != statistics.median_interval(values, seed=1)
+    assert first.lower < first.value < first.upper
+    assert first.value == np.median(values)
+
+
+def test_median_interval_agrees_with_scipy():
+    values = np.random.default_rng(5).exponential(size=60)
+    ours = statistics.median_interval(values, resamples=9999)
+    theirs = stats.bootstrap((values,), np.median, method="percentile", rng=np.random.default_rng(0))
+    low, high = theirs.confidence_interval
+    assert ours.lower == pytest.approx(low, abs=0.03)
+    assert ours.upper == pytest.approx(high, abs=0.03)
+
+
+@pytest.mark.parametrize("size", [21, 60])
+def test_median_interval_covers_the_true_median_of_normal_samples(size):
+    rng = np.random.default_rng(size)
+    trials = 400
+    hits = 0
+    for _ in range(trials):
+        _, lower, upper = statistics.median_interval(rng.normal(3.0, 2.0, size), resamples=500)
+        hits += lower <= 3.0 <= upper
+    # 0.95 nominal; three standard deviations of a share of 400 trials are 0.033
+    assert 0.91 <= hits / trials <= 0.985
+
+
+def test_stratified_interval_covers_where_the_drives_differ():
+    """Five drives with their own level: the interval holds for the same drives with new noise."""
+    rng = np.random.default_rng(11)
+    centres = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    strata = np.repeat(np.arange(5), 15)
+    truth = 3.0  # the mixture is symmetric about the middle drive
+    hits, stratified, pooled = 0, [], []
+    for _ in range(300):
+        values = centres[strata] + rng.normal(0.0, 0.3, strata.size)
+        _, lower, upper = statistics.median_interval(values, strata, resamples=500)
+        hits += lower <= truth <= upper
+        stratified.append(upper - lower)
+        interval = statistics.median_interval(values, resamples=500)
+        pooled.append(interval.upper - interval.lower)
+    assert 0.90 <= hits / 300 <= 0.99
+    assert np.mean(stratified) < 0.7 * np.mean(pooled)
+
+
+def test_single_run_per_drive_is_resampled_as_one():
+    values = [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert statistics.median_interval(values, [0, 1, 2, 3, 4]) == statistics.median_interval(values)
+
+
+def test_strata_of_another_length_are_refused():
+    with pytest.raises(ValueError, match="one per value"):
+        statistics.median_interval([1.0, 2.0], [0])
+
+
+def test_summary_against_closed_form():
+    """The quantiles of 0..100 are the percentages themselves."""
+    values = np.random.default_rng(0).permutation(101).astype(float)
+    summary = statistics.summarise(np.append(values, np.nan))
+    assert (summary.n, summary.median.value) == (101, 50.0)
+    assert (summary.lower_quartile, summary.upper_quartile) == (25.0, 75.0)
+    assert (summary.minimum, summary.maximum) == (0.0, 100.0)
+    assert statistics.summarise([]).n == 0
+    assert np.isnan(statistics.summarise([]).maximum)
+
+
+def test_paired_differences_by_hand():
+    first = np.array([1.0, 2.0, 3.0, 4.0, np.nan])
+    second = np.array([0.5, 1.0, 4.0, 2.0, 1.0])  # differences -0.5, -1, +1, -2
+    result = statistics.compare(first, second)
+    assert result.n == 4
+    assert result.difference.value == -0.75
+    assert result.wins == 0.75
+    # ranks of |d|: 1, 2.5, 2.5, 4; the positive one has rank 2.5
+    assert result.p_value == pytest.approx(stats.wilcoxon([-0.5, -1.0, 1.0, -2.0]).pvalue)
+
+
+def test_paired_differences_find_a_small_but_steady_gain():
+    rng = np.random.default_rng(2)
+    drives = np.repeat(np.arange(6), 20)
+    first = 10.0 * drives + rng.normal(size=120)
+    second = first - 0.2 + 0.1 * rng.normal(size=120)
+    result = statistics.compare(first, second, drives)
+    assert result.difference.lower < -0.2 < result.difference.upper < 0.0
+    assert result.p_value < 1e-6
+
+
+def test_wilcoxon_exact_value():
+    """Six differences of one sign: 2 of the 2**6 sign patterns are as extreme."""
+    result = statistics.compare(np.zeros(6), -np.arange(1.0, 7.0))
+    assert result.p_value == pytest.approx(2 / 2**6)
+
+
+def test_equal_estimators_show_no_difference():
+    result = statistics.compare(np.ones(10), np.ones(10))
+    assert result.p_value == 1.0
+    assert result.difference == (0.0, 0.0, 0.0)
+    assert statistics.compare([np.nan], [1.0]).n == 0
+
+
+def test_holm_worked_by_hand():
+    """0.01 * 4, max(0.04, 0.02 * 3), max(0.06, 0.03 * 2), max(0.06, 0.04 * 1), given in another order."""
+    np.testing.assert_allclose(statistics.holm([0.04, 0.01, 0.03, 0.02]), [0.06, 0.04, 0.06, 0.06])
+    np.testing.assert_allclose(statistics.holm([0.6, 0.7]), [1.0, 1.0])
+    np.testing.assert_allclose(statistics.holm([0.01, np.nan, 0.5]), [0.02, np.nan, 0.5])
+    assert statistics.holm([]).size == 0
+
+
+def test_average_bounds_against_scipy_and_monte_carlo():
+    lower, upper = statistics.average_bounds(11, 50)
+    assert lower == pytest.approx(stats.chi2.ppf(0.025, 550) / 50)
+    assert upper == pytest.approx(stats.chi2.ppf(0.975, 550) / 50)
+    averages = np.random.default_rng(1).chisquare(11, (20000, 50)).mean(axis=1)
+    assert np.mean((lower <= averages) & (averages <= upper)) == pytest.approx(0.95, abs=0.005)
+    assert np.isnan(statistics.average_bounds(11, 0)).all()
+
+
+def test_nees_bounds_hold_for_correlated_errors():
+    """Averages over time of correlated errors stay inside the bounds at least as often as promised."""
+    rng = np.random.default_rng(4)
+    runs, steps, dimension, trials = 20, 40, 3, 400
+    noise = rng.normal(size=(steps, trials, runs, dimension))
+    error = noise[0]
+    nees = np.sum(error**2, axis=-1)
+    for k in range(1, steps):
+        error = 0.95 * error + np.sqrt(1 - 0.95**2) * noise[k]
+        nees += np.sum(error**2, axis=-1)
+    averages = (nees / steps).mean(axis=1)
+    lower, upper = statistics.average_bounds(dimension, runs)
+    assert np.mean((lower <= averages) & (averages <= upper)) > 0.95
+
+
+def test_a_ratio_of_medians_is_exact_where_every_run_shrinks_alike():
+    rng = np.random.default_rng(0)
+    first = rng.lognormal(size=(40, 7))
+    value, lower, upper = statistics.median_ratio(first, 0.25 * first, np.repeat([0, 1], 20))
+    assert (value, lower, upper) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_a_ratio_of_medians_counts_only_what_both_have():
+    first = np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])
+    second = np.array([[2.0, np.nan], [6.0, 1.0], [10.0, np.inf]])
+    assert statistics.median_ratio(first, second).value == pytest.approx(2.0)
+    assert np.isnan(statistics.median_ratio(first, np.full((3, 2), np.nan)).value)
+
+
+def test_levels_that_share_their_noise_do_not_narrow_the_interval_of_a_ratio():
+    rng = np.random.default_rng(1)
+    first, second = rng.lognormal(size=(2, 30, 1))
+    alone = statistics.median_ratio(first, second, seed=3)
+    repeated = statistics.median_ratio(np.repeat(first, 9, axis=1), np.repeat(second, 9, axis=1), seed=3)
+    assert repeated == pytest.approx(alone)
+
+
+def test_the_interval_of_a_ratio_covers_the_true_one():
+    rng, hits = np.random.default_rng(2), 0
+    for k in range(200):
+        common = rng.lognormal(sigma=0.5, size=(60, 1))
+        first, second = common * rng.lognormal(sigma=0.2, size=(2, 60, 1))
+        found = statistics.median_ratio(first, 0.5 * second, resamples=400, seed=k)
+        hits += found.lower <= 0.5 <= found.upper
+    assert 184 <= hits <= 199  # 95 % of 200; a percentile interval of a median is a little wide

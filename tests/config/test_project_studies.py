@@ -1,0 +1,96 @@
+"""The studies of the project load, and schema and documentation describe what a study may hold."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from harness.common import registry
+from harness.config import build_study, load_study, study_schema, write_schema
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "studies").glob("*.toml")), ids=lambda p: p.stem)
+def test_studies_of_the_project_load(path):
+    study = load_study(path)
+    assert study.name == path.stem
+    assert study.title.endswith("?")
+    built = build_study(tomllib.loads(study.text), path)
+    assert (built.hash, built.plant, built.designs) == (study.hash, study.plant, study.designs)
+    assert build_study(tomllib.loads(built.text), path).hash == study.hash
+
+
+def test_mass_study_is_that_of_the_thesis():
+    study = load_study(ROOT / "studies" / "mass.toml")
+    level, band = study.designs
+    assert level.factors[0].levels == tuple(1000.0 * m for m in (8, 12, 16, 20, 24, 28, 32))
+    assert level.repeats == 20
+    assert len(study.drives) == 6
+    assert study.belief.values["trailer_mass"] == 24000.0
+    assert band.factors[0].lower == pytest.approx([0.95 * m for m in level.factors[0].levels])
+    assert {e.kind for e in study.estimators} == set(registry.names("harness.estimation.methods"))
+
+
+def test_schema_describes_every_key_and_is_valid_json(tmp_path):
+    schema = json.loads(write_schema(tmp_path / "study.schema.json").read_text())
+    assert schema == study_schema()
+    assert set(schema["required"]) == {"name", "targets", "plant", "estimator", "design"}
+    for table in [schema, *schema["$defs"].values()]:
+        for key, entry in table["properties"].items():
+            assert "description" in entry, key
+
+
+def test_study_copied_elsewhere_has_the_same_hash(tmp_path):
+    shutil.copytree(ROOT / "studies", tmp_path / "studies")
+    assert load_study(tmp_path / "studies" / "mass.toml").hash == load_study(ROOT / "studies" / "mass.toml").hash
+
+
+def _documented(heading: str) -> set[str]:
+    """Return the keys in the table of docs/studies.md under a heading."""
+    section = (ROOT / "docs" / "studies.md").read_text().split(f"\n### {heading}\n")[1].split("\n#")[0]
+    rows = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
+    return {key.strip(" `") for row in rows for key in row.split(",")}
+
+
+@pytest.mark.parametrize(
+    ("heading", "table"),
+    [
+        ("Top level", None),
+        ("`[plant]` and `[belief]`", "ModelTable"),
+        ("`[[design]]`", "DesignTable"),
+        ("`[[design.factor]]`", "FactorTable"),
+        ("`[report]`", "ReportTable"),
+        ("`[history]` or `[[history]]`", "HistoryTable"),
+    ],
+)
+def test_documentation_has_every_key_and_no_other(heading, table):
+    schema = study_schema()
+    keys = set(schema["properties"] if table is None else schema["$defs"][table]["properties"])
+    if table == "ModelTable":
+        noise = schema["$defs"]["NoiseTable"]["properties"]
+        keys = keys - {"values", "noise"} | {"values.<parameter>"}
+        keys |= {f"noise.{k}{'' if 'scale' in k else {'process': '.<state>'}.get(k, '.<output>')}" for k in noise}
+    documented = {key.strip("[]") for key in _documented(heading)}
+    assert documented == keys
+
+
+def test_ten_line_study_of_the_documentation_loads(tmp_path):
+    text = (ROOT / "docs" / "studies.md").read_text()
+    blocks = [b.split("```")[0] for b in text.split("```toml\n")[1:]]
+    study, tyre, joint = blocks
+    assert len(study.strip().splitlines()) == 10
+    shutil.copytree(ROOT / "studies" / "drives", tmp_path / "drives")
+    path = tmp_path / "friction.toml"
+    limits, design = joint.split("\n\n", 1)
+    path.write_text(study.replace("drives =", f"{limits}\ndrives =") + tyre + design)
+    loaded = load_study(path)
+    assert [d.name for d in loaded.designs] == ["level", "tyre", "joint"]
+    assert loaded.limits == {"lateral_force_axle_21": 5000.0}
+    assert loaded.design("tyre").band_labels == ("±10 %", "±20 %", "±30 %")
+    runs = [d.bands * d.samples * d.repeats * len(loaded.drives) for d in loaded.designs]
+    assert runs == [120, 3 * 32 * 5 * 6, 256 * 4 * 6]

@@ -1,0 +1,272 @@
+"""What a round of a trace fits and adds, and what the verdict makes of it, on hypotheses that are laid down."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.report.summary import _certainty, scaled
+from harness.diagnosis.result.answer import gap
+from harness.diagnosis.result.verdict import verdict_of
+from harness.diagnosis.selection.acceptance import (
+    Candidate,
+    Round,
+    decide,
+    is_hopeful,
+    lookalikes,
+    preferred,
+    with_further,
+    with_sensor,
+)
+from harness.diagnosis.selection.forward_selection import _Search
+from harness.diagnosis.selection.selection_round import Attempt
+from harness.diagnosis.selection.validation import Judgement, leaves_nothing
+
+
+def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
+    def candidate(name, excess):
+        hypothesis = SimpleNamespace(name=name)
+        return SimpleNamespace(hypothesis=hypothesis, held_out=SimpleNamespace(excess=excess))
+
+    many, length, mass = candidate(ALL_PARAMETERS, 0.28), candidate("trailer_length", 0.14), candidate("mass", 0.5)
+    assert preferred([many, mass, length]) is length
+    assert preferred([many, mass]) is many
+    assert preferred([mass, many, length]) is mass
+    assert preferred([]) is None
+
+
+def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
+    def score(name, *response):
+        return SimpleNamespace(hypothesis=SimpleNamespace(name=name), response=(np.array(response),), excited=True)
+
+    def winner(excess):
+        held_out = SimpleNamespace(excess=excess, log_likelihood=10.0)
+        return SimpleNamespace(score=length, hypothesis=length.hypothesis, held_out=held_out, bic=2800.0)
+
+    length, inertia, mass = score("length", 1.0, 0.0), score("inertia", -1.0, 0.02), score("mass", 1.0, 1.0)
+    many, calm = score(ALL_PARAMETERS, 1.0, 0.0), score("calm", 1.0, 0.0)
+    calm.excited = False
+    promised = [length, mass, many, inertia, calm]
+    before = SimpleNamespace(excess=10.0, log_likelihood=0.0)
+    assert lookalikes(winner(0.14), before, promised, [length.hypothesis]) == [inertia]
+    assert lookalikes(winner(0.14), before, promised, [length.hypothesis, inertia.hypothesis]) == []
+    assert lookalikes(winner(0.01), before, promised, [length.hypothesis]) == []  # nothing is left
+    assert lookalikes(winner(9.0), before, promised, [length.hypothesis]) == [inertia]  # a further one may help
+    assert lookalikes(winner(11.0), before, promised, [length.hypothesis]) == []  # it would not be added
+
+
+def test_coloured_innovations_are_no_amendment_whatever_was_named():
+    plain = SimpleNamespace(coordinates=())
+    last = SimpleNamespace(added=None, candidates=())
+    named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
+    nothing = SimpleNamespace(unnamed=None, wandering=None)
+    assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
+    without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
+    assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
+
+
+def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
+    def candidate(name, bic, excess, likelihood=5000.0):
+        held_out = SimpleNamespace(excess=excess, log_likelihood=likelihood)
+        score = SimpleNamespace(response=(np.ones(1),), excited=True)
+        return SimpleNamespace(
+            hypothesis=SimpleNamespace(name=name),
+            fitted=SimpleNamespace(coordinates=()),
+            bic=bic,
+            held_out=held_out,
+            score=score,
+        )
+
+    before = SimpleNamespace(excess=27.6, log_likelihood=1000.0)
+    many, delay = candidate(ALL_PARAMETERS, 17800.0, 23.5), candidate("steering_delay", 15400.0, 25.6)
+    found = decide((many, delay), before, room=2)
+    assert (found.added, found.hopeful) == (None, delay)
+    passing = candidate("payload_shift", 9700.0, 0.06, 6000.0)
+    with_it = with_further(found, decide((passing,), delay.held_out, room=1))
+    assert with_it.added is delay
+    assert with_it.reason == "meets all three criteria together with payload shift"
+    assert decide((many, delay), before, room=1).hopeful is None  # no room for a further one
+    assert decide((passing,), delay.held_out, room=0).added is None
+    for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
+        assert not is_hopeful(candidate(*other), before)
+
+
+def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_passes():
+    """Here 0.2 of the error of all is that of the second signal, and the rest has no name."""
+    before = Judgement(1000.0, np.zeros(2), np.array([17.0, 0.2]), (), None)
+
+    def candidate(name, output, bic, *excesses, likelihood=2000.0, response=(0.0, 1.0)):
+        score = SimpleNamespace(
+            hypothesis=Hypothesis(name, "effect", (name,), output=output), response=(np.array(response),), excited=True
+        )
+        return Candidate(score, SimpleNamespace(coordinates=()), bic, judged(likelihood, *excesses))
+
+    def judged(likelihood, *excesses):
+        return Judgement(likelihood, np.zeros(2), np.array(excesses), (), None)
+
+    def added(*candidates):
+        found = decide(candidates, before, room=1)
+        assert found.added is None
+        return with_sensor(found)
+
+    other = candidate("yaw_moment_control", None, 7000.0, 14.0, 0.2, response=(1.0, 0.0))
+    roll, gain = candidate("accelerometer_roll", 1, 2900.0, 16.9, 0.09), candidate("gain", 1, 2400.0, 17.0, 0.1)
+    found = added(other, roll, gain)
+    assert found.added is roll
+    assert found.confusable == ("accelerometer_roll", "gain")
+    assert added(other).added is None
+    for nothing in (
+        candidate("roll", 1, 2900.0, 16.9, 0.11),  # less than half of it
+        candidate("roll", 1, 40.0, 16.9, 0.09),
+        candidate("roll", 1, 2900.0, 16.9, 0.09, likelihood=900.0),
+        candidate("roll", 1, 2900.0, 17.2, 0.0),  # at the cost of the other signal
+        candidate("offset", None, 2900.0, 16.9, 0.09),  # acts on more than one
+    ):
+        assert added(other, nothing).added is None
+
+
+def round_of(excesses, worth, fitted, before):
+    """Return a round in which some hypotheses are worth a fit and some were fitted, with what they leave."""
+
+    def judged(excess):
+        return Judgement(-excess, np.zeros(1), np.array([excess]), (), None)
+
+    trials = SimpleNamespace(judge=lambda added, point: judged(before))
+    attempt = Attempt(trials, (), [SimpleNamespace(point=None)], 1)
+    attempt.promised = attempt.worth = list(worth)
+    attempt.fits = {s.hypothesis: f"fit of {s.hypothesis.name}" for s in fitted}
+    attempt.fit = lambda s: attempt.fits.update({s.hypothesis: f"fit of {s.hypothesis.name}"})
+    attempt.judged = lambda s: SimpleNamespace(
+        hypothesis=s.hypothesis, bic=1e4, held_out=judged(excesses[s.hypothesis.name])
+    )
+    return attempt
+
+
+def test_many_parameters_are_not_fitted_where_something_alone_leaves_nothing():
+    excesses = {"roll_steer": 30.0, "steering_lag": 1.9, "gain": 2.1}
+    steer, lag, gain = worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
+
+    def settled(*fitted):
+        return round_of(excesses, worth, fitted, before=200.0).settled()
+
+    assert settled(steer, lag)  # a hundredth of the error
+    assert not settled(steer, gain)  # a little more than that
+    assert not settled()
+
+
+def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
+    """Of three signals the last one is as it should be; promises are in units of BIC, 50 of which are needed."""
+    gains = {"roll": (1, 900.0), "gain": (1, 800.0), "bias": (2, 700.0), "lag": (None, 600.0), "delay": (0, 40.0)}
+    scores = [
+        SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,), output=output), gain=gain, freedom=1.0)
+        for n, (output, gain) in gains.items()
+    ]
+    before = Judgement(0.0, np.zeros(3), np.array([17.0, 0.2, 0.01]), (), None)
+    trials = SimpleNamespace(judge=lambda added, point: before, bic=lambda gain, freedom: gain)
+
+    def fitted(room):
+        attempt = Attempt(trials, (), [SimpleNamespace(point=None)], 1)
+        attempt.promised, tried = scores, []
+        attempt.fit = lambda s: tried.append(s.hypothesis.name)
+        assert attempt.decided_by_sensor(room).added is None  # nothing was fitted indeed
+        return tried
+
+    assert fitted(room=1) == ["roll"]
+    assert fitted(room=0) == []
+
+
+def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
+    excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 250.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
+    worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
+    many, steer, inertia, lag, delay = worth
+
+    def spared(*fitted):
+        attempt = round_of(excesses, worth, fitted, before=233.0)
+        attempt.fit_spared()
+        return [h.name for h in attempt.fits][len(fitted) :]
+
+    assert spared(steer, many) == ["inertia", "steering_lag"]  # until one passes
+    assert spared(steer, lag) == []  # one does
+    assert spared(steer, delay) == []  # one is hopeful
+    assert spared(many, steer, inertia, lag, delay) == []
+
+
+def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
+    gain, mass, inertia, cog, many = (
+        Hypothesis(n, k, (n,))
+        for n, k in (("gain", "effect"), *((p, "parameter") for p in ("mass", "inertia", "cog", ALL_PARAMETERS)))
+    )
+
+    def found(added, *others):
+        candidates = tuple(SimpleNamespace(hypothesis=h) for h in (added, *others))
+        return Round(candidates, None, candidates[0], "", tuple(h.name for h in (added, *others)))
+
+    rounds = [found(gain, mass, cog), found(mass, many, inertia), Round((), None, None, "", ())]
+    lost = {inertia: 30.0, cog: -10.0}
+
+    def without(added, rest, best):
+        return rest, lost[rest[-1]]
+
+    search = _Search(SimpleNamespace(say=lambda _: None, without=without), 5)
+    instead = search._parameters_instead
+    assert instead((gain, mass), "best", rounds) == ((mass, inertia), (mass, inertia))  # the drives tell cog from mass
+    lost[inertia] = 70.0
+    assert instead((gain, mass), "best", rounds) == ((gain, mass), "best")
+    assert instead((mass, gain), "best", rounds) == ((mass, gain), "best")  # it was not the first to be taken
+
+
+def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
+    gain, inertia = Hypothesis("sensor_gain", "effect", ("gain",)), Hypothesis("inertia", "parameter", ("inertia",))
+    held_out = SimpleNamespace(log_likelihood=30.0)
+    added = SimpleNamespace(hypothesis=gain, held_out=held_out, bic=900.0)
+    round_ = SimpleNamespace(added=added, before=SimpleNamespace(log_likelihood=10.0), confusable=("sensor_gain",))
+
+    def certainty(*kept):
+        dropped = tuple(h for h in (gain,) if h not in kept)
+        trace = SimpleNamespace(rounds=(round_,), added=kept, dropped=dropped)
+        return _certainty(SimpleNamespace(trace=trace, where=SimpleNamespace(wandering=None)))
+
+    assert [line.split(":")[0] for line in certainty(gain)] == ["sensor gain"]
+    (line,) = certainty(inertia)
+    assert line.startswith("inertia: explains as much as sensor gain, to 50 units of BIC")
+
+
+def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
+    failed = SimpleNamespace(added=None, candidates=(SimpleNamespace(fitted=object(), bic=78.0),))
+    plain = SimpleNamespace(coordinates=())
+    found = SimpleNamespace(unnamed=None, wandering=None)
+
+    def named(before, after):
+        judged = [SimpleNamespace(excess=excess) for excess in (before, after)]
+        return SimpleNamespace(
+            effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1], final=plain
+        )
+
+    assert verdict_of(named(177.0, 0.06), found, False) == "amended"
+    assert verdict_of(named(4.0, 0.06), found, False) == "unresolved"
+    assert verdict_of(named(4.0, 0.05), found, False) == "amended"  # within the noise of the sensors
+
+
+def test_the_answer_tells_what_becomes_of_the_error():
+    def said(before, after):
+        excesses = (np.array([before]), np.array([after]))
+        return gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in excesses))
+
+    assert said(4.0, 1.0) == " The simulation error on the held-out drives, beyond the sensor noise, falls by 50 %."
+    assert said(4.0, 4.0) == said(0.0, 0.0) == " The simulation error on the held-out drives does not fall."
+    assert said(np.inf, 4.0).endswith("leaves the model's range; that of the final model stays within it.")
+    assert said(np.inf, np.inf).endswith("; that of the final model does so too.")
+
+
+def test_a_model_that_left_its_range_makes_nothing_little():
+    def judged(excess):
+        return Judgement(0.0, np.zeros(1), np.array([excess]), (), None)
+
+    assert leaves_nothing(judged(0.9), judged(100.0))
+    assert not leaves_nothing(judged(0.9), judged(np.inf))
+    assert leaves_nothing(judged(0.04), judged(np.inf))
+
+
+def test_frequencies_are_shown_in_hertz_and_rates_in_degrees():
+    assert scaled("roll_frequency", 2 * np.pi, "rad/s") == (1.0, "Hz")
+    assert scaled("sensor_bias_yaw_rate", np.pi, "rad/s") == (180.0, "°/s")

@@ -1,0 +1,179 @@
+"""What follows the search of a trace: the verdict is written, whatever fails thereafter."""
+
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from harness.common.failures import FILE, Failures
+from harness.common.files import json_text
+from harness.config import resolve_single
+from harness.diagnosis import run
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.report import figures
+from harness.diagnosis.report.report import document
+from harness.diagnosis.report.summary import _rounds
+from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
+from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
+from harness.diagnosis.residuals.random_process import _left
+from harness.diagnosis.residuals.unmodelled import find_unnamed
+from harness.diagnosis.result.answer import gap
+from harness.diagnosis.result.outcome import outcome_of
+from harness.diagnosis.result.record import write_outcome
+from harness.diagnosis.selection.acceptance import Round
+from harness.diagnosis.selection.forward_selection import Trace, first_variances
+from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.reporting.document import write
+from support.driven_car import CAR, FREE, SIGNALS, driven, fitted
+from support.report_parts import Page
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+
+
+@pytest.fixture(scope="module")
+def trace(whole):
+    """A trace that found nothing in a car that turns too little in a gust."""
+    values = {"crosswind_force": 400.0, "crosswind_onset": 10.0, "crosswind_end": 20.0}
+    train, test = (
+        whole.drive(driven(seed, ["crosswind"], duration=25.0, **values), f"drive_$x_{{$ {seed}") for seed in (90, 91)
+    )
+    fitting, fit = fitted(whole, [train])
+    held_out = HeldOut(whole, [test], first_variances(whole, [train, test]))
+    judged = held_out.judge((), fit.point)
+    last = Round((), judged, None, "nothing promises enough to be fitted", ())
+    return Trace(fitting, held_out, FREE, fit, fit, (), (last,), (), judged, judged)
+
+
+def broken(*_, **__):
+    raise ZeroDivisionError("no effect is left")
+
+
+@pytest.fixture(scope="module")
+def outcome(trace):
+    return outcome_of(trace)
+
+
+def reported(outcome, folder):
+    """Return text of the report of a trace that was judged, and its record, both written."""
+    write_outcome(outcome, folder)
+    record = json.loads((folder / "trace.json").read_text())
+    files = write(document(outcome, "harness trace"), folder, failures=outcome.failures)
+    assert files[1].stat().st_size > 10_000
+    return Page(files[0].read_text(encoding="utf-8")).text, record
+
+
+def test_a_trace_that_found_nothing_has_a_report(outcome, tmp_path):
+    text, record = reported(dataclasses.replace(outcome, failures=Failures(tmp_path)), tmp_path)
+    assert record["verdict"] == "unresolved"
+    assert record["not_made"] == []
+    assert not (tmp_path / FILE).exists()
+    assert "drive_$x_{$ 91" in text
+
+
+LATER = {
+    "harness.diagnosis.result.outcome._errors": "the standard errors",
+    "harness.diagnosis.result.outcome._judged": "the tests of the innovations",
+    "harness.diagnosis.residuals.localisation.find_wandering": "the search for a random process",
+    "harness.diagnosis.residuals.localisation.find_unnamed": "the search for an unmodelled disturbance",
+    "harness.diagnosis.result.outcome.answer": "the answer in sentences",
+    "harness.diagnosis.result.record.pinpoint_record": "“pinpoint” of trace.json",
+}
+
+
+@pytest.mark.fails_in_part
+@pytest.mark.parametrize(
+    "places",
+    [LATER, {"harness.diagnosis.result.outcome.where": "the search for where something is missing"}],
+    ids=["each", "all"],
+)
+def test_what_fails_after_the_search_leaves_verdict_and_report(trace, tmp_path, monkeypatch, places):
+    for place in places:
+        monkeypatch.setattr(place, broken)
+    text, record = reported(outcome_of(trace, failures=Failures(tmp_path)), tmp_path)
+    assert record["verdict"] == "unresolved"
+    why = f"could not be made: ZeroDivisionError: no effect is left; the traceback is in {tmp_path / FILE}."
+    assert record["not_made"] == [f"{part} {why}" for part in places.values()]
+    assert all(sentence in text for sentence in record["not_made"])
+    assert (tmp_path / FILE).read_text().count("Traceback") == len(places)
+
+
+SECTIONS = {
+    "harness.diagnosis.report.summary._rounds": "How did the search go?",
+    "harness.diagnosis.report.vehicle_picture.plan_of": "Where on the vehicle?",
+    "harness.diagnosis.report.report.fit_figures.periodograms": "The figure “Cumulative share of power",
+    "harness.diagnosis.report.residual_sections.consistency": "What do the innovations depend on?",
+    "harness.diagnosis.report.report.fit_figures.over_time": "The figure “Outputs over time",
+}
+
+
+@pytest.mark.fails_in_part
+def test_what_fails_in_the_report_leaves_the_rest_of_it(outcome, tmp_path, monkeypatch):
+    for place in SECTIONS:
+        monkeypatch.setattr(place, broken)
+    text, record = reported(dataclasses.replace(outcome, failures=Failures(tmp_path)), tmp_path)
+    assert record["verdict"] == "unresolved"
+    assert all(said in text for said in SECTIONS.values())
+    assert text.count("could not be made: ZeroDivisionError") == len(SECTIONS)
+    assert "How was it made?" in text
+
+
+@pytest.mark.fails_in_part
+def test_an_estimator_that_fails_leaves_the_others(outcome, tmp_path, monkeypatch):
+    outcome = dataclasses.replace(outcome, failures=Failures(tmp_path))
+    monkeypatch.setattr(run, "estimators_on", lambda *a: broken() if a[3] == ("ukf",) else a[3])
+    task = SimpleNamespace(test=[])
+    assert [run._estimated(task, outcome, kind, print) for kind in ("ekf", "ukf")] == [("ekf",), ()]
+    assert outcome.failures.sentences[0].startswith("the estimates of ukf could not be made")
+
+
+def test_where_the_filter_leaves_the_range_no_curve_is_sought(trace):
+    """Its states are NaN from there, which no spline has a value for."""
+    pinpoint = Pinpoint(trace.fitting, trace.final.point)
+    lost = dataclasses.replace(trace.after.point, values=np.full_like(trace.after.point.values, np.nan))
+    before = dataclasses.replace(trace.after, point=lost)
+    assert find_unnamed(trace.fitting, trace.held_out, trace.final, before, pinpoint) is None
+
+
+def test_what_was_dropped_and_left_no_stand_in_is_told():
+    kept, dropped = (Hypothesis(n, "effect", (n,)) for n in ("steering_lag", "roll_steer"))
+
+    def told(*added):
+        rounds = [SimpleNamespace(added=SimpleNamespace(hypothesis=h), reason="passes") for h in (dropped, kept)]
+        return _rounds(SimpleNamespace(trace=SimpleNamespace(rounds=rounds, dropped=(dropped,), added=added)))[-1]
+
+    assert told(kept) == told() == "Later additions made roll steer redundant."
+    mass = Hypothesis("mass", "parameter", ("mass",))
+    assert told(kept, mass) == "A wrong mass explains as much as roll steer, and takes its place."
+
+
+def test_an_infinite_gain_is_drawn_to_the_edge():
+    hypothesis = Hypothesis("mass", "parameter", ("mass",))
+    tried = tuple(SimpleNamespace(hypothesis=hypothesis, fitted=object(), bic=b) for b in (np.inf, 80.0, -np.inf))
+    assert figures.ranking(SimpleNamespace(candidates=tried), 1).startswith(b"<?xml")
+    assert figures.ranking(SimpleNamespace(candidates=tried[:1]), 1).startswith(b"<?xml")
+
+
+def test_an_error_that_is_not_known_does_not_fall():
+    judged = [Judgement(0.0, np.zeros(1), np.array([e]), (), None) for e in (np.nan, 2.0, np.inf)]
+    for before, after in ((0, 1), (1, 0), (1, 2)):
+        assert gap(judged[before], judged[after]) == " The simulation error on the held-out drives does not fall."
+
+
+def test_a_missing_output_and_a_short_drive_are_no_obstacle():
+    nothing = np.full((500, 2), np.nan)
+    assert np.isnan(consistency(0.01 * np.arange(500), nothing).inside)
+    short = np.random.default_rng(1).normal(size=(120, 2))  # shorter than the largest lag
+    found = cross_correlation([short, short], [short, short], 0.01)
+    assert np.isfinite(found.values).all()
+    assert _left(short[:, 0], nothing[:, 0]) == 0.0
+
+
+def test_what_is_not_finite_is_null():
+    content = {"a": np.float64("nan"), "b": [np.inf, np.int64(3)], "c": (np.bool_(True), None), "d": 0.1}
+    assert json.loads(json_text(content)) == {"a": None, "b": [None, 3], "c": [True, None], "d": 0.1}

@@ -1,0 +1,62 @@
+"""Which parameter is another one in new drives: known answers on drives of a car that was simulated."""
+
+import dataclasses
+import re
+from types import SimpleNamespace
+
+import pytest
+
+from harness.config import resolve_single
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.report.parameter_changes import answer, record
+from harness.diagnosis.selection.parameter_changes import Changes, single_changes
+from support.driven_car import CAR, SIGNALS, driven
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+
+
+def changes_of(whole, **values) -> Changes:
+    fitted, held_out = (whole.drive(driven(seed, duration=30.0, **values), f"drive {seed}") for seed in (60, 61))
+    return single_changes(whole, [fitted], [held_out], stated_noise=False)
+
+
+@pytest.fixture(scope="module")
+def geared(whole):
+    """A steering three times as slow: far beyond what a step from the stated value would find."""
+    return changes_of(whole, steering_ratio=3.0)
+
+
+def test_a_large_change_is_found_with_its_value(geared):
+    assert geared.found is not None
+    assert geared.found.parameter.name == "steering_ratio"
+    assert geared.found.stated == 1.0
+    assert geared.found.value == pytest.approx(3.0, abs=max(4 * geared.found.std, 0.003))
+    assert geared.found.held_out.excess < 0.05 < 10 < geared.before.excess
+
+
+def test_where_nothing_changed_nothing_is_found(whole):
+    changes = changes_of(whole)
+    assert changes.found is None
+    assert all(c.bic < 10 for c in changes.tried)
+
+
+def test_a_change_that_does_not_carry_over_is_none(geared):
+    worse = dataclasses.replace(geared.tried[0].held_out, excesses=0.9 * geared.before.excesses)
+    first = dataclasses.replace(geared.tried[0], held_out=worse)
+    assert dataclasses.replace(geared, tried=(first, *geared.tried[1:])).found is None
+
+
+def test_numbers_of_the_integration_are_not_tried(geared):
+    names = [c["name"] for c in record(geared)["tried"]]
+    assert "lowest_speed" not in names
+    assert {"mass", "yaw_inertia", "stiffness_peak_front"} <= set(names)
+    assert record(geared)["found"] == "steering_ratio"
+
+
+def test_the_answer_names_parameter_and_both_values(whole, geared):
+    said = answer(geared, SimpleNamespace(trace=SimpleNamespace(added=())), whole.spec)
+    assert re.match(r"Steering ratio changed from 1.00 to 3.0[01] ± 0.0\d+\. ", said)
+    assert "falls by " in said

@@ -1,0 +1,121 @@
+"""Loop files: spans of recordings, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.common.errors import UserError
+from harness.diagnosis.study_file import load_loop
+
+FILE = """
+title = "t"
+recordings = "rec"
+step = "10 ms"
+{more}
+[model]
+vehicle = "car"
+parameters = "blanco_2021"
+tyre = "linear"
+sensors = "car_navigation"
+[[train]]
+file = "a.csv"
+span = ["1 s", "31 s"]
+[[test]]
+file = "a.csv"
+span = ["{start} s", "61 s"]
+{last}
+"""
+LOOPS = sorted(Path("studies/loops").glob("*.toml"))
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Return a function that writes a loop file beside a recording of 70 s."""
+    (tmp_path / "rec").mkdir()
+    time = np.round(np.arange(0, 70, 0.01), 9)
+    names = ("steering_wheel_angle", "speed", "yaw_rate", "lateral_acceleration", "lateral_velocity")
+    table = pd.DataFrame({"time": time, **{n: np.sin(0.5 * time + i) + 20 for i, n in enumerate(names)}})
+    table.to_csv(tmp_path / "rec" / "a.csv", index=False)
+
+    def write(more="", start=31, last=""):
+        path = tmp_path / "loop.toml"
+        path.write_text(FILE.format(more=more, start=start, last=last))
+        return path
+
+    return write
+
+
+def test_spans_start_at_zero_and_keep_their_length(written):
+    drives = load_loop(written()).drives()
+    assert [float(d["time"][0]) for d in (*drives["train"], *drives["test"])] == [0.0, 0.0]
+    assert float(drives["train"][0]["time"][-1]) == pytest.approx(30.0)
+    whole = drives["test"][0]["speed"].to_numpy()
+    assert whole[0] == pytest.approx(np.sin(0.5 * 31 + 1) + 20, abs=1e-6)
+
+
+def test_the_step_is_that_of_the_file(written):
+    path = written()
+    path.write_text(path.read_text().replace('"10 ms"', '"20 ms"'))
+    assert len(load_loop(path).drives()["train"][0]["time"]) == 1501
+
+
+def test_a_model_is_integrated_finely_or_as_its_file_says(written):
+    path = written()
+    path.write_text(path.read_text().replace('"10 ms"', '"20 ms"'))
+    own = load_loop(path).nominal()
+    assert (own.integrator, own.step, own.substeps) == ("rk4", 0.02, 2)
+    path.write_text(path.read_text().replace("[model]", "[model]\nsubsteps = 4"))
+    stated = load_loop(path).nominal()
+    assert (stated.integrator, stated.step, stated.substeps) == ("rk4", 0.02, 4)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"start": 20}, r"test\[0\]\.span: overlaps train\[0\]"),
+        ({"start": 55}, r"test\[0\]\.span: 6\.0 s decide nothing"),
+        ({"start": 62}, r"test\[0\]\.span: 62 to 61 s; 'a\.csv' runs from 0 to 70\.0 s"),
+        ({"last": '[[test]]\nfile = "b.csv"'}, r"no recording 'b\.csv'.*a\.csv"),
+        ({"last": '[[exclude]]\neffect = "crosswnd"\nreason = "x"'}, r"exclude\[0\]\.effect.*crosswind"),
+        ({"last": '[[exclude]]\neffect = "crosswind"'}, r"exclude\[0\]\.reason"),
+        ({"more": "bank_map = true"}, r"bank_map: 'a\.csv' is fitted, so it teaches the road"),
+        ({"start": "31,5"}, r"test\[0\]\.span: '31,5 s' may mean '31\.5 s' or '315 s'"),
+        ({"more": "rounds = 0"}, r"rounds"),
+        ({"more": 'colour = "red"'}, r"colour"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_key(written, changed, said):
+    with pytest.raises(UserError, match=said):
+        load_loop(written(**changed)).drives()
+
+
+def test_without_the_folder_of_recordings_a_loop_is_skipped(written):
+    path = written()
+    (path.parent / "rec" / "a.csv").unlink()
+    (path.parent / "rec").rmdir()
+    result = CliRunner().invoke(app, ["loop", str(path), "--out", str(path.parent / "out")])
+    assert result.exit_code == 0
+    assert "skipped, there is no folder" in result.output
+    assert not (path.parent / "out").exists()
+
+
+def test_a_free_parameter_that_the_model_lacks_is_named(written):
+    result = CliRunner().invoke(app, ["loop", str(written(more='free = ["yaw_inertai"]'))])
+    assert result.exit_code == 2
+    assert "free[0]" in result.output
+    assert "yaw_inertia" in result.output
+
+
+@pytest.mark.parametrize("path", LOOPS, ids=lambda p: p.stem)
+def test_the_loop_files_of_the_project_are_valid(path):
+    study = load_loop(path)
+    if study.channels is not None:
+        assert study.channels.is_file()
+    if not study.folder.is_dir():
+        pytest.skip(f"there is no folder {study.folder}")
+    files = [s.file for s in (*study.raw.train, *study.raw.test)]
+    assert all((study.folder / f).exists() for f in files)

@@ -1,0 +1,98 @@
+"""A model whose effects may be absent gives the numbers of the plain one, and computes no more than it must."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from harness.engine.codegen import conditionals
+from harness.engine.codegen.derivatives import derive
+from harness.engine.codegen.printer import text
+from harness.engine.compile import compile_model
+from harness.engine.kernel_names import LANES
+from harness.models.assembly.assemble import assemble
+from harness.models.assembly.expressions import any_of, present
+
+EFFECTS = ("crosswind", "lateral_load_transfer", "liquid_slosh", "steering_lag")
+a, b, flag, other = sp.symbols("a b has_one has_other", real=True)
+s, t, g = sp.symbols("s t g", real=True)
+
+
+@pytest.fixture(scope="module")
+def models():
+    """Return the car's kernels with the effects always computed, and with effects that may be absent."""
+    built = [assemble("car", "linear", EFFECTS, "car_navigation", optional=o) for o in (False, True)]
+    return [compile_model(m, 0.01, "heun", jacobians=o) for m, o in zip(built, (True, False), strict=True)]
+
+
+def values(model, rng, amplitudes) -> np.ndarray:
+    """Return parameters within their bounds; amplitudes that are not listed are neutral."""
+    rows = []
+    for p in model.parameters:
+        low, high = max(p.lower, -10.0), min(p.upper, 10.0)
+        drawn = rng.uniform(low + 0.2 * (high - low), high - 0.2 * (high - low), LANES)
+        rows.append(drawn if p.neutral is None or p.name in amplitudes else np.full(LANES, p.neutral))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    "amplitudes", [(), ("crosswind_force",), ("slosh_share", "steering_lag"), ("crosswind_moment", "slosh_share")]
+)
+def test_same_numbers_with_and_without_branches(models, amplitudes) -> None:
+    rng = np.random.default_rng(3)
+    p = values(models[0].model, rng, amplitudes)
+    assert models[0].model.parameter_names == models[1].model.parameter_names
+    x, u = rng.normal(0.0, 0.1, (models[0].nx, LANES)), rng.uniform(1.0, 12.0, (models[0].nu, LANES))
+    found = []
+    for m in models:
+        ahead, y, work = np.empty_like(x), np.empty((m.ny, LANES)), np.empty((m.nw, LANES))
+        m.kernels.next_state(x, u, m.constants(p), ahead, work)
+        m.kernels.output(x, u, m.constants(p), y)
+        found.append((ahead, y))
+    own = [models[0].model.states.index(n) for n in models[0].model.states if not skipped(n, amplitudes)]
+    np.testing.assert_allclose(found[1][0][own], found[0][0][own], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(found[1][1], found[0][1], rtol=1e-12, atol=1e-14)
+
+
+def skipped(state: str, amplitudes) -> bool:
+    """Whether a state belongs to an effect that is absent; it rests, and nothing reads it."""
+    owners = {"slosh": "slosh_share", "steering_lag": "steering_lag", "lagged": "steering_lag"}
+    return any(word in state and owner not in amplitudes for word, owner in owners.items())
+
+
+def test_flags_say_which_effects_are_in_force(models) -> None:
+    model = models[1]
+    p = values(model.model, np.random.default_rng(1), ("crosswind_moment",))
+    flags = model.constants(p)[len(model.equations.constants) :]
+    there = {name for name, row in zip(model.model.flags, flags, strict=True) if row.any()}
+    assert there == {"has_crosswind"}
+
+
+def test_what_an_absent_effect_reads_is_computed_under_its_flag_only() -> None:
+    assignments = {s: sp.sin(a), t: sp.cos(b), g: present(flag, s * t, t)}
+    assert conditionals.lines(assignments, [g], text) == [
+        "t = cos(b)",
+        "if has_one:",
+        "    s = sin(a)",
+        "    g = s*t",
+        "else:",
+        "    g = t",
+    ]
+
+
+def test_one_flag_of_several_suffices() -> None:
+    assignments = {s: sp.sin(a), g: present(any_of([other, flag]), s, sp.Integer(1))}
+    lines = conditionals.lines(assignments, [g], text)
+    assert lines[0] == "if has_one or has_other:"
+    assert lines[-1] == "    g = splat(1.0)"
+
+
+def test_constants_stay_constants_where_only_effects_make_them_vary() -> None:
+    """The load of an axle is a constant until an effect shifts it, and so is what a tyre makes of it."""
+    eqs = derive(assemble("semitrailer", "magic_formula", ("lateral_load_transfer",), optional=True), jacobians=False)
+    always = [e for e in eqs.assignments.values() if not isinstance(e, present)]
+    chosen = [e for e in eqs.assignments.values() if isinstance(e, present)]
+    assert chosen
+    assert all(e.args[2].free_symbols <= {*eqs.constants} for e in chosen if "lateral_load" in e.args[0].name)
+    assert always

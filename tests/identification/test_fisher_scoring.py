@@ -1,0 +1,95 @@
+"""Fisher scoring within bounds, and the tests of whiteness, on problems whose answer is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from harness.identification.fisher_scoring import bounded_step, maximise
+from harness.identification.whiteness import whiteness
+
+CURVATURE = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1e-6]]) + np.diag([0, 0, 0.5])
+SUMMIT = np.array([1.0, -2.0, 3.0])
+
+
+def parabola(lower=-np.inf, upper=np.inf):
+    def values(z):
+        away = z - SUMMIT[:, None]
+        return -0.5 * np.einsum("ik,ij,jk->k", away, CURVATURE, away)
+
+    def slopes(z, moved):
+        gradient = -CURVATURE @ (z - SUMMIT)
+        return float(values(z[:, None])[0]), gradient[moved], CURVATURE[np.ix_(moved, moved)]
+
+    return SimpleNamespace(values=values, slopes=slopes, lower=np.full(3, lower), upper=np.full(3, upper))
+
+
+def test_a_parabola_is_climbed_in_one_step():
+    calls, objective = [], parabola()
+    inner = objective.slopes
+    objective.slopes = lambda z, moved: calls.append(z) or inner(z, moved)
+    found = maximise(objective, np.zeros(3), np.ones(3, dtype=bool), 10)
+    assert found.converged
+    assert np.allclose(found.z, SUMMIT, atol=1e-9)
+    assert len(calls) == 2
+
+
+def test_bounds_hold_and_the_others_find_their_best_place_beside_them():
+    found = maximise(parabola(upper=2.0), np.zeros(3), np.ones(3, dtype=bool), 20, enough=1e-12)
+    assert found.converged
+    assert found.z[2] == pytest.approx(2.0, abs=1e-9)
+    rest = SUMMIT[:2] - np.linalg.solve(CURVATURE[:2, :2], CURVATURE[:2, 2] * (2.0 - SUMMIT[2]))
+    assert np.allclose(found.z[:2], rest, atol=1e-6)
+
+
+def test_what_does_not_move_stays():
+    found = maximise(parabola(), np.zeros(3), np.array([True, False, True]), 10)
+    assert found.z[1] == 0.0
+
+
+def test_a_step_leaves_out_what_has_no_information():
+    step = bounded_step(np.array([1.0, 5.0]), np.diag([2.0, 0.0]), 0.0, np.full(2, -9.0), np.full(2, 9.0))
+    assert np.allclose(step, [0.5, 0.0])
+
+
+def test_a_curved_valley_is_followed_to_its_end():
+    """Rosenbrock's function as a sum of squares: the information is that of Gauss and Newton."""
+
+    def rest(z):
+        return np.array([10 * (z[1] - z[0] ** 2), 1 - z[0]])
+
+    def slopes(z, moved):
+        jacobian = np.array([[-20 * z[0], 10.0], [-1.0, 0.0]])
+        return -0.5 * rest(z) @ rest(z), -jacobian.T @ rest(z), jacobian.T @ jacobian
+
+    def values(z):
+        return -0.5 * (rest(z) ** 2).sum(axis=0)
+
+    objective = SimpleNamespace(values=values, slopes=slopes, lower=np.full(2, -5.0), upper=np.full(2, 5.0))
+    found = maximise(objective, np.array([-1.2, 1.0]), np.ones(2, dtype=bool), 60, enough=1e-12)
+    assert np.allclose(found.z, 1.0, atol=1e-5)
+
+
+def test_white_noise_passes_and_coloured_noise_fails():
+    rng = np.random.default_rng(1)
+    white = rng.normal(size=4000)
+    found = whiteness(white)
+    assert min(found.ljung_box, found.periodogram) > 0.01
+    assert found.variance == pytest.approx(1.0, abs=0.1)
+    coloured = whiteness(signal.lfilter([1.0], [1.0, -0.2], white))
+    assert max(coloured.ljung_box, coloured.periodogram) < 1e-6
+
+
+def test_whiteness_has_the_level_it_states():
+    rng = np.random.default_rng(2)
+    holes = rng.random(1000) < 0.2
+    found = [whiteness(np.where(holes, np.nan, rng.normal(size=1000))) for _ in range(300)]
+    for p in ([f.ljung_box for f in found], [f.periodogram for f in found]):
+        assert 0.01 < np.mean(np.array(p) < 0.05) < 0.1
+
+
+def test_too_few_samples_are_not_tested():
+    found = whiteness(np.array([np.nan, 1.0, -1.0]))
+    assert np.isnan(found.ljung_box)
+    assert found.variance == 1.0

@@ -1,0 +1,184 @@
+"""The likelihood fit: finds what was hidden, with honest intervals, and says what the drives cannot tell."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.identification.contract import Problem
+from harness.identification.innovations import Innovations
+from harness.identification.methods.likelihood import Search, Settings, first_noise, identify
+from support.identification import CAR, car_fit, model_of, recorded
+
+STIFFNESS = ("stiffness_over_load_front", "stiffness_over_load_rear")
+FREE = (*STIFFNESS, "mass_over_inertia")
+WRONG = {"stiffness_over_load_front": 7.942, "stiffness_over_load_rear": 7.386, "mass_over_inertia": 0.56}
+"""First values of Sun 2015, section 3.2."""
+QUICK = Settings(profiles=False, annealings=0)
+
+
+def problem_of(seed, free=FREE, duration=20.0, **values):
+    innovations, drive = car_fit(seed, duration, **(values or WRONG))
+    return Problem(innovations, (drive,), free)
+
+
+def deviations(fit):
+    """Return how many standard errors each parameter lies from the truth, in logarithms."""
+    truth = model_of(CAR).values
+    return np.array([np.log(fit.estimate(n).value / truth[n]) * fit.estimate(n).value / fit.estimate(n).error
+                     for n in FREE])  # fmt: skip
+
+
+def test_hidden_parameters_and_noise_come_back():
+    fit = identify(problem_of(1), Settings())
+    assert fit.converged
+    assert fit.after > fit.before
+    assert np.all(np.abs(deviations(fit)) < 3.5)
+    truth = model_of(CAR)
+    for output, variance in truth.measurement_noise.items():
+        if output in fit.spec.measurement_noise:
+            assert fit.spec.measurement_noise[output] == pytest.approx(variance, rel=0.2)
+    for name in FREE:
+        e = fit.estimate(name)
+        assert e.lower < truth.values[name] < e.upper
+        assert e.verdict == "determined"
+        assert e.profile is not None
+        assert e.profile.drop.min() == 0.0
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say():
+    """16 data sets of three parameters; ``python -m bench.identify --coverage 100`` is the long form."""
+    truth = model_of(CAR).values
+    inside, distance = [], []
+    for seed in range(100, 116):
+        fit = identify(problem_of(seed, duration=5.0), QUICK)
+        inside += [fit.estimate(n).lower < truth[n] < fit.estimate(n).upper for n in FREE]
+        distance.append(deviations(fit) ** 2)
+    assert 0.85 <= np.mean(inside) <= 1.0  # 0.95 of 48 within three standard deviations of a binomial
+    assert 0.4 < np.mean(distance) < 1.8
+
+
+def test_the_search_ends_where_the_gradient_vanishes():
+    search = Search(problem_of(2), QUICK)
+    found = search.climb(search.coordinates.centre)
+    _, gradient, information = search.objective.slopes(found.z, np.ones(len(search.coordinates), dtype=bool))
+    assert found.converged
+    assert np.all(np.abs(gradient) < 0.1 * np.sqrt(np.diagonal(information)))
+
+
+def test_a_drive_straight_ahead_determines_nothing_and_says_so():
+    innovations = Innovations(model_of(CAR, **WRONG), jobs=1)
+    calm = dataclasses.replace(model_of(CAR), process_noise={})  # or the noise would shake the car
+    straight = recorded(calm, 3, duration=10.0, speed=15.0, amplitude=1e-9)
+    fit = identify(Problem(innovations, (innovations.drive(straight, "straight"),), FREE), Settings())
+    verdicts = {fit.estimate(n).verdict for n in FREE}
+    assert "determined" not in verdicts
+    assert "not determined" in verdicts
+
+
+def test_recordings_without_noise_give_no_confident_number():
+    """Errors are measured by the noise; where a simulation has none, no interval means anything."""
+    innovations = Innovations(model_of(CAR, **WRONG), jobs=1)
+    silent = dataclasses.replace(model_of(CAR), process_noise={}, measurement_noise={})
+    exact = recorded(silent, 3, duration=10.0, speed=15.0, amplitude=1e-6)
+    fit = identify(Problem(innovations, (innovations.drive(exact, "exact"),), STIFFNESS), QUICK)
+    assert {fit.estimate(n).verdict for n in STIFFNESS} == {"not determined"}
+    assert "the recordings show none of lateral_velocity_rear" in fit.estimate(STIFFNESS[0]).reason
+
+
+def test_a_parameter_without_any_effect_is_not_determined():
+    """The height of the CoG acts through the longitudinal acceleration alone; straight ahead there is none."""
+    innovations = Innovations(model_of(CAR), jobs=1)
+    calm = dataclasses.replace(model_of(CAR), process_noise={})
+    drive = innovations.drive(recorded(calm, 4, duration=5.0, speed=15.0, amplitude=1e-9), "straight")
+    fit = identify(Problem(innovations, (drive,), ("cog_height",)), QUICK)
+    height = fit.estimate("cog_height")
+    assert height.verdict == "not determined"
+    assert np.isinf(height.error)
+
+
+def test_confounded_parameters_name_each_other():
+    """Place of the CoG and yaw inertia enter as products at a nearly steady speed."""
+    fit = identify(problem_of(5, ("mass_over_inertia", "cog_to_front_axle", "steering_ratio"), 5.0), QUICK)
+    inertia, place, _ = fit.estimates[:3]
+    assert abs(fit.correlation[0, 1]) > 0.9
+    assert abs(fit.correlation[0, 2]) < abs(fit.correlation[0, 1])
+    assert "confounded with cog to front axle" in inertia.reason
+    assert "confounded with mass over inertia" in place.reason
+
+
+def test_a_parameter_driven_to_its_bound_is_said_to_be_there():
+    search = Search(problem_of(6, STIFFNESS), QUICK)
+    first, *others = search.coordinates.coordinates
+    search.coordinates.coordinates = (dataclasses.replace(first, upper=np.log(8.0)), *others)
+    search.coordinates.upper[0] = np.log(8.0)
+    fit = search.report(search.climb(search.coordinates.centre), 0.0, False, lambda _: None)
+    assert fit.estimates[0].verdict == "at its bound"
+    assert "upper bound 8" in fit.estimates[0].reason
+    assert fit.estimates[0].value == pytest.approx(8.0)
+
+
+def test_missing_samples_leave_the_estimate_where_it_was():
+    whole = problem_of(7)
+    fit = identify(whole, QUICK)
+    holes = np.random.default_rng(0).random(whole.drives[0].measurements.shape) < 0.3
+    whole.drives[0].measurements[holes] = np.nan
+    again = identify(whole, QUICK)
+    for name in FREE:
+        a, b = fit.estimate(name), again.estimate(name)
+        assert b.error > a.error
+        assert abs(a.value - b.value) < 3 * b.error
+
+
+def test_two_drives_tell_more_than_one():
+    one = problem_of(8)
+    other = one.innovations.drive(recorded(model_of(CAR), 9, duration=20.0, amplitude=0.55), "other")
+    alone = identify(one, QUICK)
+    both = identify(dataclasses.replace(one, drives=(*one.drives, other)), QUICK)
+    for name in FREE:
+        assert both.estimate(name).error < alone.estimate(name).error
+    assert np.all(np.abs(deviations(both)) < 3.5)
+
+
+def test_other_starts_find_the_same_summit():
+    problem = problem_of(10, STIFFNESS)
+    single = identify(problem, QUICK)
+    several = identify(problem, Settings(profiles=False, annealings=0, starts=3))
+    assert several.after == pytest.approx(single.after, abs=0.05)
+
+
+def test_a_prior_holds_a_parameter_that_the_data_hardly_tell():
+    free = problem_of(11, ("cog_height", *STIFFNESS), 10.0, cog_height=0.7)
+    tight = Settings(profiles=False, annealings=0, priors={"cog_height": 0.001})
+    loose = identify(free, QUICK).estimate("cog_height")
+    held = identify(free, tight).estimate("cog_height")
+    assert held.value == pytest.approx(0.7, abs=0.005)
+    assert held.error <= 0.001
+    assert loose.error > held.error
+
+
+def test_forcing_the_process_noise_down_leaves_a_search_that_began_with_too_much():
+    problem = problem_of(12)
+    search = Search(problem, QUICK)
+    hot = search.coordinates.centre.copy()
+    hot[search.coordinates.kind("process")] = 12.0
+    from_hot = search.anneal(search.together(hot), 3, lambda _: None)
+    assert from_hot.value == pytest.approx(search.climb(search.coordinates.centre).value, abs=0.5)
+
+
+def test_fourth_differences_show_the_noise_of_a_smooth_signal():
+    problem = problem_of(13)
+    truth = [model_of(CAR).measurement_noise[n] for n in problem.innovations.model.outputs]
+    found = first_noise(problem)
+    # The states are driven by process noise as large as the measurement noise, which fourth differences see as well.
+    assert np.all(found > 0.8 * np.array(truth))
+    assert np.all(found < 2.5 * np.array(truth))
+
+
+def test_nothing_free_and_unknown_names_are_refused():
+    problem = problem_of(14, duration=5.0)
+    with pytest.raises(UserError, match="no parameter is free"):
+        identify(dataclasses.replace(problem, free=()), QUICK)
+    with pytest.raises(UserError, match="closest: mass_over_inertia"):
+        identify(dataclasses.replace(problem, free=("mass_over_inerta",)), QUICK)

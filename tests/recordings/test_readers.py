@@ -1,0 +1,210 @@
+import gzip
+import sys
+
+import asammdf
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import scipy.io
+
+from harness.common.errors import UserError
+from harness.recordings import readers
+
+COLUMNS = {
+    "time": np.arange(50) * 0.01,
+    "speed": 10 + np.sin(np.arange(50)),
+    "with_hole": np.where(np.arange(50) == 7, np.nan, np.arange(50.0)),
+}
+
+
+def same(read, expected=COLUMNS):
+    assert list(read) == list(expected)
+    for name, values in expected.items():
+        assert read[name].dtype == np.float64
+        np.testing.assert_allclose(read[name], values, rtol=1e-15)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".CSV", ".txt.gz"])
+def test_csv_round_trip(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    compression = "gzip" if suffix.endswith(".gz") else None
+    pd.DataFrame(COLUMNS).to_csv(path, index=False, compression=compression)
+    same(readers.read(path))
+
+
+def test_parquet_round_trip_keeps_numbers_only(tmp_path):
+    path = tmp_path / "speed=3.parquet"
+    text = {"driver": ["A"] * 50, "brake": [True, False] * 25, "gear": pa.array([1, None] * 25, pa.int64())}
+    pq.write_table(pa.table({**COLUMNS, **text}), path)
+    read = readers.read(path)
+    np.testing.assert_array_equal(read.pop("brake"), [1, 0] * 25)
+    np.testing.assert_array_equal(read.pop("gear"), [1, np.nan] * 25)
+    same(read)
+
+
+def test_mat_round_trip_leaves_parameters_out(tmp_path):
+    path = tmp_path / "a.mat"
+    extra = {
+        "mass": 24e3,
+        "mode": "Real",
+        "gains": np.arange(3.0),
+        "matrix": np.eye(50),
+        "complex": 1j * np.ones(50),
+    }
+    scipy.io.savemat(path, {**COLUMNS, **extra})
+    same(readers.read(path))
+
+
+def test_mat_structures_become_dotted_names(tmp_path):
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"log": {"t": COLUMNS["time"], "imu": {"r": COLUMNS["speed"]}}})
+    same(readers.read(path), {"log.t": COLUMNS["time"], "log.imu.r": COLUMNS["speed"]})
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("# recorded on Monday\n# by somebody\n\nt,v\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),
+        ("# t, v\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),  # as numpy.savetxt
+        ("t;v\n0,5;1,25\n1;2\n", {"t": [0.5, 1], "v": [1.25, 2]}),
+        ("t;v\n0;1\n1;2\n1,5;2\n", {"t": [0, 1, 1.5], "v": [1, 2, 2]}),  # the comma comes late
+        ("t;v\n0;1,500\n0,5;1,600\n", {"t": [0, 0.5], "v": [1.5, 1.6]}),  # the second time decides for the values
+        ("t;v;note\n0.5;1;a, b\n1.5;2;c\n", {"t": [0.5, 1.5], "v": [1, 2]}),
+        ("t;date\n0,5;16.09.2024\n1;16.09.2024\n", {"t": [0.5, 1]}),
+        ("t,v\n0,1,\n1,2,\n", {"t": [0, 1], "v": [1, 2]}),
+        ("t\tv\n0.5\t1\n1\t2\n", {"t": [0.5, 1], "v": [1, 2]}),
+        ("t,v\ns,m/s\n0,1\n1,2\n", {"t": [0, 1], "v": [1, 2]}),
+        ("t,v,mode\n0,,Real\n1,2,Real\n", {"t": [0, 1], "v": [np.nan, 2]}),
+        ('"yaw rate, rad/s",v\n0,1\n1,nan\n', {"yaw rate, rad/s": [0, 1], "v": [1, np.nan]}),
+        ("0,1\n1,2\n", {"column_1": [0, 1], "column_2": [1, 2]}),
+        ("% some words\n1.5\n2\n", {"column_1": [1.5, 2]}),
+        ("\ufefft,v\r\n0,1\r\n1,2\r\n", {"t": [0, 1], "v": [1, 2]}),
+    ],
+)
+def test_csv_dialects(tmp_path, text, expected):
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    same(readers.read(path), expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", b"", "is empty"),
+        ("a.csv", b"# nothing\n", "is empty"),
+        ("a.csv", b"t,v\n", "no row of data"),
+        ("a.csv", b"t,v\n0,1\n1,2,3\n", "line 3"),
+        ("a.csv", b"t,v\n0,1\n1,fast\n", "column 'v', row 2 of the data: 'fast' is not a number"),
+        ("a.csv", b"t,v\n0,5,1,5\n1,0,2,0\n", "more cells than the 2 of the header; with decimal commas, separate"),
+        ("a.csv", b"t\n0,5\n1,5\n", "more cells than the 1 of the header"),
+        ("a.csv", b"t;v\n0;1,500\n1;1,600\n", "'1,500' may mean '1.500' or '1500'"),
+        ("a.csv", b"t;v\n0;1,500,000\n", "column 'v', row 1 of the data: '1,500,000' means '1500000'"),
+        (
+            "a.csv",
+            b"t;v;w\n0,5;1,5;1.500\n1;2;1.600\n",
+            "column 'w', row 1 of the data: '1.500' may mean 1.500 or 1500",
+        ),
+        ("a.csv", b"t;v\n0.5;0,5\n1.5;1,5\n", "column 'v', row 1 of the data: '0,5' may mean '0.5' or '5'"),
+        ("a.csv", b't,v\n0,"1,500"\n', "column 'v', row 1 of the data: '1,500' may mean '1.500' or '1500'"),
+        ("a.csv", b"t,v\n0,1_500\n", "'1_500' means '1500'"),
+        ("a.csv", b"t,v\n0,1 500\n", "'1 500' means '1500'"),
+        ("a.csv", b"t,v\n0,1'500\n", "means '1500'"),
+        ("a.csv", "t,v\n0,−5\n1,−6\n".encode(), "column 'v', row 1 of the data: '−5' is not a number"),
+        ("a.csv", b"t,t\n0,1\n", "two columns are named 't'"),
+        ("a.csv", b"driver\nA\nB\nC\n", "holds no numeric column"),
+        ("a.csv", b"\xff\xfe\x00t,v\n", "UTF-8"),
+        ("a.csv.gz", b"t,v\n0,1\n", "damaged"),
+        ("a.csv.gz", gzip.compress(b"t,v\n" + b"0,1\n" * 999, mtime=0)[:-12], "damaged"),
+        ("a.mat", b"no matlab", "no readable MATLAB file"),
+        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "no readable MATLAB file"),
+        ("a.parquet", b"PAR1", "no readable Parquet file"),
+        ("a.mf4", b"no measured data" * 9, "no readable MDF file"),
+        ("a.xlsx", b"", "no reader for this suffix; known are .csv, .csv.gz, .dat, .mat, .mdf, .mf4, .parquet"),
+    ],
+)
+def test_bad_files_are_refused_by_name(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(UserError) as error:
+        readers.read(path)
+    assert str(error.value).startswith(str(path))
+    assert message in str(error.value)
+
+
+def test_absent_file(tmp_path):
+    with pytest.raises(UserError, match=r"nowhere\.csv: the recording does not exist"):
+        readers.read(tmp_path / "nowhere.csv")
+
+
+def test_folder_with_one_signal_per_file(tmp_path):
+    for name, values in COLUMNS.items():
+        with gzip.open(tmp_path / f"{name}.txt.gz", "wt") as file:
+            np.savetxt(file, values)
+    (tmp_path / "LICENSE").write_text("not data")
+    pd.DataFrame(COLUMNS).to_csv(tmp_path / "another.csv")
+    same(dict(sorted(readers.read(tmp_path).items(), reverse=True)), dict(sorted(COLUMNS.items(), reverse=True)))
+
+
+def test_folder_without_signals_is_refused(tmp_path):
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(UserError, match=r"folder\.csv: the recording is a folder without files of one column"):
+        readers.read(tmp_path / "folder.csv")
+    for suffix in ("txt", "csv"):
+        (tmp_path / f"speed.{suffix}").write_text("1\n2\n")
+    with pytest.raises(UserError, match="two files are named 'speed'"):
+        readers.read(tmp_path)
+
+
+def test_csv_units_below_the_header_are_kept(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,v,mode\n[s],[km/h],\n0,1,a\n1,2,b\n")
+    assert readers.read_tables(path)[0].units == {"t": "s", "v": "km/h"}
+
+
+def test_mat_version_73(tmp_path):
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in COLUMNS.items():
+            file[f"log/{name}"] = values[None, :]  # as MATLAB writes a row
+        file["log/mass"] = np.array([[24e3]])
+        file["log/mode"] = np.array([[82], [101]], dtype=np.uint16)
+        file["log/mode"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["matrix"] = np.eye(3)
+        file["#refs#/a"] = np.arange(50.0)
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    same(dict(sorted(readers.read(path).items())), {f"log.{k}": v for k, v in sorted(COLUMNS.items())})
+
+
+def test_mat_signals_of_several_rates_are_separate_tables(tmp_path):
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {**COLUMNS, "gps": {"t": np.arange(5) * 0.1, "x": np.arange(5.0)}})
+    fast, slow = readers.read_tables(path)
+    assert set(fast.columns) == set(COLUMNS)
+    assert set(slow.columns) == {"gps.t", "gps.x"}
+
+
+def test_mdf_groups_keep_their_clocks_units_and_invalid_samples(tmp_path):
+    path = tmp_path / "a.mf4"
+    fast, slow = np.arange(100) * 0.01, np.arange(20) * 0.05
+    speed = asammdf.Signal(3.6 * fast, fast, name="v", unit="km/h", invalidation_bits=fast == fast[7])
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(np.sin(fast), fast, name="yaw", unit="deg/s"), speed], acq_name="can")
+        file.append([asammdf.Signal(2 * slow, slow, name="v", unit="m/s")], acq_name="gps")
+        file.save(path)
+    can, gps = readers.read_tables(path)
+    assert can.clock == "can.time"
+    assert can.units == {"yaw": "deg/s", "can.v": "km/h"}
+    np.testing.assert_allclose(can.columns["can.time"], fast)
+    np.testing.assert_array_equal(np.isnan(can.columns["can.v"]), fast == fast[7])
+    np.testing.assert_allclose(gps.columns["gps.v"], 2 * slow)
+
+
+def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    (tmp_path / "a.mf4").write_bytes(b"x")
+    with pytest.raises(UserError, match=r"pip install .robustness-harness\[mdf\]"):
+        readers.read(tmp_path / "a.mf4")

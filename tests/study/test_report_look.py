@@ -1,0 +1,99 @@
+"""How the report looks: layout, colours, numbers and text."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_svg import RendererSVG
+from matplotlib.lines import Line2D
+
+from harness.models.quantities import Quantity, print_unit, quantity
+from harness.reporting import style
+from harness.reporting.document import (
+    Bullets,
+    Document,
+    Heading,
+    Listing,
+    Picture,
+    Prose,
+    Sheet,
+    plain,
+    render,
+    source,
+)
+from support.report_parts import Page, pages
+
+
+def test_nothing_is_cut_off_and_panels_do_not_overlap():
+    with style.drawing():
+        fig = style.figure(5.0)
+        panels = fig.subplots(2, 1, sharex=True)
+        for axes in panels:
+            axes.set_yticks([0, 1], ["a drive with quite a long name", "b"])
+            axes.set_ylabel("label")
+            axes.set_title("title", loc="left")
+        panels[1].set_xticks([0, 1], ["two\nlines", "x"])
+        panels[1].set_xlabel("levels")
+        style.head(fig, "Is all of it there?", [Line2D([], [], label="one")])
+        svg = style.svg(fig)
+        renderer = RendererSVG(*fig.bbox.size, io.StringIO(), image_dpi=72)
+        upper, lower = (axes.get_tightbbox(renderer) for axes in panels)
+    legend = fig.legends[0].get_window_extent(renderer)
+    assert svg.startswith(b"<?xml")
+    assert min(upper.x0, lower.x0, lower.y0) >= 0
+    assert max(upper.x1, lower.x1) <= fig.bbox.x1
+    assert lower.y1 <= upper.y0 < upper.y1 <= legend.y0
+    assert panels[0].get_window_extent().width > 0.5 * fig.bbox.width
+
+
+def test_looks_are_fixed_and_never_alike():
+    seven = style.looks(["EKF", "UKF", "CDKF", "ST-CDKF", "PF", "NARX", "KF"])
+    assert style.looks(["UKF"])["UKF"] == seven["UKF"]
+    assert style.looks(["new", "EKF"])["EKF"] == seven["EKF"]
+    many = style.looks([f"filter {k}" for k in range(20)])
+    drawn = {(look.colour, look.hatch) for look in many.values()}
+    assert len(drawn) == 20
+    assert len({look.marker for look in seven.values()}) == 7
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (1234.5, "1230"),
+        (12.345, "12.3"),
+        (0.0012345, "0.00123"),
+        (-0.5, "−0.500"),
+        (9.999, "10.0"),
+        (float("nan"), "–"),
+        (2.5e-7, "2.50·10⁻⁷"),
+        (4e9, "4.00·10⁹"),
+    ],
+)
+def test_numbers(value, text):
+    assert style.number(value) == text
+
+
+def test_units():
+    assert print_unit("deg/s") == "°/s"
+    assert print_unit("m/s^2") == "m/s²"
+    assert print_unit("kN*m") == "kN·m"
+    assert quantity("lateral_force_axle_21", "N").scale == pytest.approx(1e-3)
+    assert quantity("yaw_rate_trailer", "rad/s").scale == pytest.approx(np.degrees(1))
+    assert isinstance(quantity("unheard_of", "W"), Quantity)
+    assert style.with_unit(2.5, "°") == "2.50°"
+    assert style.probability(0.0004) == "< 0.001"
+
+
+def test_any_text_survives_typst():
+    """No character of a name or a study text is taken for markup."""
+    nasty = 'a_b *c* #d $e$ `f` <g> @h [i] "j" \\k ~l // m /* n */ - + = 1. é'
+    picture = Picture(b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"/>', nasty, nasty)
+    sheet = Sheet(["name", "n"], [[nasty, "1"], ["", nasty]], nasty)
+    blocks = [Heading(nasty), Prose(plain(nasty)), Bullets([plain(nasty)]), picture, sheet, Listing(nasty)]
+    html, pdf = render(Document(nasty, blocks))
+    assert Page(html.decode()).text.count(nasty) == 10  # title twice, each block once, the table 3 times
+    assert pages(pdf) == 1
+    assert set(source(Document(nasty, blocks))[1]) == {"figure-01.svg"}

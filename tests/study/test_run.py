@@ -1,0 +1,340 @@
+"""A study from file to store: same bits with any number of workers, resuming, refusals, and what scores mean."""
+
+import io
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+from rich.console import Console
+
+from harness.common.errors import UserError
+from harness.config import load_study
+from harness.reporting.document import Sheet
+from harness.study.design import Unit, units
+from harness.study.evaluate import StudyEvaluator
+from harness.study.histories import histories
+from harness.study.report.analysis import Analysis
+from harness.study.report.sections import made
+from harness.study.results import read
+from harness.study.run import run_study
+from harness.study.run_noise import Case
+from harness.study.scores import (
+    ESTIMATOR_DIVERGED,
+    OK,
+    PENDING,
+    PER_RUN,
+    PER_TARGET,
+    PLANT_DIVERGED,
+)
+from harness.study.store import STORE, Store
+from support.probe_study import STUDY, bits
+
+
+@pytest.fixture(scope="module")
+def study_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "probe.toml"
+    path.write_text(STUDY)
+    return path
+
+
+@pytest.fixture(scope="module")
+def study(study_file):
+    return load_study(study_file)
+
+
+@pytest.fixture(scope="module")
+def evaluator(study):
+    return StudyEvaluator(study)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def same_checkout():
+    """A checkout that holds still while somebody works in it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.study.store.commit", lambda: "this one")
+        patch.setattr("harness.study.provenance.engine_hash", lambda study: "this one")
+        yield
+
+
+@pytest.fixture(scope="module")
+def finished(study, tmp_path_factory, same_checkout):
+    return run_study(study, tmp_path_factory.mktemp("one"), jobs=1)
+
+
+def test_store_has_the_contracts_dimensions_units_and_provenance(study, finished):
+    level = xr.open_zarr(finished / STORE, group="level", consolidated=False)
+    assert dict(level.sizes) == {"band": 2, "sample": 1, "drive": 2, "repeat": 5, "estimator": 1, "target": 2}
+    assert level.rmse.dims == ("band", "sample", "drive", "repeat", "estimator", "target")
+    assert level.target_unit.values.tolist() == ["N", "rad"]
+    assert level.band_label.values.tolist() == ["8 t", "24 t"]
+    assert (level.status == OK).all()
+    for name in (*PER_TARGET, *PER_RUN):
+        assert name == "time_of_divergence" or np.isfinite(level[name]).all()
+    root = zarr.open_group(str(finished / STORE), mode="r").attrs
+    assert root["study"] == STUDY
+    assert root["seed"] == 0
+    assert root["study_hash"] == study.hash
+    assert {"numba", "numpy"} <= json.loads(root["versions"]).keys()
+    assert json.loads((finished / "run.json").read_text())["runs"] == 2 * 2 * 5 + 2 * 4
+
+
+def test_sobol_points_of_a_band_are_salibs(finished):
+    from SALib.sample import sobol_sequence
+
+    band = xr.open_zarr(finished / STORE, group="band", consolidated=False)
+    expected = 24000 * (0.95 + 0.1 * sobol_sequence.sample(4, 1)[:, 0])
+    np.testing.assert_allclose(band.factor_trailer_mass.values[0], expected, rtol=1e-14)
+
+
+def test_two_workers_write_the_same_bits(study, finished, tmp_path):
+    assert bits(run_study(study, tmp_path / "two", jobs=2)) == bits(finished)
+
+
+def test_an_interrupted_run_is_continued_to_the_same_bits(study, finished, tmp_path, monkeypatch):
+    real, seen = StudyEvaluator.evaluate, []
+
+    def interrupted(self, unit):
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+        seen.append(unit)
+        return real(self, unit)
+
+    monkeypatch.setattr(StudyEvaluator, "evaluate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, tmp_path / "cut", jobs=1)
+    level = xr.open_zarr(tmp_path / "cut" / STORE, group="level", consolidated=False)
+    assert (level.status == PENDING).any()
+    assert (level.status == OK).any()
+    done_before = list(seen)
+    seen.clear()
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
+    run_study(study, tmp_path / "cut", jobs=2)
+    assert bits(tmp_path / "cut") == bits(finished)
+    assert not set(seen) & set(done_before)
+
+
+def test_a_finished_study_computes_nothing_again(study, finished, monkeypatch):
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda *_: pytest.fail("evaluated again"))
+    before = bits(finished)
+    run_study(study, finished, jobs=1)
+    assert bits(finished) == before
+
+
+@pytest.fixture
+def copy(finished, tmp_path):
+    """A copy of the finished study, to be damaged."""
+    return shutil.copytree(finished, tmp_path / "copy")
+
+
+def _overwrite(file):
+    file.write_bytes(file.read_bytes()[:-3] + b"xyz")
+
+
+DAMAGES = {
+    "level/rmse/c/1/0/0/0/0/0": (Path.unlink, "is missing", 1),
+    "level/nees/c/0/0/1/0/0": (_overwrite, "is damaged", 1),
+    "band/status/c/0/0/1/0/0": (_overwrite, "is damaged", 1),
+    "checksums/level/c/0/0/0/0": (Path.unlink, "is missing", 1),
+    "checksums/band/c/0/0/0/0": (lambda file: file.write_bytes(b"x"), "is damaged", 1),
+    "level/bias": (shutil.rmtree, "level/bias/zarr.json is missing (and 4 more)", 4),
+    "band": (shutil.rmtree, "is missing", 2),
+    "checksums": (shutil.rmtree, "checksums/level is missing", 6),
+    "band/rmse/zarr.json": (Path.unlink, "is missing", 0),
+    "level/zarr.json": (Path.unlink, "is missing", 0),
+    "level/factor_trailer_mass/c/0/0": (Path.unlink, "is missing", 0),
+    "level/drive/c/0": (_overwrite, "is damaged", 0),
+    "history/1/truth/c/0/0": (Path.unlink, "is missing", 0),
+    "history": (shutil.rmtree, "history is missing", 0),
+}
+"""What may happen to a file of the store of six units, what is told, and how many units it takes to mend it."""
+
+
+@pytest.mark.parametrize("place", DAMAGES)
+def test_a_store_that_has_lost_something_is_refused_in_one_line(copy, place):
+    damage, told, _ = DAMAGES[place]
+    damage(copy / STORE / place)
+    with pytest.raises(UserError) as caught:
+        read(copy)
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    assert place in message
+    assert told in message
+    assert f"'harness run' with the study 'probe' and '--out {copy}' computes what is lost again" in message
+
+
+@pytest.mark.parametrize(
+    "places", [list(DAMAGES)[:5], ["level/bias"], ["band"], ["checksums"], list(DAMAGES)[8:13], ["history"]]
+)
+def test_what_is_lost_is_computed_again_and_nothing_else(study, finished, copy, monkeypatch, places):
+    for place in places:
+        DAMAGES[place][0](copy / STORE / place)
+    real, seen, console = StudyEvaluator.evaluate, [], Console(file=io.StringIO(), width=400)
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
+    run_study(study, copy, jobs=1, console=console)
+    assert len(seen) == sum(DAMAGES[place][2] for place in places)
+    assert "; what is lost is computed again" in console.file.getvalue()
+    assert bits(copy) == bits(finished)
+    read(copy)
+
+
+def test_a_lost_status_is_a_unit_that_is_to_come(study, finished, copy, monkeypatch):
+    (copy / STORE / "level" / "status" / "c" / "0" / "0" / "1" / "0" / "0").unlink()
+    assert read(copy).designs[0].count(PENDING) == 5
+    run_study(study, copy, jobs=1)
+    assert bits(copy) == bits(finished)
+
+
+def test_a_store_without_checksums_is_read_and_said_to_have_none(finished, copy):
+    root = zarr.open_group(copy / STORE, mode="r+")
+    old = {key: value for key, value in dict(root.attrs).items() if key != "checksums"}
+    root.attrs.clear()
+    root.attrs.update(old)
+    shutil.rmtree(copy / STORE / "checksums")
+    assert read(finished).is_verifiable
+    assert not read(copy).is_verifiable
+    sheets = [block for block in made.blocks(Analysis(read(copy))) if isinstance(block, Sheet)]
+    assert any(row[0] == "checksums" and row[1] == made.NOT_VERIFIABLE for row in sheets[0].rows)
+    assert not any(row[0] == "checksums" for row in made.blocks(Analysis(read(finished)))[2].rows)
+
+
+def test_another_study_in_the_folder_is_left_alone(study_file, finished, tmp_path):
+    before = bits(finished)
+    other = tmp_path / "other.toml"
+    for change, message in (
+        (('name = "probe"', 'name = "another"'), "study 'probe'"),
+        (("seed = 0", "seed = 1"), "earlier text"),
+    ):
+        other.write_text(STUDY.replace(*change))
+        with pytest.raises(UserError, match=message):
+            run_study(load_study(other), finished, jobs=1)
+    assert bits(finished) == before
+
+
+def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
+    monkeypatch.setattr("harness.study.provenance.engine_hash", lambda study: "other")
+    with pytest.raises(UserError, match="other code"):
+        run_study(study, finished, jobs=1)
+
+
+def test_levels_share_their_noise_and_runs_do_not(evaluator, study):
+    cases = [Case(0, r) for r in range(study.designs[0].repeats)]
+    place = evaluator.compiled.plant.signal_names.index("yaw_rate_trailer")
+    light = evaluator.simulate(Unit(0, 0, 0, 0, 1), cases)
+    heavy = evaluator.simulate(Unit(0, 1, 0, 0, 1), cases)
+    light_noise = light.measurements[:, 0] - light.truth[:, place]
+    heavy_noise = heavy.measurements[:, 0] - heavy.truth[:, place]
+    np.testing.assert_allclose(light_noise, heavy_noise, atol=1e-12)
+    assert np.abs(np.corrcoef(light_noise[:, :5].T) - np.eye(5)).max() < 0.1
+
+
+def test_scores_are_what_the_kept_estimates_say(evaluator, study, finished):
+    """RMSE, bias and maximum error of the store, recomputed from the history of the same run."""
+    history = histories(evaluator)[0]
+    level = xr.open_zarr(finished / STORE, group="level", consolidated=False)
+    for target in study.targets:
+        error = (history.estimate.sel(target=target, estimator="EKF") - history.truth.sel(target=target)).values[1:]
+        stored = level.sel(target=target, estimator="EKF", drive="weave").isel(band=0, sample=0, repeat=0)
+        np.testing.assert_allclose(stored.rmse, np.sqrt(np.mean(error**2)), rtol=1e-12)
+        np.testing.assert_allclose(stored.bias, np.mean(error), rtol=1e-9, atol=1e-12 * np.abs(error).max())
+        np.testing.assert_allclose(stored.max_error, np.abs(error).max(), rtol=1e-12)
+
+
+def test_each_history_is_stored_with_its_own_signals(study, evaluator, finished):
+    light, matched = (xr.open_zarr(finished / STORE, group=f"history/{i}", consolidated=False) for i in (0, 1))
+    assert light.target.values.tolist() == [*study.targets, "steering_wheel_angle"]
+    assert matched.target.values.tolist() == [*light.target.values, "yaw_rate_tractor"]
+    assert (light.attrs["name"], matched.attrs["name"]) == ("", "as believed")
+    drawn = matched.sel(target="yaw_rate_tractor", estimator="EKF")
+    assert np.corrcoef(drawn.estimate[500:], drawn.truth[500:])[0, 1] > 0.9
+    missing = Store(study, evaluator, finished)
+    assert missing.has_histories
+    zarr.open_group(finished / STORE, path="history").attrs["runs"] = 1  # as if the writing had been interrupted
+    assert not missing.has_histories
+    missing.write_histories(histories(evaluator))
+    assert missing.has_histories
+
+
+def test_a_signal_without_truth_is_estimated_but_not_scored():
+    from harness.engine.compile import compile_model
+    from harness.engine.simd.lanes import LANES
+    from harness.estimation.contract import Estimator
+    from harness.simulation.simulate import in_lanes
+    from support.small_vehicles import linear
+
+    names = ("alpha_test", "beta_test", "gamma_test")
+    compiled = compile_model(linear(), 0.05, signals=names)
+    estimator, rng = Estimator("ekf", compiled), np.random.default_rng(1)
+    belief = estimator.belief(compiled.constants(in_lanes(np.array([1.5]))), in_lanes(np.ones(3)), in_lanes(np.ones(2)))
+    u, y = rng.normal(size=(50, 1, LANES)), rng.normal(size=(50, 2, LANES))
+    first, until = estimator.init(np.zeros(3), np.ones(3)), np.full(LANES, 50.0)
+    whole = estimator.run(u, y, np.zeros((50, 3, LANES)), names, until, belief, first, keep=True)
+    part = estimator.run(u, y, np.zeros((50, 2, LANES)), names[::2], until, belief, first, keep=True)
+    np.testing.assert_array_equal(part.kept, whole.kept)
+    assert np.isnan(part.rmse[1]).all()
+    assert np.isnan(part.max_error[1]).all()
+    np.testing.assert_array_equal(part.rmse[::2], whole.rmse[::2])
+    assert np.isfinite(whole.nees).all()
+    assert np.isnan(part.nees).all()
+
+
+def test_a_plant_that_leaves_its_range_is_a_result_with_a_time(tmp_path):
+    wild = STUDY.replace("speed = 12", 'speed = 22\namplitude = "180 deg"\nlateral_acceleration_limit = 20').replace(
+        'sensors = "series"', 'sensors = "series"\n[plant.values]\nfriction = 0.3'
+    )
+    path = tmp_path / "wild.toml"
+    path.write_text(wild)
+    study = load_study(path)
+    evaluator = StudyEvaluator(study)
+    result = evaluator.evaluate(units(study, study.designs[0])[0])
+    left = result["status"] != OK
+    assert left.any()
+    assert set(np.unique(result["status"][left])) <= {ESTIMATOR_DIVERGED, PLANT_DIVERGED}
+    assert np.isfinite(result["time_of_divergence"][left]).all()
+    assert (result["time_of_divergence"][left] < 20).all()
+    drawn, end = histories(evaluator)[0], result["time_of_divergence"][0, 0, 0]  # the first run of the unit
+    assert left[0, 0, 0]
+    assert drawn["estimate"].where(drawn["time"] < end - 1e-9, drop=True).notnull().all()
+    assert drawn["estimate"].where(drawn["time"] > end - 1e-9, drop=True).isnull().all()
+
+
+def test_a_matched_filter_is_consistent():
+    """100 runs of a linear plant by its own filter: NEES and NIS inside their chi-square bounds."""
+    from scipy import stats
+
+    from harness.engine.compile import compile_model
+    from harness.engine.simd.lanes import LANES
+    from harness.estimation.contract import Estimator
+    from harness.simulation.simulate import Simulator, in_lanes
+    from support.small_vehicles import linear
+
+    names = ("alpha_test", "beta_test", "gamma_test")
+    compiled, samples, runs = compile_model(linear(), 0.05, signals=names), 400, 104
+    q, r, p0 = np.array([1e-3, 2e-3, 5e-4]), np.array([1e-2, 4e-2]), np.array([0.5, 1.0, 2.0])
+    constants, rng = compiled.constants(in_lanes(np.array([1.5]))), np.random.default_rng(5)
+    simulator, estimator = Simulator(compiled), Estimator("ekf", compiled)
+    belief = estimator.belief(constants, in_lanes(q), in_lanes(r))
+    u, nees, nis = rng.normal(size=(samples, 1, LANES)), [], []
+    for _ in range(runs // LANES):
+        noise = rng.standard_normal((samples, 5, LANES))
+        x0 = rng.standard_normal((3, LANES)) * np.sqrt(p0)[:, None]
+        batch = simulator.run(u, constants, in_lanes(q), in_lanes(r), noise, x0)
+        scores = estimator.run(
+            u, batch.measurements, batch.truth, names, batch.left_at, belief, estimator.init(np.zeros(3), p0)
+        )
+        nees += scores.nees.tolist()
+        nis += scores.nis.tolist()
+    bound = lambda degrees, share: stats.chi2.ppf(share, degrees)  # noqa: E731
+    # NIS is white: all samples of all runs count. NEES is not: one sample per run is the safe count.
+    count = runs * (samples - 1) * 2
+    assert bound(count, 0.005) < np.mean(nis) * count / 2 < bound(count, 0.995)
+    assert bound(runs * 3, 0.025) < np.mean(nees) * runs < bound(runs * 3, 0.975)
+
+
+def test_store_is_refused_where_the_folder_cannot_be_made(study, evaluator, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot create"):
+        Store(study, evaluator, tmp_path / "file" / "deeper")
