@@ -21,7 +21,8 @@ from harness.config import ModelSpec, resolve_single
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
 from harness.identification.data import Drive
-from harness.identification.innovations import Innovations, hold
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
 from harness.identification.methods.likelihood import Search, Settings, identify
 from harness.models.contracts import DriveContext
 from harness.simulation.drives import build_drive
@@ -65,13 +66,15 @@ def passes(rounds: int = 10) -> dict[str, float]:
     """Return ms of each pass over 120 s of the semitrailer at 100 Hz on one core."""
     posed = problem(TRUCK, FREE, 1, 1, duration=120.0, speed=18.0, speed_variation=4.0, amplitude=0.55)
     innovations, (drive,) = posed.innovations, posed.drives
-    held, directions = hold(posed.spec), innovations.along(FREE)
+    held, along = Candidates.of(posed.spec), innovations.along(FREE)
+    still = held.take([0] * len(FREE))
+    directions = Candidates(along, 0.0 * still.process, 0.0 * still.measurement)
     kept = innovations.run(drive, held)
     times = quickest(
         {
             "likelihood, per candidate": lambda: innovations.log_likelihoods([drive], held.take([0] * LANES)),
             "likelihood with exact gradient, per direction": lambda: innovations.slopes([drive], held, directions),
-            "frozen gains, per direction": lambda: innovations.sensitivities(drive, held, directions, kept),
+            "frozen gains, per direction": lambda: innovations.sensitivities(drive, held.values, along, kept),
         },
         rounds,
     )
@@ -82,8 +85,9 @@ def fit_time(jobs: int | None = None) -> tuple[float, float, Fit]:
     """Return seconds by the clock and of all cores of a fit of 8 parameters and all noises, and the fit."""
     posed = problem(TRUCK, FREE, 1, jobs, duration=120.0, speed=18.0, speed_variation=4.0, amplitude=0.55)
     search = Search(posed, Settings())
-    search.objective.slopes(search.space.start, np.ones(len(search.space), dtype=bool))  # compile
-    search.objective.values(search.space.start[:, None])
+    start = search.coordinates.centre
+    search.objective.slopes(start, np.ones(len(start), dtype=bool))  # compile
+    search.objective.values(start[:, None])
     clock, cores = time.perf_counter(), time.process_time()
     fit = identify(posed, Settings(profiles=False))
     return time.perf_counter() - clock, time.process_time() - cores, fit

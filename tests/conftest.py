@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from harness.common.errors import UserError
+from harness.common.failures import Failures
 from harness.config import load_study
-from harness.reporting.failures import Failures
 from harness.study.report.analysis import Analysis
 from harness.study.results import read
 from support import synthetic

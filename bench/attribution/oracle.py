@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from harness.common.files import write_files
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates, hypotheses
 from harness.diagnosis.run import Task
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -32,7 +32,7 @@ ITERATIONS = 25
 """As many as the nominal fit of a trace gets."""
 
 
-def write_oracle(folder: Path, task: Task, whole: Whole) -> None:
+def write_oracle(folder: Path, task: Task, whole: AugmentedModel) -> None:
     """Fit the oracle of a case and write ``oracle.json``: held-out excess, hypotheses and fitted values.
 
     Args:
@@ -46,7 +46,7 @@ def write_oracle(folder: Path, task: Task, whole: Whole) -> None:
     write_files(folder, {FILE: json.dumps(found, indent=1) + "\n"})
 
 
-def _oracle(sealed: Mapping[str, Any], task: Task, whole: Whole) -> dict[str, Any]:
+def _oracle(sealed: Mapping[str, Any], task: Task, whole: AugmentedModel) -> dict[str, Any]:
     recordings = task.train + task.test
     drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
     train, test = drives[: len(task.train)], drives[len(task.train) :]
@@ -67,7 +67,7 @@ def _oracle(sealed: Mapping[str, Any], task: Task, whole: Whole) -> dict[str, An
     }
 
 
-def true_hypotheses(whole: Whole, effect: Mapping[str, Any]) -> tuple[Hypothesis, ...]:
+def true_hypotheses(whole: AugmentedModel, effect: Mapping[str, Any]) -> tuple[Hypothesis, ...]:
     """Return the smallest hypothesis of the library that holds what is true, or several that together do, or nothing.
 
     Where the seal has no values to go by it is everything that the library's effect has, or one of its places: then
@@ -97,7 +97,7 @@ def _needed(effect: Mapping[str, Any]) -> set[str]:
     return {*known["parameters"], *(name for times in known["per_drive"].values() for name in times)}
 
 
-def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], whole: Whole) -> tuple[str, ...]:
+def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], whole: AugmentedModel) -> tuple[str, ...]:
     """Return the parameters of the model that the oracle fits: the usual ones, and those that are not as published.
 
     A parameter that an effect of the plant overwrites is the effect's.

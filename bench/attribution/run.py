@@ -23,7 +23,7 @@ from bench.attribution.oracle import FILE, write_oracle
 from bench.attribution.score import FAILED
 from harness.common.errors import UserError
 from harness.common.files import write_files
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.run import Task, run_trace, whole_of
 from harness.identification.data import step_of
 from harness.identification.measured_file import finely, fitted_parameters
@@ -64,7 +64,7 @@ class Tracer:
 
     def __init__(self, threads: int | None = None) -> None:
         self._threads = threads
-        self._wholes: dict[str, Whole] = {}
+        self._wholes: dict[str, AugmentedModel] = {}
 
     def run(self, case: Case) -> str:
         """Do what is left of a case; return what went wrong, or nothing.
@@ -92,7 +92,7 @@ class Tracer:
         (folder / FAILED).unlink(missing_ok=True)
         return ""
 
-    def _model(self, folder: Path) -> tuple[Task, Whole]:
+    def _model(self, folder: Path) -> tuple[Task, AugmentedModel]:
         task, vehicle = task_of(folder)
         task = replace(task, jobs=self._threads)
         if vehicle not in self._wholes:

@@ -127,14 +127,19 @@ def _check_free(spec: ModelSpec, names: tuple[str, ...]) -> None:
 
 
 def _write(problem: Problem, fit: Any, tests: tuple[Drive, ...], out: Path) -> list[Path]:
+    from harness.common.failures import Failures
     from harness.identification.report import document
     from harness.identification.result import judge, write_outcome
-    from harness.reporting.document import write
+    from harness.reporting.document import Prose, plain, write
 
-    judged = judge(problem, fit, tests)
+    failures = Failures(out)
+    judged = failures.attempt(
+        "the comparison with the recordings", lambda: list(judge(problem, fit, tests)), lambda _: []
+    )
+    not_made = [Prose(plain(sentence)) for sentence in failures.sentences]
     names = ", ".join(drive.name for drive in problem.drives)
     command = " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
     return [
         *write_outcome(out, fit, judged, f"harness identify, method {fit.method}, on {names}"),
-        *write(document(fit, judged, command), out),
+        *write(document(fit, judged, command, evidence=not_made or None), out, failures=failures),
     ]

@@ -168,17 +168,17 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
 
     trace = outcome.trace
     whole = trace.fitting.whole
-    published = whole.neutral()
+    published = whole.stated()
     for name, value in stated.values.items():
         published[whole.row(name)] = value
     found: Errors = {}
-    for i, drive in enumerate(trace.held_out.drives):
-        points = {
-            "published": published,
-            "refitted": trace.before.point.values[:, i],
-            "amended": trace.after.point.values[:, i],
+    for drive, refitted, amended in zip(trace.held_out.drives, trace.before.drives, trace.after.drives, strict=True):
+        simulated = {
+            "published": whole.free_run(drive, published).outputs,
+            "refitted": refitted.simulated,
+            "amended": amended.simulated,
         }
-        errors = {k: drive.measurements - whole.free_run(drive, v).outputs for k, v in points.items()}
+        errors = {k: drive.measurements - s for k, s in simulated.items()}
         found[drive.name] = {
             name: {
                 k: {"rmse": float(np.sqrt(np.nanmean(e[:, a] ** 2))), "std": float(np.nanstd(e[:, a]))}

@@ -13,8 +13,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
+from harness.common.failures import Failures
 from harness.config import ModelSpec
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.recording_checks import oddities, refuse_recordings
 from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
@@ -24,7 +25,6 @@ from harness.diagnosis.selection.forward_selection import ROUNDS, trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from harness.identification.data import Drive
 from harness.identification.measured_file import names_of
-from harness.reporting.failures import Failures
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Task:
     notes: tuple[str, ...] = ()
 
 
-def run_trace(task: Task, folder: Path, console: Console, whole: Whole | None = None) -> Outcome:
+def run_trace(task: Task, folder: Path, console: Console, whole: AugmentedModel | None = None) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
 
     What is odd about the recordings is printed before anything is computed, and stands in the outcome. The verdict is
@@ -108,10 +108,10 @@ def _progress(console: Console) -> Iterator[Callable[[str], None]]:
         yield lambda what: progress.update(task, description=what)
 
 
-def whole_of(task: Task) -> Whole:
+def whole_of(task: Task) -> AugmentedModel:
     """Return the model of a task with everything that its recordings could show, compiled."""
     signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
-    return Whole(task.spec, signals, task.jobs, task.excluded)
+    return AugmentedModel(task.spec, signals, task.jobs, task.excluded)
 
 
 def run_changes(task: Task, console: Console) -> Changes:
@@ -127,7 +127,7 @@ def run_changes(task: Task, console: Console) -> Changes:
         return single_changes(whole, fitted, held_out, task.stated_noise, say)
 
 
-def drives_of(task: Task, whole: Whole) -> tuple[list[Drive], list[Drive]]:
+def drives_of(task: Task, whole: AugmentedModel) -> tuple[list[Drive], list[Drive]]:
     """Return the fitted and the held-out drives of a task in terms of its model."""
     recordings = task.train + task.test
     drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]

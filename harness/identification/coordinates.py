@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,12 @@ from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
 from harness.config.bounds import broken_relations
-from harness.identification.innovations import Held, hold
+from harness.identification.filtered_model import Candidates
+from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Kind = Literal["parameter", "process", "measurement"]
 
 NOISE_RANGE = 1e8
@@ -34,119 +36,163 @@ PROCESS_PRIOR = math.log(100.0)
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One coordinate of a search.
+    """One number that a fit moves.
 
     Attributes:
         name: Parameter, ``process_noise <unit>`` or ``measurement_noise <output>``.
         kind: What it moves.
-        rows: Rows of the moved quantities in ``Held``.
-        start: First value of the coordinate.
-        lower: Its lower bound.
-        upper: Its upper bound.
+        rows: Rows of the moved quantities in ``Candidates``.
+        centre: Stated or first value, as a coordinate.
+        lower: Lower bound of the coordinate.
+        upper: Upper bound.
         logarithmic: Whether it is the logarithm of the parameter or of the factor on the variances.
         unit: SI unit of the parameter or variance; of a factor none.
-        spread: Standard deviation of a normal prior about ``start``; infinite without one.
+        prior: Standard deviation of a normal prior about ``centre``; infinite without one.
+        scale: Where it is no logarithm, the parameter is the coordinate times this.
+        drives: The only drives in which it acts, by number; empty if it acts in all.
     """
 
     name: str
     kind: Kind
     rows: tuple[int, ...]
-    start: float
+    centre: float
     lower: float
     upper: float
     logarithmic: bool
     unit: str
-    spread: float = math.inf
+    prior: float = math.inf
+    scale: float = 1.0
+    drives: tuple[int, ...] = ()
 
-    def value(self, z: float) -> float:
-        """Return the parameter, the factor or the variance that belongs to a value of the coordinate."""
-        return math.exp(z) if self.logarithmic else z
+    def acts_in(self, drive: int) -> bool:
+        """Whether it moves anything in a drive."""
+        return not self.drives or drive in self.drives
 
-    def error(self, z: float, spread: float) -> float:
-        """Return the standard error of the value that belongs to one of the coordinate."""
-        return spread * math.exp(z) if self.logarithmic else spread
+    def coordinate(self, value: float) -> float:
+        """Return the coordinate of a value."""
+        return math.log(value) if self.logarithmic else value / self.scale
+
+    @overload
+    def value(self, z: float) -> float: ...
+    @overload
+    def value(self, z: Floats) -> Floats: ...
+    def value(self, z: float | Floats) -> float | Floats:
+        """Return the parameter, the factor or the variance that belongs to values of the coordinate."""
+        if isinstance(z, np.ndarray):
+            return np.exp(z) if self.logarithmic else self.scale * z
+        return math.exp(z) if self.logarithmic else self.scale * z
+
+    def slope(self, z: float) -> float:
+        """Return the derivative of the value to the coordinate."""
+        return math.exp(z) if self.logarithmic else self.scale
 
 
-class Space:
-    """The coordinates of a fit around a model.
+class Coordinates:
+    """The coordinates of a fit, about what is held where none of them moves.
 
     Args:
-        spec: The model; parameters that are not free keep its values, states without process noise stay without.
-        free: Names of the free parameters.
-        measurement: First variance of each output ``(ny,)``.
-        priors: Standard deviation of the prior about the first value by parameter: of its logarithm where the
-            parameter is positive, else in its unit.
-        process: Whether the process noise moves too.
+        spec: The nominal model.
+        names: Parameters in the order of the rows of ``base``.
+        coordinates: What moves.
+        base: The candidate about which it moves, one for all drives or one for each drive.
 
-    Raises:
-        UserError: If a name is unknown or a parameter has no room to move.
+    Attributes:
+        centre: First value of each coordinate ``(n,)``.
+        lower: Lower bounds ``(n,)``.
+        upper: Upper bounds ``(n,)``.
+        weight: Inverse variances of the priors ``(n,)``.
     """
 
     def __init__(
-        self,
+        self, spec: ModelSpec, names: Sequence[str], coordinates: Sequence[Coordinate], base: Sequence[Candidates]
+    ) -> None:
+        self.spec, self.names, self.coordinates, self._base = spec, tuple(names), tuple(coordinates), tuple(base)
+        self.centre, self.lower, self.upper = (
+            np.array([getattr(c, name) for c in self.coordinates]) for name in ("centre", "lower", "upper")
+        )
+        self.weight = np.array([c.prior**-2 for c in self.coordinates])
+
+    @classmethod
+    def of(
+        cls,
         spec: ModelSpec,
         free: Sequence[str],
         measurement: Floats,
         priors: Mapping[str, float] | None = None,
         process: bool = True,
-    ) -> None:
-        self.spec = spec
-        self._held = hold(spec)
-        self._held = replace(self._held, measurement=np.asarray(measurement, dtype=float).reshape(-1, 1))
-        self.coordinates = (
+    ) -> Coordinates:
+        """Return the coordinates of parameters and noise of a model.
+
+        Args:
+            spec: The model; parameters that are not free keep its values, states without process noise stay without.
+            free: Names of the free parameters.
+            measurement: First variance of each output ``(ny,)``.
+            priors: Standard deviation of the prior about the first value by parameter: of its logarithm where the
+                parameter is positive, else in its unit.
+            process: Whether the process noise moves too.
+
+        Raises:
+            UserError: If a name is unknown or a parameter has no room to move.
+        """
+        variances = np.asarray(measurement, dtype=float)
+        moved = (
             *_parameters(spec, free, priors or {}),
-            *(_process(spec) if process else ()),
-            *_measurement(spec, self._held.measurement[:, 0]),
+            *(process_coordinates(spec) if process else ()),
+            *measurement_coordinates(spec, variances),
         )
-        self.start = np.array([c.start for c in self.coordinates])
-        self.lower = np.array([c.lower for c in self.coordinates])
-        self.upper = np.array([c.upper for c in self.coordinates])
-        self.weight = np.array([c.spread**-2 for c in self.coordinates])
+        base = replace(Candidates.of(spec), measurement=variances.reshape(-1, 1))
+        return cls(spec, spec.model().parameter_names, moved, [base])
 
     def __len__(self) -> int:
         return len(self.coordinates)
 
-    def kind(self, *kinds: Kind) -> NDArray[np.bool_]:
+    def kind(self, *kinds: Kind) -> Mask:
         """Return which coordinates are of these kinds."""
         return np.array([c.kind in kinds for c in self.coordinates])
 
-    def held(self, z: Floats) -> Held:
-        """Return what candidates ``z (n,)`` or ``(n, candidates)`` hold."""
-        columns = np.atleast_2d(z.T).T
+    def _of_drive(self, drive: int) -> Candidates:
+        return self._base[drive if len(self._base) > 1 else 0]
+
+    def candidates(self, z: Floats, drive: int = 0) -> Candidates:
+        """Return what candidates ``z (n,)`` or ``(n, candidates)`` hold in a drive."""
+        columns, base = np.atleast_2d(z.T).T, self._of_drive(drive)
         tables = {
-            "parameter": np.repeat(self._held.values, columns.shape[1], axis=1),
-            "process": np.repeat(self._held.process, columns.shape[1], axis=1),
-            "measurement": np.repeat(self._held.measurement, columns.shape[1], axis=1),
+            "parameter": np.repeat(base.values, columns.shape[1], axis=1),
+            "process": np.repeat(base.process, columns.shape[1], axis=1),
+            "measurement": np.repeat(base.measurement, columns.shape[1], axis=1),
         }
         for c, row in zip(self.coordinates, columns, strict=True):
-            moved = np.exp(row) if c.logarithmic else row
             if c.kind == "process":
-                tables[c.kind][list(c.rows)] *= moved
-            else:
-                tables[c.kind][c.rows[0]] = moved
-        return Held(tables["parameter"], tables["process"], tables["measurement"])
+                tables[c.kind][list(c.rows)] *= c.value(row)
+            elif c.acts_in(drive):
+                tables[c.kind][c.rows[0]] = c.value(row)
+        return Candidates(tables["parameter"], tables["process"], tables["measurement"])
 
-    def directions(self, z: Floats, chosen: NDArray[np.bool_] | None = None) -> Held:
-        """Return the derivatives of what is held by the chosen coordinates (all by default)."""
-        at = self.held(z)
+    def directions(self, z: Floats, chosen: Mask | None = None, drive: int = 0) -> Candidates:
+        """Return the derivatives of what is held in a drive by the chosen coordinates (all by default)."""
+        at = self.candidates(z, drive)
         tables = {"parameter": at.values, "process": at.process, "measurement": at.measurement}
         index = np.arange(len(self)) if chosen is None else np.flatnonzero(chosen)
         slopes = {kind: np.zeros((len(table), len(index))) for kind, table in tables.items()}
         for j, i in enumerate(index):
             c = self.coordinates[i]
-            rows = list(c.rows)
-            slopes[c.kind][rows, j] = tables[c.kind][rows, 0] if c.logarithmic else 1.0
-        return Held(slopes["parameter"], slopes["process"], slopes["measurement"])
+            if c.acts_in(drive):
+                rows = list(c.rows)
+                slopes[c.kind][rows, j] = tables[c.kind][rows, 0] if c.logarithmic else c.scale
+        return Candidates(slopes["parameter"], slopes["process"], slopes["measurement"])
+
+    def penalty(self, z: Floats) -> Floats:
+        """Return what the priors take from the log-likelihood of candidates ``z (n,)`` or ``(n, candidates)``."""
+        return np.asarray(0.5 * self.weight @ (z.T - self.centre).T ** 2)
 
     def possible(self, z: Floats) -> bool:
         """Whether the values of a candidate ``(n,)`` are possible together, as the vehicle file says."""
-        held = self.held(z).values[:, 0]
-        values = dict(zip(self.spec.model().parameter_names, map(float, held), strict=True))
-        return not broken_relations(self.spec.vehicle, values)
+        held = self.candidates(z).values[:, 0]
+        return not broken_relations(self.spec.vehicle, dict(zip(self.names, map(float, held), strict=True)))
 
     def fitted(self, z: Floats) -> ModelSpec:
         """Return the model with the values and variances of a candidate."""
-        model, held = self.spec.model(), self.held(z)
+        model, held = self.spec.model(), self.candidates(z)
         return replace(
             self.spec,
             values=dict(zip(model.parameter_names, map(float, held.values[:, 0]), strict=True)),
@@ -155,26 +201,26 @@ class Space:
         )
 
 
-def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float]) -> list[Coordinate]:
-    model = spec.model()
-    names, found = model.parameter_names, []
-    for name in (*free, *priors):
-        if name not in names:
-            raise UserError(f"free: the model has no parameter '{name}'{closest(name, names)}")
-    for name in dict.fromkeys(free):
-        row = names.index(name)
-        p, value = model.parameters[row], spec.values[name]
-        if not p.lower < p.upper:
-            raise UserError(f"free: '{name}' has no room between its bounds {p.lower:g} and {p.upper:g} {p.unit}")
-        logarithmic = p.lower > 0
-        scale = math.log if logarithmic else float
-        bounds = scale(p.lower), scale(p.upper)
-        prior = priors.get(name, math.inf)
-        found.append(Coordinate(name, "parameter", (row,), scale(value), *bounds, logarithmic, p.unit, prior))
-    return found
+def parameter_coordinate(
+    p: Parameter, row: int, value: float, prior: float = math.inf, scale: float = 1.0, drives: tuple[int, ...] = ()
+) -> Coordinate:
+    """Return the coordinate of a parameter: its logarithm where it is positive and no moment.
+
+    Args:
+        p: The parameter.
+        row: Its row.
+        value: Stated or first value.
+        prior: Standard deviation of the coordinate before the data.
+        scale: Of a coordinate that is no logarithm.
+        drives: The only drives in which it acts.
+    """
+    logarithmic = p.lower > 0 and not p.per_drive
+    scale = 1.0 if logarithmic or p.per_drive else scale
+    centre, lower, upper = (math.log(v) if logarithmic else v / scale for v in (value, p.lower, p.upper))
+    return Coordinate(p.name, "parameter", (row,), centre, lower, upper, logarithmic, p.unit, prior, scale, drives)
 
 
-def _process(spec: ModelSpec) -> list[Coordinate]:
+def process_coordinates(spec: ModelSpec) -> list[Coordinate]:
     """Return a coordinate per unit of the noisy states: velocities, angles, forces each share a factor.
 
     A random effect states its noise itself; how much of it there is, is a parameter.
@@ -191,11 +237,27 @@ def _process(spec: ModelSpec) -> list[Coordinate]:
     ]
 
 
-def _measurement(spec: ModelSpec, variances: Floats) -> list[Coordinate]:
+def measurement_coordinates(spec: ModelSpec, variances: Floats) -> list[Coordinate]:
+    """Return a coordinate per output, about its first variance."""
     bound, found = math.log(NOISE_RANGE), []
     for a, (output, variance) in enumerate(zip(spec.model().outputs, variances, strict=True)):
         start = math.log(variance)
         unit = f"({SIGNALS[output].unit})^2" if output in SIGNALS else ""
         name = f"measurement_noise {output}"
         found.append(Coordinate(name, "measurement", (a,), start, start - bound, start + bound, True, unit))
+    return found
+
+
+def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float]) -> list[Coordinate]:
+    model = spec.model()
+    names, found = model.parameter_names, []
+    for name in (*free, *priors):
+        if name not in names:
+            raise UserError(f"free: the model has no parameter '{name}'{closest(name, names)}")
+    for name in dict.fromkeys(free):
+        row = names.index(name)
+        p = model.parameters[row]
+        if not p.lower < p.upper:
+            raise UserError(f"free: '{name}' has no room between its bounds {p.lower:g} and {p.upper:g} {p.unit}")
+        found.append(parameter_coordinate(p, row, spec.values[name], priors.get(name, math.inf)))
     return found

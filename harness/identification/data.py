@@ -96,6 +96,12 @@ def joined(drive: Drive, model: Model) -> Drive:
     return replace(drive, inputs=inputs, between=between)
 
 
+def started_by(model: Model) -> dict[int, int]:
+    """Return the states that a parameter starts, each with the row of that parameter."""
+    rows = {name: i for i, name in enumerate(model.parameter_names)}
+    return {i: rows[str(model.start[s])] for i, s in enumerate(model.states) if model.start.get(s) in rows}
+
+
 def _first_mean(model: Model, recording: xr.Dataset, found: Floats) -> Floats:
     mean = np.zeros(len(model.states))
     for i, state in enumerate(model.states):

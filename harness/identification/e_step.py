@@ -14,7 +14,7 @@ from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_state, outp
 from harness.engine.simd.lanes import LANES as WIDTH
 from harness.estimation.contract import Estimator
 from harness.estimation.particle_smoother import Transitions, run_filter, transitions
-from harness.identification.data import Drive
+from harness.identification.data import Drive, started_by
 from harness.simulation.simulate import in_lanes
 
 Floats = NDArray[np.float64]
@@ -117,10 +117,8 @@ class Expecter:
         source = paste(self._duals, "expectation", [squared_residuals])
         self._kernel = load_source("expectation", source).squared_residuals
         self._values = self.compiled.parameter_vector(spec.values)
-        names, states = spec.model().parameter_names, spec.model().states
-        self._rows = [names.index(name) for name in free]
-        sources = spec.model().start.items()
-        self._starts = {states.index(state): names.index(str(source)) for state, source in sources if source in names}
+        self._rows = [spec.model().parameter_names.index(name) for name in free]
+        self._starts = started_by(spec.model())
 
     def expect(self, point: Point, seed: np.random.SeedSequence) -> Expectation:
         """Run filter and smoother at a point (the E-step).

@@ -7,8 +7,8 @@ and lengths at once, because eight candidates cost one run of the filter; the be
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,22 +26,22 @@ _EVER_SMALLER = 1e3
 _LARGEST_DAMPING = 1e9
 
 
-@dataclass(frozen=True)
-class Objective:
+class Objective(Protocol):
     """What is maximised.
 
     Attributes:
-        values: From candidates ``(n, candidates)`` to values ``(candidates,)``; minus infinity where there is none.
-        slopes: From a point ``(n,)`` and the coordinates that move ``(n,)`` to value, gradient and information of
-            those.
         lower: Bounds ``(n,)``.
         upper: Bounds ``(n,)``.
     """
 
-    values: Callable[[Floats], Floats]
-    slopes: Callable[[Floats, Mask], tuple[float, Floats, Floats]]
     lower: Floats
     upper: Floats
+
+    def values(self, z: Floats, /) -> Floats:
+        """Return the values ``(candidates,)`` of candidates ``(n, candidates)``; minus infinity where there is none."""
+
+    def slopes(self, z: Floats, moved: Mask, /) -> tuple[float, Floats, Floats]:
+        """Return value, gradient and information at a point ``(n,)`` of the coordinates that move ``(n,)``."""
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,11 @@ from harness.config import ModelSpec
 from harness.config.schema import Name
 from harness.identification.contract import Fit, Problem, load_method, settings_of
 from harness.identification.data import Drive, joined
-from harness.identification.innovations import Innovations, hold
+from harness.identification.innovations import Innovations
+from harness.identification.judgement import rms
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
 from harness.identification.measured_report import document
-from harness.identification.result import Judged, judge, rms, write_outcome
+from harness.identification.result import Judged, judge, write_outcome
 from harness.recordings.axle_curves import GRAVITY, Axle, Slope, axles_of
 from harness.reporting.document import write
 
@@ -110,10 +111,8 @@ def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None
 
 def _alone(innovations: Innovations, spec: ModelSpec, drive: Drive) -> Floats:
     """Return the root mean square error of a model alone on a drive ``(ny,)``."""
-    alone = innovations.free_run(drive, hold(spec))
-    outputs = alone.outputs[:, :, 0].copy()
-    outputs[int(alone.left_at[0]) :] = np.nan
-    return rms(drive.measurements - outputs)
+    values = np.array([spec.values[n] for n in innovations.names])
+    return rms(drive.measurements - innovations.free_run(drive, values).outputs)
 
 
 def static_load(values: Mapping[str, float], end: str) -> float:

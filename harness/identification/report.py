@@ -181,6 +181,8 @@ def _errors(fit: Fit, judged: list[Judged]) -> list[Block]:
 
 
 def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
+    if not judged:
+        return []
     outputs = list(fit.spec.model().outputs)
     rows, coloured = [], []
     for j in judged:

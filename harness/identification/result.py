@@ -15,8 +15,9 @@ from harness.common.files import write_files
 from harness.config.parameter_set import set_text
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import Drive
-from harness.identification.innovations import Innovations, hold
-from harness.identification.whiteness import Whiteness, whiteness
+from harness.identification.filtered_model import Candidates
+from harness.identification.judgement import DriveJudgement, judged_on
+from harness.identification.whiteness import Whiteness
 from harness.models.signals import SIGNALS
 
 Floats = NDArray[np.float64]
@@ -27,60 +28,53 @@ class Judged:
     """One recording against the model before and after the fit.
 
     Attributes:
-        drive: The recording.
         held_out: Whether it was kept from the fit.
-        free: Outputs of the model alone over the inputs, before and after ``(2, samples, ny)``; NaN from where it left
-            the range in which the equations hold.
-        free_error: Root mean square of measurement minus that ``(2, ny)``.
-        one_step_error: Root mean square of the innovations before and after ``(2, ny)``.
-        log_likelihood: Before and after ``(2,)``.
-        whiteness: Of each output's whitened innovations after the fit.
+        before: The model before the fit.
+        after: The model after it.
     """
 
-    drive: Drive
     held_out: bool
-    free: Floats
-    free_error: Floats
-    one_step_error: Floats
-    log_likelihood: Floats
-    whiteness: tuple[Whiteness, ...]
+    before: DriveJudgement
+    after: DriveJudgement
+
+    @property
+    def drive(self) -> Drive:
+        """The recording."""
+        return self.after.drive
+
+    @property
+    def free(self) -> Floats:
+        """Outputs of the model alone over the inputs, before and after ``(2, samples, ny)``."""
+        return np.array([self.before.simulated, self.after.simulated])
+
+    @property
+    def free_error(self) -> Floats:
+        """Root mean square of measurement minus that ``(2, ny)``."""
+        return np.array([self.before.simulation_error, self.after.simulation_error])
+
+    @property
+    def one_step_error(self) -> Floats:
+        """Root mean square of the innovations before and after ``(2, ny)``."""
+        return np.array([self.before.one_step_error, self.after.one_step_error])
+
+    @property
+    def log_likelihood(self) -> Floats:
+        """Before and after ``(2,)``."""
+        return np.array([self.before.log_likelihood, self.after.log_likelihood])
+
+    @property
+    def whiteness(self) -> tuple[Whiteness, ...]:
+        """Of each output's whitened innovations after the fit."""
+        return self.after.whiteness
 
 
 def judge(problem: Problem, fit: Fit, held_out: tuple[Drive, ...] = ()) -> list[Judged]:
     """Return what the fit is worth on the recordings it saw and on those it did not see."""
-    innovations = problem.innovations
-    return [
-        _judged(innovations, fit, drive, held)
-        for drives, held in ((problem.drives, False), (held_out, True))
-        for drive in drives
-    ]
-
-
-def _judged(innovations: Innovations, fit: Fit, drive: Drive, held_out: bool) -> Judged:
-    free, runs = [], []
-    for held in (hold(innovations.spec), hold(fit.spec)):
-        alone = innovations.free_run(drive, held)
-        outputs = alone.outputs[:, :, 0].copy()
-        outputs[int(alone.left_at[0]) :] = np.nan
-        free.append(outputs)
-        runs.append(innovations.run(drive, held))
-    after = runs[1].whitened[1:]
-    return Judged(
-        drive=drive,
-        held_out=held_out,
-        free=np.array(free),
-        free_error=np.array([rms(drive.measurements - f) for f in free]),
-        one_step_error=np.array([rms(r.innovation) for r in runs]),
-        log_likelihood=np.array([r.log_likelihood for r in runs]),
-        whiteness=tuple(whiteness(column) for column in after.T),
-    )
-
-
-def rms(errors: Floats) -> Floats:
-    """Return the root mean square of each column; NaN only where nothing is left."""
-    count = np.isfinite(errors).sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.sqrt(np.nansum(errors**2, axis=0) / count))
+    innovations, found = problem.innovations, []
+    for drives, kept_aside in ((problem.drives, False), (held_out, True)):
+        before, after = (judged_on(innovations, drives, Candidates.of(s)) for s in (innovations.spec, fit.spec))
+        found += [Judged(kept_aside, *pair) for pair in zip(before, after, strict=True)]
+    return found
 
 
 def parameter_file(fit: Fit, source: str) -> str:

@@ -31,7 +31,7 @@ from harness.engine.kernel_names import (
     splat,
 )
 from harness.engine.time_loops import outside
-from harness.identification.data import Drive
+from harness.identification.data import Drive, started_by
 
 Floats = NDArray[np.float64]
 Known = Mapping[str, Mapping[str, float]]
@@ -137,11 +137,7 @@ class Misfit:
             [(i, names.index(f.parameter)) for i, f in enumerate(self.free) if not f.drives or d.name in f.drives]
             for d in self.drives
         ]
-        self._starts = {
-            compiled.model.states.index(state): names.index(str(source))
-            for state, source in compiled.model.start.items()
-            if source in names
-        }
+        self._starts = started_by(compiled.model)
         self.scale = _spread(compiled, self.drives)
         self.lower, self.upper = (np.array([getattr(f, end) for f in self.free]) for end in ("lower", "upper"))
 

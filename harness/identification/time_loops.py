@@ -2,7 +2,7 @@
 
 A recording is the same in all lanes; the lanes differ in what they hold the model to be. Over plain lanes these are
 eight candidates, over dual numbers one candidate with its derivatives along eight directions. ``note`` is called at
-every sample: over plain lanes it is ``note_gain``, over dual numbers ``note_slopes``.
+every sample: over plain lanes it is ``note_run``, over dual numbers ``note_slopes``.
 """
 
 from __future__ import annotations
@@ -98,28 +98,36 @@ def factorise(info, y, S, factor):
     cholesky(S, factor, NY)
 
 
-def note_gain(before, after, u_before, u, y, belief, info, scratch, k, notes):
-    """Keep what the first lane's filter did at a sample, as plain numbers; nothing if there is no room for samples.
+def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
+    """Keep what the first lane's filter did at a sample; nothing if there is no room for samples.
 
-    Written to ``notes`` are the innovation and its standard deviation ``(samples, ny)``; the innovation over its
-    Cholesky factor ``(samples, ny)``, NaN where missing; the inverse of that factor ``(samples, ny, ny)``; and the gain
-    ``(samples, nx, ny)``, which for a filter linearised at its prediction is ``K = P H' R^-1`` with the corrected
-    covariance ``P``.
+    The gain is that of a filter linearised at its prediction.
     """
     S, factor, x_prior, predicted, H, w, _ = scratch
-    innovation, deviation, whitened, whitening, gain = notes
-    if whitened.shape[0] == 0:
-        return
+    if notes[0].shape[0] > 0:
+        next_state(before.mean, u_before, belief.constants, x_prior, w)
+        output_jacobian(x_prior, u, belief.constants, predicted, H)
+        R = belief.measurement_noise
+        keep_first_lane(info, y, H, after.covariance, R, S, factor, after.mean, k, notes)
+
+
+def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
+    """Keep what the first lane's filter did at a sample, as plain numbers.
+
+    Written to ``notes`` are the innovation and its standard deviation ``(samples, ny)``; the innovation over its
+    Cholesky factor ``(samples, ny)``, NaN where missing; the inverse of that factor ``(samples, ny, ny)``; the gain
+    ``K = P H' R^-1`` with the corrected covariance ``P`` ``(samples, nx, ny)``; and the corrected mean
+    ``(samples, states of x)``, of which the first ``NX`` are those of the filter.
+    """
+    innovation, deviation, whitened, whitening, gain, state = notes
     factorise(info, y, S, factor)
-    next_state(before.mean, u_before, belief.constants, x_prior, w)
-    output_jacobian(x_prior, u, belief.constants, predicted, H)
     for a in range(NY):
         missing = np.isnan(y[a, 0])
-        for b in range(NY):
+        for b in range(a + 1):
             total = 1.0 if a == b else 0.0
             for c in range(b, a):
                 total -= factor[a, c, 0] * whitening[k, c, b]
-            whitening[k, a, b] = total / factor[a, a, 0] if b <= a else 0.0
+            whitening[k, a, b] = total / factor[a, a, 0]
         total = 0.0
         for b in range(a + 1):
             if not np.isnan(y[b, 0]):
@@ -130,8 +138,10 @@ def note_gain(before, after, u_before, u, y, belief, info, scratch, k, notes):
         for i in range(NX):
             total = 0.0
             for j in range(NX):
-                total += after.covariance[i, j, 0] * H[a, j, 0]
-            gain[k, i, a] = 0.0 if missing else total / belief.measurement_noise[a, 0]
+                total += P[i, j, 0] * H[a, j, 0]
+            gain[k, i, a] = 0.0 if missing else total / R[a, 0]
+    for i in range(x.shape[0]):
+        state[k, i] = x[i, 0]
 
 
 def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
@@ -172,8 +182,8 @@ def follow(u, between, y, constants, x0, gain, whitening, slopes):
         y: Measurements ``(samples, ny)``, NaN where missing.
         constants: ``(nc, LANES)``.
         x0: First mean ``(nx, LANES)``.
-        gain: From ``note_gain``, ``(samples, nx, ny)``; states behind its rows are not corrected.
-        whitening: From ``note_gain``, ``(samples, ny, ny)``.
+        gain: From ``keep_first_lane``, ``(samples, nx, ny)``; states behind its rows are not corrected.
+        whitening: From ``keep_first_lane``, ``(samples, ny, ny)``.
         slopes: Derivatives of the whitened innovations, written ``(samples, ny, lanes)``.
     """
     samples, nu = u.shape

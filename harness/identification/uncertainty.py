@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.identification.contract import Estimate, Profile, Verdict
-from harness.identification.coordinates import Coordinate, Space
+from harness.identification.coordinates import Coordinate, Coordinates
 from harness.identification.fisher_scoring import Objective, maximise
 
 Floats = NDArray[np.float64]
@@ -42,6 +42,54 @@ _AT_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
+class Covariance:
+    """What an information matrix leaves open.
+
+    Attributes:
+        unit: Inverse of the information when that is scaled to a unit diagonal ``(n, n)``.
+        scale: Roots of the diagonal of the information ``(n,)``.
+        lost: Coordinates that move along a direction of which it says nothing ``(n,)``.
+    """
+
+    unit: Floats
+    scale: Floats
+    lost: NDArray[np.bool_]
+
+    @property
+    def matrix(self) -> Floats:
+        """The covariance ``(n, n)``."""
+        return self.unit / np.outer(self.scale, self.scale)
+
+    @property
+    def errors(self) -> Floats:
+        """Standard error of each coordinate ``(n,)``, infinite where the information leaves it open."""
+        return np.where(self.lost, np.inf, np.sqrt(np.maximum(np.diagonal(self.unit), 0.0)) / self.scale)
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of each pair ``(n, n)``."""
+        deviation = np.sqrt(np.diagonal(self.unit))
+        return self.unit / np.outer(deviation, deviation)
+
+
+def covariance_of(information: Floats, singular: float = _SINGULAR, dropped: bool = False) -> Covariance:
+    """Return the inverse of an information matrix.
+
+    Args:
+        information: Fisher information, with that of the priors ``(n, n)``.
+        singular: Share of the largest eigenvalue below which a direction counts as empty.
+        dropped: Whether empty directions are left out of the inverse (the pseudo-inverse, to solve with); otherwise
+            they count as known that badly, so that it tells how estimates hang together.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    floor = max(singular * values.max(initial=0.0), 1e-300)
+    empty = values < floor
+    parts = np.where(empty & dropped, 0.0, vectors / np.maximum(values, floor))
+    return Covariance(parts @ vectors.T, scale, (vectors[:, empty] ** 2).sum(axis=1) > 1e-6)
+
+
+@dataclass(frozen=True)
 class Knowledge:
     """What the Fisher information says about the coordinates of a fit.
 
@@ -56,7 +104,7 @@ class Knowledge:
     side: NDArray[np.int64]
 
 
-def limits_of_knowledge(space: Space, z: Floats, information: Floats) -> Knowledge:
+def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> Knowledge:
     """Return errors and correlation of the coordinates, those at a bound held there.
 
     Directions that the information leaves empty (two parameters of which only the product acts) make the error of
@@ -65,46 +113,49 @@ def limits_of_knowledge(space: Space, z: Floats, information: Floats) -> Knowled
     reach = space.upper - space.lower
     side = np.where(z - space.lower < _AT_BOUND * np.minimum(reach, 1.0), -1, 0)
     side = np.where(space.upper - z < _AT_BOUND * np.minimum(reach, 1.0), 1, side)
-    n, scale = len(space), np.sqrt(np.diagonal(information))
-    silent = scale * reach < 2.0 * NORMAL  # even with all else known, the interval would be the whole range
+    silent = np.sqrt(np.diagonal(information)) * reach < 2.0 * NORMAL  # all else known, it would be the whole range
     side[silent] = 0
     known = (side == 0) & ~silent
+    n = len(space)
     error, correlation = np.full(n, np.inf), np.eye(n)
     error[side != 0] = np.nan
     if known.any():
-        s = scale[known]
-        values, vectors = np.linalg.eigh(information[np.ix_(known, known)] / np.outer(s, s))
-        empty = values < _SINGULAR * values.max()
-        covariance = (vectors / np.maximum(values, _SINGULAR * values.max())) @ vectors.T
-        deviation = np.sqrt(np.diagonal(covariance))
-        correlation[np.ix_(known, known)] = covariance / np.outer(deviation, deviation)
-        lost = (vectors[:, empty] ** 2).sum(axis=1) > 1e-6
-        error[known] = np.where(lost, np.inf, deviation / s)
+        covariance = covariance_of(information[np.ix_(known, known)])
+        error[known] = covariance.errors
+        correlation[np.ix_(known, known)] = covariance.correlation
     return Knowledge(error, correlation, side)
 
 
-def estimates_of(
-    space: Space,
-    objective: Objective,
-    z: Floats,
-    value: float,
-    information: Floats,
-    knowledge: Knowledge,
-    profiles: bool,
-    say: Callable[[str], None],
-) -> tuple[Estimate, ...]:
+@dataclass(frozen=True)
+class Summit:
+    """Where a likelihood is largest, and what is known of it there.
+
+    Attributes:
+        space: The coordinates.
+        objective: The likelihood.
+        z: Where it is largest ``(n,)``.
+        value: Its value there.
+        information: Fisher information there ``(n, n)``.
+        knowledge: From ``limits_of_knowledge``.
+    """
+
+    space: Coordinates
+    objective: Objective
+    z: Floats
+    value: float
+    information: Floats
+    knowledge: Knowledge
+
+
+def estimates_of(summit: Summit, profiles: bool, say: Callable[[str], None]) -> tuple[Estimate, ...]:
     """Return every coordinate as an estimate with interval, verdict and reason.
 
     Args:
-        space: The coordinates.
-        objective: The likelihood.
-        z: Where it is largest.
-        value: Its value there.
-        information: Fisher information there.
-        knowledge: From ``limits_of_knowledge``.
+        summit: Where the likelihood is largest.
         profiles: Whether parameters get their profile, and the interval from it.
         say: Takes a line on what is being done.
     """
+    space, z, knowledge = summit.space, summit.z, summit.knowledge
     found = []
     drawn = {}
     if profiles:
@@ -112,7 +163,7 @@ def estimates_of(
             i for i, c in enumerate(space.coordinates) if c.kind == "parameter" and np.isfinite(knowledge.error[i])
         ]
         say(f"profiles of {len(wanted)} parameters")
-        drawn = profile(space, objective, z, value, information, knowledge, wanted)
+        drawn = profile(summit, wanted)
     for i, c in enumerate(space.coordinates):
         error = float(knowledge.error[i])
         lower, upper = z[i] - NORMAL * error, z[i] + NORMAL * error
@@ -121,14 +172,14 @@ def estimates_of(
         lower, upper = (float(np.clip(end, c.lower, c.upper)) for end in (lower, upper))  # NaN stays NaN
         if math.isinf(error):
             lower, upper = c.lower, c.upper
-        verdict, reason = _judge(space, knowledge, i, z[i], lower, upper)
+        verdict, reason = _judge(space, knowledge, i, float(z[i]), lower, upper)
         found.append(
             Estimate(
                 name=c.name,
                 unit=c.unit,
-                start=c.value(c.start),
-                value=c.value(z[i]),
-                error=c.error(z[i], error),
+                start=c.value(c.centre),
+                value=c.value(float(z[i])),
+                error=error * c.slope(float(z[i])),
                 lower=c.value(lower),
                 upper=c.value(upper),
                 verdict=verdict,
@@ -139,23 +190,15 @@ def estimates_of(
     return tuple(found)
 
 
-def profile(
-    space: Space,
-    objective: Objective,
-    z: Floats,
-    value: float,
-    information: Floats,
-    knowledge: Knowledge,
-    wanted: list[int],
-) -> dict[int, tuple[Floats, Floats]]:
+def profile(summit: Summit, wanted: list[int]) -> dict[int, tuple[Floats, Floats]]:
     """Return the likelihood along coordinates: values of each and how far below the maximum, all others refitted.
 
     Each side goes outwards by standard errors until it is outside the 95 % interval, from the point before it along
     the ridge that the information predicts. Where the likelihood there is what the parabola says, or above, the
     point stands; elsewhere the others are refitted by scoring.
     """
-    free = knowledge.side == 0
-    sides = [_Side(space, z, information, free, i, way * knowledge.error[i]) for i in wanted for way in (-1, 1)]
+    space, objective, z, value = summit.space, summit.objective, summit.z, summit.value
+    sides = [_Side(summit, i, way) for i in wanted for way in (-1, 1)]
     for k in range(1, _FARTHEST + 1):
         active = [side for side in sides if side.open]
         if not active:
@@ -178,11 +221,11 @@ def profile(
 class _Side:
     """One side of a profile on its way outwards."""
 
-    def __init__(
-        self, space: Space, z: Floats, information: Floats, free: NDArray[np.bool_], index: int, step: float
-    ) -> None:
+    def __init__(self, summit: Summit, index: int, way: int) -> None:
+        space, z, information = summit.space, summit.z, summit.information
+        step = way * summit.knowledge.error[index]
         self.index, self.point, self.open = index, z, True
-        self.others = free.copy()
+        self.others = summit.knowledge.side == 0
         self.others[index] = False
         inner = information[np.ix_(self.others, self.others)]
         ridge = np.zeros(len(z))
@@ -192,7 +235,7 @@ class _Side:
         self.bound = space.upper[index] if step > 0 else space.lower[index]
         self.pairs: set[tuple[float, float]] = set()
 
-    def next_point(self, space: Space) -> Floats:
+    def next_point(self, space: Coordinates) -> Floats:
         """Return the next point, on the bound if the step leads beyond it."""
         return np.clip(self.point + self.step, space.lower, space.upper)
 
@@ -226,7 +269,9 @@ def _in_values(c: Coordinate, at: Floats, drop: Floats) -> Profile:
     return Profile(np.array([c.value(v) for v in at]), drop)
 
 
-def _judge(space: Space, knowledge: Knowledge, i: int, z: float, lower: float, upper: float) -> tuple[Verdict, str]:
+def _judge(
+    space: Coordinates, knowledge: Knowledge, i: int, z: float, lower: float, upper: float
+) -> tuple[Verdict, str]:
     """Return the verdict on a coordinate and the reason in a sentence."""
     c = space.coordinates[i]
     if knowledge.side[i]:
@@ -257,7 +302,7 @@ def _width(c: Coordinate, z: float, lower: float, upper: float) -> str:
     return f"95 % interval from {100 * below:.2g} % below to {100 * above:.2g} % above"
 
 
-def _partners(space: Space, knowledge: Knowledge, i: int) -> str:
+def _partners(space: Coordinates, knowledge: Knowledge, i: int) -> str:
     """Name the other coordinates that nearly move together with one, the strongest first."""
     strength = np.abs(knowledge.correlation[i])
     strength[i] = 0.0

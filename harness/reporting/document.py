@@ -16,8 +16,8 @@ from pathlib import Path
 import matplotlib as mpl
 import typst
 
+from harness.common.failures import RAISED, Failures
 from harness.common.files import write_files
-from harness.reporting.failures import RAISED, Failures
 
 
 @dataclass(frozen=True)

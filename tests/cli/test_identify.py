@@ -54,6 +54,22 @@ def test_a_fit_writes_a_set_that_loads_its_numbers_and_a_report(folder, tmp_path
     assert "second" in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.fails_in_part
+def test_a_fit_is_kept_where_the_comparison_with_the_recordings_fails(folder, tmp_path, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("no sample is left")
+
+    monkeypatch.setattr("harness.identification.result.judge", broken)
+    done = run("--data", folder / "first.csv", "--free", "stiffness_over_load_front", "--setting", "annealings=0",
+               "--setting", "iterations=1", "--setting", "profiles=false", "--out", tmp_path)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "warning: the comparison with the recordings could not be made: ZeroDivisionError" in done.stderr
+    assert json.loads((tmp_path / "identify.json").read_text())["drives"] == []
+    assert (tmp_path / "parameters.toml").exists()
+    assert "the comparison with the recordings could not be made" in (tmp_path / "report.html").read_text()
+    assert "no sample is left" in (tmp_path / "errors.txt").read_text()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -5,7 +5,7 @@ import pytest
 
 from harness.config import resolve_single
 from harness.diagnosis.innovations.innovation_model import Inlet, InnovationModel
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
 from harness.diagnosis.residuals.order_analysis import Ride, Waves, find_turning, ridden
 from harness.diagnosis.residuals.unmodelled import find_unnamed
@@ -19,7 +19,7 @@ TURN, SIZE = 2.1, 3e-3
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def distance(recording):

@@ -7,10 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from harness.common.failures import FILE, Failures
 from harness.common.files import json_text
 from harness.config import resolve_single
 from harness.diagnosis import run
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.report import document
@@ -26,14 +27,13 @@ from harness.diagnosis.selection.acceptance import Round
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.reporting.document import write
-from harness.reporting.failures import FILE, Failures
 from support.driven_car import CAR, FREE, SIGNALS, driven, fitted
 from support.report_parts import Page
 
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 @pytest.fixture(scope="module")

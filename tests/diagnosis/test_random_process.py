@@ -8,7 +8,7 @@ import pytest
 
 from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitting
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
 from harness.diagnosis.residuals.random_process import (
@@ -21,7 +21,8 @@ from harness.diagnosis.residuals.random_process import (
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut
-from harness.identification.innovations import Innovations, hold
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
 from harness.identification.whiteness import whiteness
 from support.driven_car import CAR, FREE, SIGNALS, driven
 
@@ -30,7 +31,7 @@ WANDER, MEMORY = 0.02, 5.0
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def search(whole, recordings):
@@ -64,11 +65,12 @@ def test_next_to_white_is_a_twentieth_of_the_squared_correlations():
     """What a filter leaves of a process that it takes for another is coloured by any test that is long enough."""
     noise = np.random.default_rng(3).normal(size=12000)
     before, little, half = (np.convolve(noise, [1.0, *[share] * 12])[: len(noise)] for share in (0.5, 0.025, 0.25))
-    assert min(whiteness(little).ljung_box, whiteness(little).periodogram) < EXPLAINED
+    before, little, half, noise = (whiteness(series) for series in (before, little, half, noise))
+    assert min(little.ljung_box, little.periodogram) < EXPLAINED
     assert 0 < _left(before, little) < NEXT_TO_WHITE
     assert _left(before, half) > NEXT_TO_WHITE
     assert _left(before, noise) == 0
-    assert whiteness(half).correlation == pytest.approx(_squares(0.25, 12), rel=0.1)
+    assert half.correlation == pytest.approx(_squares(0.25, 12), rel=0.1)
 
 
 def _squares(share, terms):
@@ -97,9 +99,9 @@ def test_a_process_explains_as_much_straying_as_it_makes(whole):
     filters = Innovations(spec)
     drives = [filters.drive(driven(seed, ["road_bank_varying"], **values), f"drive {seed}") for seed in range(90, 96)]
     variances = np.array([1e-4, 1e-2, 1e-3])
-    expected = expected_excess(filters, drives, hold(spec), variances)
-    free = [filters.free_run(d, hold(spec)).outputs[:, :, 0] for d in drives]
-    clean = [whole.free_run(whole.drive(driven(seed), "clean"), whole.neutral()).outputs for seed in range(90, 96)]
+    expected = expected_excess(filters, drives, Candidates.of(spec), variances)
+    free = [filters.free_run(d, filters.stated()).outputs for d in drives]
+    clean = [whole.free_run(whole.drive(driven(seed), "clean"), whole.stated()).outputs for seed in range(90, 96)]
     apart = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
     silent = np.concatenate(
         [whole.drive(driven(seed), "clean").measurements - c for seed, c in zip(range(90, 96), clean, strict=True)]

@@ -14,7 +14,7 @@ from harness.cli.main import app
 from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.fitting.noise_search import climb
-from harness.diagnosis.model.augmented_model import Noise, Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.diagnosis.recording_checks import oddities
 from harness.diagnosis.result.verdict import verdict_of
@@ -22,8 +22,8 @@ from harness.diagnosis.selection.acceptance import Candidate, objections
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.score_test import SPACING, ScoreTest, best_amplitudes, cosine
 from harness.diagnosis.selection.validation import Judgement
-from harness.identification.fisher_scoring import Objective
-from harness.identification.innovations import Innovations, hold
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
 from harness.recordings import load_recording
 from harness.recordings.write import write_recording
 from harness.study.results import read
@@ -34,7 +34,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 @pytest.fixture(scope="module")
@@ -49,21 +49,16 @@ def gusty(whole):
     return fitting, fitting.fit(coordinates(whole, FREE, (), 2), fitting.first(), 10)
 
 
-def noise_of(spec):
-    held = hold(spec)
-    return Noise(held.process, held.measurement)
-
-
 def test_at_the_neutral_values_it_is_the_extended_kalman_filter_of_the_nominal_model():
     """With Euler steps in both, and held inputs, the filter around the whole model is the filter itself."""
     spec = resolve_single(CAR, "test")
-    whole, alone = Whole(spec, SIGNALS, jobs=1), Innovations(spec, jobs=1)
+    whole, alone = AugmentedModel(spec, SIGNALS, jobs=1), Innovations(spec, jobs=1)
     recording = driven(3, duration=25.0)
     drive = whole.drive(recording, "drive")
     drive = dataclasses.replace(drive, between=drive.inputs)
     own = dataclasses.replace(alone.drive(recording, "drive"), first_variance=drive.first_variance)
-    found = whole.likelihoods(drive, whole.neutral()[:, None], noise_of(spec))[0]
-    assert found == pytest.approx(alone.log_likelihoods([own], hold(spec))[0], rel=1e-7)
+    found = whole.log_likelihoods([drive], dataclasses.replace(Candidates.of(spec), values=whole.stated()[:, None]))[0]
+    assert found == pytest.approx(alone.log_likelihoods([own], Candidates.of(spec))[0], rel=1e-7)
     assert np.isfinite(found)
 
 
@@ -110,7 +105,7 @@ def test_variances_climb_to_those_of_the_samples():
     def values(many):
         return -50.0 * np.sum(many[1:] + squares[:, None] * np.exp(-many[1:]), axis=0) - many[0] ** 2
 
-    objective = Objective(values, None, np.full(4, -20.0), np.full(4, 20.0))
+    objective = SimpleNamespace(values=values, lower=np.full(4, -20.0), upper=np.full(4, 20.0))
     start = np.array([1.0, 6.0, 6.0, -6.0])
     z, curvature = climb(objective, start, float(values(start[:, None])[0]), 1, 20, 1e-6)
     assert z[0] == 1.0
@@ -137,7 +132,7 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole)
     before = Judgement(0.0, np.zeros(1), np.array([10.0]), (), None)
 
     def fit(hypothesis, **factors):
-        values = whole.neutral()[:, None]
+        values = whole.stated()[:, None]
         for name, factor in factors.items():
             values[whole.row(name)] *= factor
         return Fitted(coordinates(whole, FREE, (hypothesis,), 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)

@@ -1,10 +1,12 @@
 """Fisher scoring within bounds, and the tests of whiteness, on problems whose answer is known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import signal
 
-from harness.identification.fisher_scoring import Objective, bounded_step, maximise
+from harness.identification.fisher_scoring import bounded_step, maximise
 from harness.identification.whiteness import whiteness
 
 CURVATURE = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1e-6]]) + np.diag([0, 0, 0.5])
@@ -20,13 +22,13 @@ def parabola(lower=-np.inf, upper=np.inf):
         gradient = -CURVATURE @ (z - SUMMIT)
         return float(values(z[:, None])[0]), gradient[moved], CURVATURE[np.ix_(moved, moved)]
 
-    return Objective(values, slopes, np.full(3, lower), np.full(3, upper))
+    return SimpleNamespace(values=values, slopes=slopes, lower=np.full(3, lower), upper=np.full(3, upper))
 
 
 def test_a_parabola_is_climbed_in_one_step():
-    calls = []
-    inner = parabola()
-    objective = Objective(inner.values, lambda z, m: calls.append(z) or inner.slopes(z, m), inner.lower, inner.upper)
+    calls, objective = [], parabola()
+    inner = objective.slopes
+    objective.slopes = lambda z, moved: calls.append(z) or inner(z, moved)
     found = maximise(objective, np.zeros(3), np.ones(3, dtype=bool), 10)
     assert found.converged
     assert np.allclose(found.z, SUMMIT, atol=1e-9)
@@ -61,7 +63,10 @@ def test_a_curved_valley_is_followed_to_its_end():
         jacobian = np.array([[-20 * z[0], 10.0], [-1.0, 0.0]])
         return -0.5 * rest(z) @ rest(z), -jacobian.T @ rest(z), jacobian.T @ jacobian
 
-    objective = Objective(lambda z: -0.5 * (rest(z) ** 2).sum(axis=0), slopes, np.full(2, -5.0), np.full(2, 5.0))
+    def values(z):
+        return -0.5 * (rest(z) ** 2).sum(axis=0)
+
+    objective = SimpleNamespace(values=values, slopes=slopes, lower=np.full(2, -5.0), upper=np.full(2, 5.0))
     found = maximise(objective, np.array([-1.2, 1.0]), np.ones(2, dtype=bool), 60, enough=1e-12)
     assert np.allclose(found.z, 1.0, atol=1e-5)
 

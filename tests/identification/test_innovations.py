@@ -5,8 +5,9 @@ import pytest
 from scipy import stats
 
 from harness.common.errors import UserError
-from harness.identification.coordinates import Space
-from harness.identification.innovations import Held, Innovations, hold
+from harness.identification.coordinates import Coordinates
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
 from support.identification import CAR, TRUCK, car_fit, five_point, model_of, recorded
 
 LENGTHS = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia", "cog_to_front_axle")
@@ -14,16 +15,16 @@ LENGTHS = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_i
 
 def space_of(innovations, free):
     spec = innovations.spec
-    return Space(spec, free, [spec.measurement_noise[n] for n in innovations.model.outputs])
+    return Coordinates.of(spec, free, [spec.measurement_noise[n] for n in innovations.model.outputs])
 
 
 def check_gradient(innovations, drives, free):
     space = space_of(innovations, free)
-    z = space.start + 0.01
-    slopes = innovations.slopes(drives, space.held(z), space.directions(z))
+    z = space.centre + 0.01
+    slopes = innovations.slopes(drives, space.candidates(z), space.directions(z))
 
     def likelihood(points):
-        return innovations.log_likelihoods(drives, space.held(points))
+        return innovations.log_likelihoods(drives, space.candidates(points))
 
     assert slopes.log_likelihood == pytest.approx(likelihood(z[:, None])[0], rel=1e-12)
     natural = np.sqrt(np.diagonal(slopes.information))
@@ -55,7 +56,7 @@ def test_the_information_is_the_curvature_that_the_model_expects():
     drives = [
         innovations.drive(recorded(model_of(CAR), seed, duration=5.0, amplitude=0.55), "drive") for seed in range(40)
     ]
-    found = [innovations.slopes([d], space.held(space.start), space.directions(space.start)) for d in drives]
+    found = [innovations.slopes([d], space.candidates(space.centre), space.directions(space.centre)) for d in drives]
     mean = np.mean([f.information for f in found], axis=0)
     moved = space.kind("parameter", "measurement")
     gradients = np.array([f.gradient for f in found])[:, moved]
@@ -70,7 +71,7 @@ def test_several_drives_add_up_in_any_number_of_threads():
     innovations, drive = car_fit(3)
     shorter = innovations.drive(recorded(model_of(CAR), 4, duration=10.0, amplitude=0.5), "shorter")
     space = space_of(innovations, LENGTHS)
-    held, along = space.held(space.start), space.directions(space.start)
+    held, along = space.candidates(space.centre), space.directions(space.centre)
     one, other = (innovations.slopes([d], held, along) for d in (drive, shorter))
     both = innovations.slopes([drive, shorter], held, along)
     assert both.log_likelihood == pytest.approx(one.log_likelihood + other.log_likelihood, rel=1e-13)
@@ -84,9 +85,9 @@ def test_several_drives_add_up_in_any_number_of_threads():
 
 def test_more_candidates_than_lanes_come_in_their_order():
     innovations, drive = car_fit(5, duration=5.0)
-    held = hold(innovations.spec)
+    held = Candidates.of(innovations.spec)
     factors = np.linspace(0.8, 1.2, 11)
-    many = Held(held.values * factors, np.repeat(held.process, 11, 1), np.repeat(held.measurement, 11, 1))
+    many = Candidates(held.values * factors, np.repeat(held.process, 11, 1), np.repeat(held.measurement, 11, 1))
     found = innovations.log_likelihoods([drive], many)
     assert found.shape == (11,)
     for k in (0, 7, 8, 10):
@@ -97,10 +98,10 @@ def test_frozen_gains_give_the_derivative_of_the_mean_alone():
     """Differences of the innovations over two runs that share gains and whitening, which ``follow`` keeps."""
     innovations, drive = car_fit(6, duration=5.0)
     drive.measurements[50:60, 1] = np.nan
-    held = hold(innovations.spec)
+    held = Candidates.of(innovations.spec)
     kept = innovations.run(drive, held)
     directions = innovations.along(LENGTHS)
-    found = innovations.sensitivities(drive, held, directions, kept)
+    found = innovations.sensitivities(drive, held.values, directions, kept)
     assert found.shape == (*drive.measurements.shape, 4)
     assert not found[50:60, 1].any()
     model, kernels, C = innovations.compiled, innovations.compiled.kernels, np.eye(3)
@@ -120,24 +121,27 @@ def test_frozen_gains_give_the_derivative_of_the_mean_alone():
     seen = np.isfinite(kept.whitened)
     assert np.allclose(same[seen], kept.whitened[seen], atol=1e-8)
     for j in range(4):
-        h = 1e-5 * held.values[directions.values[:, j] > 0, 0][0]
-        expected = (innovate(held.values + h * directions.values[:, [j]])
-                    - innovate(held.values - h * directions.values[:, [j]])) / (2 * h)  # fmt: skip
+        h = 1e-5 * held.values[directions[:, j] > 0, 0][0]
+        expected = (innovate(held.values + h * directions[:, [j]])
+                    - innovate(held.values - h * directions[:, [j]])) / (2 * h)  # fmt: skip
         assert np.abs(found[:, :, j] - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 def test_whitened_innovations_of_the_right_model_are_standard_normal():
     innovations, drive = car_fit(7)
-    kept = innovations.run(drive, hold(innovations.spec))
+    held = Candidates.of(innovations.spec)
+    kept = innovations.run(drive, held)
     w = kept.whitened[5:]
-    assert kept.log_likelihood == pytest.approx(innovations.log_likelihoods([drive], hold(innovations.spec))[0])
+    assert kept.log_likelihood == pytest.approx(
+        innovations.log_likelihoods([drive], Candidates.of(innovations.spec))[0]
+    )
     assert stats.kstest(w.ravel(), "norm").pvalue > 1e-3
     assert np.allclose(kept.innovation[5:, 0] / kept.deviation[5:, 0], w[:, 0])
 
 
 def test_a_candidate_that_leaves_the_range_of_the_model_counts_minus_infinity():
     innovations, drive = car_fit(8, duration=5.0)
-    held = hold(innovations.spec)
+    held = Candidates.of(innovations.spec)
     assert np.isfinite(innovations.log_likelihoods([drive], held)[0])
     largest = np.abs(drive.measurements[:, 0]).max()
     innovations._limits[0] = 0.5 * largest

@@ -61,8 +61,8 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
 
 def test_the_search_ends_where_the_gradient_vanishes():
     search = Search(problem_of(2), QUICK)
-    found = search.climb(search.space.start)
-    _, gradient, information = search._slopes(found.z, np.ones(len(search.space), dtype=bool))
+    found = search.climb(search.coordinates.centre)
+    _, gradient, information = search.objective.slopes(found.z, np.ones(len(search.coordinates), dtype=bool))
     assert found.converged
     assert np.all(np.abs(gradient) < 0.1 * np.sqrt(np.diagonal(information)))
 
@@ -110,10 +110,10 @@ def test_confounded_parameters_name_each_other():
 
 def test_a_parameter_driven_to_its_bound_is_said_to_be_there():
     search = Search(problem_of(6, STIFFNESS), QUICK)
-    first, *others = search.space.coordinates
-    search.space.coordinates = (dataclasses.replace(first, upper=np.log(8.0)), *others)
-    search.space.upper[0] = np.log(8.0)
-    fit = search.report(search.climb(search.space.start), 0.0, False, lambda _: None)
+    first, *others = search.coordinates.coordinates
+    search.coordinates.coordinates = (dataclasses.replace(first, upper=np.log(8.0)), *others)
+    search.coordinates.upper[0] = np.log(8.0)
+    fit = search.report(search.climb(search.coordinates.centre), 0.0, False, lambda _: None)
     assert fit.estimates[0].verdict == "at its bound"
     assert "upper bound 8" in fit.estimates[0].reason
     assert fit.estimates[0].value == pytest.approx(8.0)
@@ -161,10 +161,10 @@ def test_a_prior_holds_a_parameter_that_the_data_hardly_tell():
 def test_forcing_the_process_noise_down_leaves_a_search_that_began_with_too_much():
     problem = problem_of(12)
     search = Search(problem, QUICK)
-    hot = search.space.start.copy()
-    hot[search.space.kind("process")] = 12.0
+    hot = search.coordinates.centre.copy()
+    hot[search.coordinates.kind("process")] = 12.0
     from_hot = search.anneal(search.together(hot), 3, lambda _: None)
-    assert from_hot.value == pytest.approx(search.climb(search.space.start).value, abs=0.5)
+    assert from_hot.value == pytest.approx(search.climb(search.coordinates.centre).value, abs=0.5)
 
 
 def test_fourth_differences_show_the_noise_of_a_smooth_signal():

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from harness.config import resolve_single
-from harness.identification.coordinates import Space
+from harness.identification.coordinates import Coordinates
 from harness.identification.measured import IdentifyStudy, calibrated, from_slopes, main
 from harness.recordings.axle_curves import axles_of
 
@@ -88,10 +88,10 @@ def test_a_calibration_takes_away_what_the_sensors_and_the_steering_add():
 
 def test_noise_that_is_held_is_no_coordinate():
     spec = resolve_single(CAR, "test")
-    held, free = (Space(spec, ["yaw_inertia"], np.ones(3), process=p) for p in (False, True))
+    held, free = (Coordinates.of(spec, ["yaw_inertia"], np.ones(3), process=p) for p in (False, True))
     assert not held.kind("process").any()
     assert free.kind("process").any()
-    at = held.held(held.start)
+    at = held.candidates(held.centre)
     assert [float(q) for q in at.process[:, 0]] == [spec.process_noise[s] for s in spec.model().states]
 
 

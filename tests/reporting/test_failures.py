@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
+from harness.common.failures import FILE, RAISED, Failures
 from harness.reporting import style
 from harness.reporting.document import (
     Bullets,
@@ -17,7 +18,6 @@ from harness.reporting.document import (
     source,
     write,
 )
-from harness.reporting.failures import FILE, RAISED, Failures
 from harness.study.report import write_report
 from support.report_parts import Page
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -16,7 +18,7 @@ from harness.study.run_noise import Case
 from harness.study.scores import OVER_TIME
 from harness.study.store import STORE
 from support.joint_study import HEAD, JOINT, LIMITS, NESTED, OVER
-from support.probe_study import STUDY
+from support.probe_study import STUDY, bits
 
 LOAD = """
 [[design]]
@@ -181,6 +183,19 @@ def test_errors_over_time_add_up_to_the_error_of_the_run(joint):
     together = np.sqrt((windows.astype(float) ** 2).mean("window"))
     # The first sample is in the first window and not in the run's score; the last of the drive is in none.
     np.testing.assert_allclose(together, data["rmse"].isel(drive=0).transpose(*together.dims), rtol=2e-3)
+
+
+def test_errors_over_time_are_those_of_one_drive_when_something_is_lost(joint, tmp_path, monkeypatch):
+    study, _, folder = joint
+    real, seen = StudyEvaluator.evaluate, []
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit.drive) or real(self, unit))
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (copy / STORE / "joint" / "rmse" / "c" / "0" / "0" / "1" / "0" / "0" / "0").unlink()
+    run_study(study, copy, jobs=1)
+    (copy / STORE / "joint" / OVER_TIME / "c" / "0" / "0" / "0" / "0" / "0" / "0").unlink()
+    run_study(study, copy, jobs=1)
+    assert seen == [1, 0]
+    assert bits(copy) == bits(folder)
 
 
 def test_new_limits_and_title_reach_the_store_without_a_new_run(joint, monkeypatch):

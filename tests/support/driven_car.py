@@ -7,7 +7,7 @@ import pytest
 from harness.common import registry
 from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitting
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.models.contracts import DriveContext
@@ -47,7 +47,7 @@ def driven(seed, effects=(), duration=60.0, **values):
 
 @pytest.fixture(scope="module")
 def whole():
-    return Whole(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def fitted(whole, drives):

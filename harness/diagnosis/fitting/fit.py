@@ -1,6 +1,6 @@
 """Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
 
-Parameters move by Gauss-Newton steps with the gains held as they are (``Whole.sensitivities``), variances by steps of
+Parameters move by Fisher scoring with the gains held as they are (``FilteredModel.slopes``), variances by steps of
 their own (``variances``). Process noise is first looked for far down: left too large it hides what the model lacks, and
 afterwards looks like an effect. Both take turns until neither gains, judged by the likelihood itself.
 """
@@ -13,15 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.config import ModelSpec
-from harness.config.bounds import broken_relations
 from harness.diagnosis.fitting.noise_search import along, climb
-from harness.diagnosis.model.augmented_model import Noise, Pass, Whole
-from harness.diagnosis.model.hypotheses import Coordinate
-from harness.identification.coordinates import NOISE_RANGE, PROCESS_PRIOR
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.identification.coordinates import (
+    Coordinate,
+    Coordinates,
+    measurement_coordinates,
+    process_coordinates,
+)
 from harness.identification.data import Drive
-from harness.identification.fisher_scoring import Found, Objective, maximise
-from harness.models.signals import SIGNALS
+from harness.identification.filtered_model import Candidates, FilterRun
+from harness.identification.fisher_scoring import Found, maximise
+from harness.identification.objective import LogPosterior
+from harness.identification.uncertainty import covariance_of
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,7 +48,7 @@ class Point:
     """Values of everything, for each drive.
 
     Attributes:
-        values: Parameters of the whole model ``(np, drives)``; they differ in moments only.
+        values: Parameters of the augmented model ``(np, drives)``; they differ in moments only.
         process: Logarithm of a factor on the first process-noise variances, by unit ``(groups,)``.
         measurement: Logarithm of the measurement-noise variances ``(ny,)``.
     """
@@ -52,6 +56,10 @@ class Point:
     values: Floats
     process: Floats
     measurement: Floats
+
+    def value(self, c: Coordinate) -> float:
+        """Return the parameter of a coordinate, in the first drive in which it acts."""
+        return float(self.values[c.rows[0], c.drives[0] if c.drives else 0])
 
 
 @dataclass(frozen=True)
@@ -72,20 +80,26 @@ class Fitted:
 
 
 class Fitting:
-    """The likelihood of recordings under the whole model.
+    """The likelihood of recordings under the augmented model.
 
     Args:
-        whole: The compiled filter.
+        model: The compiled filter.
         drives: The recordings.
         variances: First measurement variance of each output ``(ny,)``.
         noise_held: Whether all noise stays as it starts.
     """
 
-    def __init__(self, whole: Whole, drives: Sequence[Drive], variances: Floats, noise_held: bool = False) -> None:
-        self.whole, self.drives, self.noise_held = whole, tuple(drives), noise_held
-        self._groups, self._first_process = process_groups(whole.spec)
-        self._prior = PROCESS_PRIOR**-2
-        self._centre = np.log(variances)
+    def __init__(
+        self, model: AugmentedModel, drives: Sequence[Drive], variances: Floats, noise_held: bool = False
+    ) -> None:
+        self.whole, self.drives, self.noise_held = model, tuple(drives), noise_held
+        spec = model.spec
+        process = process_coordinates(spec)
+        self._groups = len(process)
+        self._noise = (*process, *measurement_coordinates(spec, variances))
+        stated = Candidates.of(spec)
+        self._first = replace(stated, values=model.stated()[:, None])
+        self._first_measurement = np.log(variances)
 
     @property
     def samples(self) -> int:
@@ -94,21 +108,22 @@ class Fitting:
 
     def first(self) -> Point:
         """Return the nominal model with its first noise."""
-        values = np.repeat(self.whole.neutral()[:, None], len(self.drives), axis=1)
-        return Point(values, np.zeros(len(self._groups)), self._centre.copy())
+        values = np.repeat(self._first.values, len(self.drives), axis=1)
+        return Point(values, np.zeros(self._groups), self._first_measurement.copy())
 
-    def noise(self, process: Floats, measurement: Floats) -> Noise:
-        """Return the variances of candidates ``(groups, n)`` and ``(ny, n)``."""
-        return noise_of(self._groups, self._first_process, process, measurement)
+    def noise(self, points: Sequence[Point]) -> Candidates:
+        """Return the nominal model with the variances of points."""
+        noise = Coordinates(self.whole.spec, self.whole.names, self._noise, [self._first])
+        return noise.candidates(np.column_stack([np.concatenate([p.process, p.measurement]) for p in points]))
 
-    def noise_at(self, point: Point) -> Noise:
-        """Return the variances of a point."""
-        return self.noise(point.process[:, None], point.measurement[:, None])
+    def candidates(self, points: Sequence[Point]) -> list[Candidates]:
+        """Return what points hold, as candidates for each drive."""
+        held = self.noise(points)
+        return [replace(held, values=np.column_stack([p.values[:, i] for p in points])) for i in self._range]
 
-    def passes(self, point: Point) -> list[Pass]:
+    def runs(self, point: Point) -> list[FilterRun]:
         """Run the filter over every drive."""
-        noise = self.noise_at(point)
-        return self.whole.share(lambda i: self.whole.run(self.drives[i], point.values[:, i], noise), self._range)
+        return self.whole.runs(self.drives, self.candidates([point]))
 
     @property
     def _range(self) -> range:
@@ -119,7 +134,7 @@ class Fitting:
         if self.noise_held:
             return self.only(coordinates, start, iterations)
         objective, z, parameters = self._objective(coordinates, start)
-        n, groups = len(coordinates), len(self._groups)
+        n, groups = len(coordinates), self._groups
         z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH).z
         for together in (list(range(n, n + groups)), *([j] for j in range(n, n + groups))):
             z = along(objective, z, together, _COARSE)
@@ -130,151 +145,68 @@ class Fitting:
             found = maximise(objective, z, parameters, iterations, ENOUGH)
             if found.value - before < 10 * ENOUGH:
                 break
-        return self._fitted(coordinates, start, found)
+        return self._fitted(coordinates, objective, found)
 
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit some parameters and leave the noise as it is."""
         objective, z, parameters = self._objective(coordinates, start)
         found = maximise(objective, z, parameters, iterations, ENOUGH)
-        return self._fitted(coordinates, start, found)
+        return self._fitted(coordinates, objective, found)
 
-    def _fitted(self, coordinates: tuple[Coordinate, ...], start: Point, found: Found) -> Fitted:
-        penalty = float(self._penalty(coordinates, found.z[:, None])[0])
-        return Fitted(coordinates, self._point(coordinates, start, found.z), found.value + penalty, found.value)
+    def _fitted(self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Found) -> Fitted:
+        space, n = objective.coordinates, len(coordinates)
+        values = np.column_stack([space.candidates(found.z, i).values for i in self._range])
+        process, measurement = np.split(found.z[n:].copy(), [self._groups])
+        likelihood = found.value + float(space.penalty(found.z))
+        return Fitted(coordinates, Point(values, process, measurement), likelihood, found.value)
 
     def log_likelihood(self, point: Point) -> float:
         """Return the log-likelihood of all drives at a point."""
-        noise = self.noise_at(point)
-        found = self.whole.share(
-            lambda i: self.whole.likelihoods(self.drives[i], point.values[:, [i]], noise), self._range
-        )
-        return float(sum(f[0] for f in found))
+        return float(self.whole.log_likelihoods(self.drives, self.candidates([point]))[0])
 
     def best(self, points: Sequence[Point]) -> Point:
         """Return the likeliest of several points."""
         if len(points) == 1:
             return points[0]
-        noise = self.noise(
-            np.column_stack([p.process for p in points]), np.column_stack([p.measurement for p in points])
-        )
-        found = self.whole.share(
-            lambda i: self.whole.likelihoods(self.drives[i], np.column_stack([p.values[:, i] for p in points]), noise),
-            self._range,
-        )
-        return points[int(np.argmax(sum(found)))]
+        return points[int(np.argmax(self.whole.log_likelihoods(self.drives, self.candidates(points))))]
 
-    def _penalty(self, coordinates: tuple[Coordinate, ...], z: Floats) -> Floats:
-        """Return what the priors take from candidates ``(coordinates + noise, n)``."""
-        n = len(coordinates)
-        away = z[:n] - np.array([c.centre for c in coordinates]).reshape(-1, 1)
-        weight = np.array([c.prior**-2 for c in coordinates])
-        return 0.5 * (weight @ away**2 + self._prior * np.sum(z[n : n + len(self._groups)] ** 2, axis=0))
+    def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[LogPosterior, Floats, Mask]:
+        """Return what a fit maximises, its first point, and which of its coordinates are no noise."""
+        moved = [
+            replace(c, upper=min(c.upper, float(self.drives[c.drives[0]].time[-1]))) if c.drives else c
+            for c in coordinates
+        ]  # a moment lies within its drive
+        base = [replace(self._first, values=start.values[:, [i]]) for i in self._range]
+        space = Coordinates(self.whole.spec, self.whole.names, (*moved, *self._noise), base)
+        z = np.array([c.coordinate(start.value(c)) for c in coordinates])
+        z = np.clip(np.concatenate([z, start.process, start.measurement]), space.lower, space.upper)
+        return LogPosterior(self.whole, self.drives, space), z, space.kind("parameter")
 
-    def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[Objective, Floats, Mask]:
-        n, groups = len(coordinates), len(self._groups)
-        z = np.concatenate(
-            [
-                [c.coordinate(start.values[c.row, c.drives[0]]) for c in coordinates],
-                start.process,
-                start.measurement,
-            ]
-        )
-        reach = np.log(NOISE_RANGE)
-        bounds = np.array([c.bounds for c in coordinates]).reshape(-1, 2)
-        noise_bounds = np.concatenate([np.zeros(groups), self._centre])
-        lower = np.concatenate([bounds[:, 0], noise_bounds - reach])
-        upper = np.concatenate([bounds[:, 1], noise_bounds + reach])
-        for j, c in enumerate(coordinates):  # a moment lies within its drive
-            if c.parameter.per_drive:
-                upper[j] = min(upper[j], self.drives[c.drives[0]].time[-1])
-        z = np.clip(z, lower, upper)
-        objective = Objective(
-            lambda many: self._values(coordinates, start, many),
-            lambda at, moved: self._slopes(coordinates, start, at, moved),
-            lower,
-            upper,
-        )
-        return objective, z, np.arange(len(z)) < n
+    def standard_errors(self, fitted: Fitted) -> Floats:
+        """Return the standard error of every parameter that a fit moved, in its unit ``(n,)``; infinite if unknown."""
+        if not fitted.coordinates:
+            return np.zeros(0)
+        objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
+        _, _, information = objective.slopes(z, parameters)
+        slopes = [c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)]
+        return covariance_of(information).errors * slopes
 
-    def _table(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats, drive: int) -> Floats:
-        """Return the parameters of candidates ``(coordinates, n)`` for one drive ``(np, n)``."""
-        values = np.repeat(start.values[:, [drive]], z.shape[1], axis=1)
-        for c, row in zip(coordinates, z, strict=False):
-            if drive in c.drives:
-                values[c.row] = c.value(row)
-        return values
+    def columns(self, coordinates: Sequence[Coordinate], point: Point) -> list[Floats]:
+        """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""
+        objective, z, parameters = self._objective(tuple(coordinates), point)
+        kept = self.runs(point)
 
-    def _point(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats) -> Point:
-        n, groups = len(coordinates), len(self._groups)
-        values = np.column_stack([self._table(coordinates, start, z[:, None], i)[:, 0] for i in self._range])
-        return Point(values, z[n : n + groups].copy(), z[n + groups :].copy())
+        def of_drive(i: int) -> Floats:
+            directions = objective.coordinates.directions(z, parameters, i).values
+            return in_rows(self.whole.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i]))
 
-    def _values(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats) -> Floats:
-        n, groups = len(coordinates), len(self._groups)
-        noise = self.noise(z[n : n + groups], z[n + groups :])
-        found = np.sum(
-            self.whole.share(
-                lambda i: self.whole.likelihoods(self.drives[i], self._table(coordinates, start, z, i), noise),
-                self._range,
-            ),
-            axis=0,
-        )
-        possible = np.array([self._possible(coordinates, start, column) for column in z.T])
-        return np.where(possible, found - self._penalty(coordinates, z), -np.inf)
-
-    def _possible(self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats) -> bool:
-        values = self._table(coordinates, start, z[:, None], 0)[:, 0]
-        known = {n: float(values[self.whole.row(n)]) for n in self.whole.nominal.parameter_names}
-        return not broken_relations(self.whole.spec.vehicle, known)
-
-    def _slopes(
-        self, coordinates: tuple[Coordinate, ...], start: Point, z: Floats, moved: Mask
-    ) -> tuple[float, Floats, Floats]:
-        """Return value, gradient and information of the parameters that move; the noise does not."""
-        point = self._point(coordinates, start, z)
-        kept = self.passes(point)
-
-        def of_drive(i: int) -> tuple[Floats, Floats]:
-            columns = self.columns(coordinates, point, i, kept[i])
-            residual = np.nan_to_num(kept[i].whitened)
-            return -np.einsum("kan,ka->n", columns, residual), np.tensordot(columns, columns, ((0, 1), (0, 1)))
-
-        found = self.whole.share(of_drive, self._range)
-        value = sum(k.log_likelihood for k in kept) - float(self._penalty(coordinates, z[:, None])[0])
-        weight = np.array([c.prior**-2 for c in coordinates])
-        away = z[: len(coordinates)] - np.array([c.centre for c in coordinates])
-        gradient = np.sum([g for g, _ in found], axis=0) - weight * away
-        information = np.sum([f for _, f in found], axis=0) + np.diag(weight)
-        chosen = moved[: len(coordinates)]
-        return value, gradient[chosen], information[np.ix_(chosen, chosen)]
-
-    def columns(self, coordinates: Sequence[Coordinate], point: Point, drive: int, kept: Pass) -> Floats:
-        """Return the derivatives of a drive's whitened innovations to the coordinates ``(samples, ny, n)``."""
-        directions = np.zeros((len(self.whole.names), len(coordinates)))
-        for j, c in enumerate(coordinates):
-            if drive in c.drives:
-                directions[c.row, j] = c.slope(c.coordinate(point.values[c.row, drive]))
-        values = np.repeat(point.values[:, [drive]], len(coordinates), axis=1)
-        return self.whole.sensitivities(self.drives[drive], values, directions, kept)
+        return self.whole.share(of_drive, self._range)
 
 
-def process_groups(spec: ModelSpec) -> tuple[list[list[int]], Floats]:
-    """Return the states whose process noise shares a factor, by unit, and the first variances ``(nx,)``."""
-    states = spec.model().states
-    first = np.array([spec.process_noise[s] for s in states])
-    groups: dict[str, list[int]] = {}
-    for i, state in enumerate(states):
-        if first[i] > 0:
-            groups.setdefault(SIGNALS[state].unit if state in SIGNALS else state, []).append(i)
-    return list(groups.values()), first
-
-
-def noise_of(groups: list[list[int]], first: Floats, process: Floats, measurement: Floats) -> Noise:
-    """Return the variances of candidates from logarithms of factors by group and of measurement variances."""
-    variances = np.repeat(first[:, None], process.shape[1], axis=1)
-    for rows, factors in zip(groups, process, strict=True):
-        variances[rows] *= np.exp(factors)
-    return Noise(variances, np.exp(measurement))
+def in_rows(columns: Floats) -> Floats:
+    """Return columns ``(samples, ny, n)`` as ``(samples * ny, n)``."""
+    samples, ny, n = columns.shape
+    return columns.reshape(samples * ny, n)
 
 
 def moved_to(point: Point, drives: int) -> Point:

@@ -16,7 +16,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from harness.common import registry
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.assembly.candidates import assembled
@@ -58,7 +58,7 @@ class Channel:
     def __hash__(self) -> int:
         return hash(self.name)
 
-    def values(self, whole: Whole, at: Floats) -> Floats:
+    def values(self, whole: AugmentedModel, at: Floats) -> Floats:
         """Return parameters ``(np,)`` at which the channel is open over the whole drive, else as they are."""
         opened = at.copy()
         for name in self.begins:
@@ -69,7 +69,7 @@ class Channel:
             opened[whole.row(name)] = value
         return opened
 
-    def direction(self, whole: Whole) -> Floats:
+    def direction(self, whole: AugmentedModel) -> Floats:
         """Return the direction in the space of parameters ``(np,)``."""
         found = np.zeros(len(whole.names))
         for name, share in self.parameters.items():
@@ -77,7 +77,7 @@ class Channel:
         return found
 
 
-def channels_of(whole: Whole) -> tuple[Channel, ...]:
+def channels_of(whole: AugmentedModel) -> tuple[Channel, ...]:
     """Return every way into a model: its state equations first, then what it publishes."""
     found = [Channel(f"d/dt {s}", "equation", _per_second(SIGNALS[s].unit), (s,)) for s in whole.nominal.states]
     ports: dict[tuple[str, ...], Channel] = {}
@@ -95,7 +95,7 @@ def _per_second(unit: str) -> str:
     return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
 
 
-def _of_effect(whole: Whole, h: Hypothesis) -> list[Channel]:
+def _of_effect(whole: AugmentedModel, h: Hypothesis) -> list[Channel]:
     spec = whole.spec
     model = assembled(spec.vehicle, spec.tyre, (*spec.effects, h.name), spec.sensors)
     known = {p.name: p for p in model.parameters}
@@ -104,7 +104,7 @@ def _of_effect(whole: Whole, h: Hypothesis) -> list[Channel]:
         ports = _changed_by(model, name)
         if ports:
             sensor = all(p.startswith("sensor_") for p in ports)
-            shapes = {s: float(whole.neutral()[whole.row(s)]) for s in h.shapes}
+            shapes = {s: float(whole.stated()[whole.row(s)]) for s in h.shapes}
             found.append(
                 Channel(
                     _joined([p.removeprefix("sensor_") for p in ports]) if sensor else _joined(ports),
@@ -145,7 +145,7 @@ def _joined(ports: list[str] | tuple[str, ...]) -> str:
     return "_".join([*parts[0][:same], "+".join("_".join(p[same:]) for p in parts)])
 
 
-def _coupling(whole: Whole, ports: Mapping[tuple[str, ...], Channel]) -> Channel | None:
+def _coupling(whole: AugmentedModel, ports: Mapping[tuple[str, ...], Channel]) -> Channel | None:
     """Return the moment between the first two bodies, which acts on both with opposite sign."""
     bodies = list(Layout.of(registry.load("harness.models.vehicles", whole.spec.vehicle)).bodies)
     if _COUPLING not in whole.nominal.ports or len(bodies) < 2:

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from harness.diagnosis.innovations import time_loops as kernels
 from harness.diagnosis.innovations.disturbance_inputs import Channel
-from harness.diagnosis.model.augmented_model import Pass, Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.engine.compile import load_source, paste
 from harness.engine.kernel_source import kernel_source
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
+from harness.identification.filtered_model import FilterRun
 
 Floats = NDArray[np.float64]
 
@@ -135,7 +136,7 @@ def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
 class Linearisation:
     """The compiled derivatives of a whole model, loaded before threads share it."""
 
-    def __init__(self, whole: Whole) -> None:
+    def __init__(self, whole: AugmentedModel) -> None:
         self.whole, self._compiled = whole, whole.duals
         source = paste(self._compiled, "tangents", [kernels.tangents])
         self._tangents = load_source("tangents", source).tangents
@@ -190,13 +191,14 @@ class Linearised:
         innovations: What it makes of the innovations.
     """
 
-    def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: Pass) -> None:
+    def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun) -> None:
         self._linearisation, self.whole, self.drive, self.values = linearisation, linearisation.whole, drive, values
         self.whitened, self.states = kept.whitened, kept.state.copy()
         self.states[0] = drive.first_mean
         self.active = self._active()
         self._ahead, H = self._along_states(slice(None), self.active)
-        self._gain = kept.gain[:, self.active]
+        self._gain = np.zeros((len(self.states), len(self.active), kept.gain.shape[2]))
+        self._gain[:, : kept.gain.shape[1]] = kept.gain  # what the filter corrects is active, and comes first
         # A missing measurement neither corrects nor counts.
         self._whitening = kept.whitening * np.isfinite(kept.whitened)[:, :, None]
         corrected = np.eye(len(self.active)) - self._gain @ H

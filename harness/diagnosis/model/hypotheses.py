@@ -8,10 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.identification.coordinates import Coordinate, parameter_coordinate
 from harness.models.assembly.placement import (
     load_effect,
     parameter_at,
@@ -20,10 +18,6 @@ from harness.models.assembly.placement import (
     split,
     suffix,
 )
-from harness.models.contracts import Parameter
-
-Floats = NDArray[np.float64]
-
 
 ALL_PARAMETERS = "parameters"
 """Name of the hypothesis that many parameters are wrong at once, each a little."""
@@ -62,7 +56,7 @@ class Hypothesis:
         return len(self.shared) + drives * len(self.moments)
 
 
-def hypotheses(whole: Whole, free: Sequence[str]) -> tuple[Hypothesis, ...]:
+def hypotheses(whole: AugmentedModel, free: Sequence[str]) -> tuple[Hypothesis, ...]:
     """Return everything to be tried on a model whose ``free`` parameters are fitted anyway.
 
     An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at
@@ -81,7 +75,7 @@ def hypotheses(whole: Whole, free: Sequence[str]) -> tuple[Hypothesis, ...]:
     return tuple(found)
 
 
-def _effect(whole: Whole, name: str) -> Hypothesis:
+def _effect(whole: AugmentedModel, name: str) -> Hypothesis:
     place = split(name)[1] or ""
     declared = [parameter_at(p, place) for p in load_effect(name).PARAMETERS]
     known = [p for p in declared if p.name in whole.names]
@@ -95,7 +89,7 @@ def _effect(whole: Whole, name: str) -> Hypothesis:
     )
 
 
-def _only_output(whole: Whole, name: str) -> int | None:
+def _only_output(whole: AugmentedModel, name: str) -> int | None:
     """Return the column of the only output that an effect acts on, if it changes what one sensor reads."""
     effect, place = load_effect(name), split(name)[1] or ""
     if not all(port.startswith("sensor_") for port in ports_of(effect)):
@@ -113,64 +107,22 @@ def _together(file: str, parts: Sequence[Hypothesis]) -> Hypothesis:
     return Hypothesis(file, "effect", union("amplitudes"), union("shapes"), union("moments"))
 
 
-@dataclass(frozen=True)
-class Coordinate:
-    """One number that a fit moves.
-
-    Attributes:
-        parameter: Of the whole model.
-        row: Its row.
-        drives: Drives in which it acts: all, or one for a moment.
-        logarithmic: Whether the coordinate is the logarithm.
-        scale: Otherwise the parameter is the coordinate times this.
-        centre: Stated value, as a coordinate.
-        prior: Standard deviation of a normal prior about it; infinite without one.
-    """
-
-    parameter: Parameter
-    row: int
-    drives: tuple[int, ...]
-    logarithmic: bool
-    scale: float
-    centre: float
-    prior: float = math.inf
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Bounds of the coordinate."""
-        return self.coordinate(self.parameter.lower), self.coordinate(self.parameter.upper)
-
-    def coordinate(self, value: float) -> float:
-        """Return the coordinate of a value."""
-        return math.log(value) if self.logarithmic else value / self.scale
-
-    def value(self, z: float | Floats) -> float | Floats:
-        """Return the parameter."""
-        return np.exp(z) if self.logarithmic else self.scale * z
-
-    def slope(self, z: float) -> float:
-        """Return the derivative of the parameter to the coordinate."""
-        return math.exp(z) if self.logarithmic else self.scale
-
-
-def coordinates(whole: Whole, free: Sequence[str], added: Sequence[Hypothesis], drives: int) -> tuple[Coordinate, ...]:
+def coordinates(
+    model: AugmentedModel, free: Sequence[str], added: Sequence[Hypothesis], drives: int
+) -> tuple[Coordinate, ...]:
     """Return what a fit moves: the free parameters of the nominal model and those of the hypotheses added to it."""
-    everywhere = tuple(range(drives))
     alone = dict.fromkeys([*free, *(n for h in added if h.name != ALL_PARAMETERS for n in h.shared)])
     many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
     moments = dict.fromkeys(n for h in added for n in h.moments)
     return (
-        *(_coordinate(whole, name, everywhere) for name in alone),
-        *(_coordinate(whole, name, everywhere, PRIOR) for name in many),
-        *(_coordinate(whole, name, (i,)) for name in moments for i in everywhere),
+        *(_coordinate(model, name) for name in alone),
+        *(_coordinate(model, name, PRIOR) for name in many),
+        *(_coordinate(model, name, drives=(i,)) for name in moments for i in range(drives)),
     )
 
 
-def _coordinate(whole: Whole, name: str, drives: tuple[int, ...], prior: float = math.inf) -> Coordinate:
-    row = whole.row(name)
-    p = whole.model.parameters[row]
-    logarithmic = p.lower > 0 and not p.per_drive
-    scale = 1.0 if p.per_drive else 0.1 * max(abs(p.lower), abs(p.upper))
-    value = whole.spec.values.get(name, p.lower)
-    centre = math.log(value) if logarithmic else value / scale
-    return Coordinate(p, row, drives, logarithmic, scale, centre, prior)
+def _coordinate(model: AugmentedModel, name: str, prior: float = math.inf, drives: tuple[int, ...] = ()) -> Coordinate:
+    row = model.row(name)
+    p = model.model.parameters[row]
+    value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
+    return parameter_coordinate(p, row, value, prior, scale, drives)

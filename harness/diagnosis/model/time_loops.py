@@ -27,7 +27,7 @@ from harness.engine.kernel_names import (
     select,
     splat,
 )
-from harness.identification.time_loops import factorise, fill
+from harness.identification.time_loops import fill, keep_first_lane
 
 NX_WHOLE: Any = StandIn("NX_WHOLE")
 NW_WHOLE: Any = StandIn("NW_WHOLE")
@@ -50,9 +50,7 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
         limited: States of the whole model that have a limit.
         limits: Their largest magnitudes.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
-        notes: Arrays for the first lane: whitened innovations ``(samples, ny)``, inverse factor of their covariance
-            ``(samples, ny, ny)``, gain ``(samples, nx, ny)``, state of the whole model ``(samples, nx)``; of no samples
-            if nothing is kept.
+        notes: What ``keep_first_lane`` writes to; of no samples if nothing is kept.
     """
     samples, nu = u.shape
     w, w_whole = np.empty((NW, LANES)), np.empty((NW_WHOLE, LANES))
@@ -105,31 +103,6 @@ def beyond(x, limited, limits):
         inside = (value <= limits[i]) & (value >= -limits[i])  # false for NaN
         bad = select(inside, bad, 1.0)
     return bad
-
-
-def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
-    """Keep what the first lane's filter did at a sample, as plain numbers."""
-    whitened, whitening, gain, state = notes
-    factorise(info, y, S, factor)
-    for a in range(NY):
-        missing = np.isnan(y[a, 0])
-        for b in range(a + 1):
-            total = 1.0 if a == b else 0.0
-            for c in range(b, a):
-                total -= factor[a, c, 0] * whitening[k, c, b]
-            whitening[k, a, b] = total / factor[a, a, 0]
-        total = 0.0
-        for b in range(a + 1):
-            if not np.isnan(y[b, 0]):
-                total += whitening[k, a, b] * info.innovation[b, 0]
-        whitened[k, a] = np.nan if missing else total
-        for i in range(NX):
-            total = 0.0
-            for j in range(NX):
-                total += P[i, j, 0] * H[a, j, 0]
-            gain[k, i, a] = 0.0 if missing else total / R[a, 0]
-    for i in range(x.shape[0]):
-        state[k, i] = x[i, 0]
 
 
 @StandIn

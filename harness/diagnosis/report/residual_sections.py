@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.report import residual_figures, vehicle_picture
 from harness.diagnosis.residuals.innovation_tests import LARGEST_LAG, consistency, cross_correlation
 from harness.diagnosis.residuals.localisation import Where
@@ -59,7 +59,7 @@ def where(outcome: Outcome) -> list[Block]:
     return blocks
 
 
-def _from_above(whole: Whole, found: Where) -> list[Block]:
+def _from_above(whole: AugmentedModel, found: Where) -> list[Block]:
     """Return the vehicle from above; nothing if its equations do not say where its axles stand."""
     assert found.nominal is not None
     plan = vehicle_picture.plan_of(whole)

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 
 from harness.common import registry
 from harness.diagnosis.innovations.disturbance_inputs import Channel
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.disturbance_ranking import Suspect
 from harness.models.assembly.assemble import symbol
 from harness.models.assembly.placement import Layout, suffix
@@ -70,7 +70,7 @@ class Plan:
         return float(np.mean(list(self.cogs.values()))) if body is None else self.cogs[body]
 
 
-def plan_of(whole: Whole) -> Plan | None:
+def plan_of(whole: AugmentedModel) -> Plan | None:
     """Return where axles and kingpin of a vehicle stand; ``None`` if its equations do not say."""
     model, layout = whole.nominal, Layout.of(registry.load("harness.models.vehicles", whole.spec.vehicle))
     numbers = {symbol(n): 0.0 for n in (*model.states, *model.inputs)}

@@ -81,7 +81,7 @@ class Pinpoint:
         self.whole = whole
         self.channels = tuple(channels_of(whole) if channels is None else channels)
         self.drives = fitting.drives
-        kept, compiled = fitting.passes(point), Linearisation(whole)
+        kept, compiled = fitting.runs(point), Linearisation(whole)
 
         def linearised(i: int) -> Linearised:
             return Linearised(compiled, fitting.drives[i], point.values[:, i], kept[i])

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.residuals.disturbance_ranking import History, Pinpoint, Suspect
 from harness.diagnosis.residuals.random_process import Wandering, find_wandering
 from harness.diagnosis.residuals.unmodelled import Unnamed, find_unnamed
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.reporting.failures import RAISED, Failures
 
 SHOWN = 3
 """Inputs whose disturbance is shown over time."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.config import ModelSpec
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
 from harness.diagnosis.selection.acceptance import AHEAD, BIC_NEEDED
@@ -26,9 +26,11 @@ from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import EXCESS
 from harness.identification.contract import Problem
 from harness.identification.data import Drive
-from harness.identification.innovations import Held, Innovations, hold
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
+from harness.identification.judgement import judged_on
 from harness.identification.methods.likelihood import Settings, identify
-from harness.identification.whiteness import whiteness
+from harness.identification.whiteness import Whiteness
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
 from harness.models.contracts import Parameter
@@ -93,7 +95,7 @@ def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wander
     return None
 
 
-def _processes(spec: ModelSpec, whole: Whole) -> list[str]:
+def _processes(spec: ModelSpec, whole: AugmentedModel) -> list[str]:
     """Return the random processes of the library that a model may lack, without those that the user excludes."""
     out = whole.excluded | {split(e)[0] for e in spec.effects}
     every = placements(spec.vehicle, spec.tyre, spec.sensors)
@@ -124,15 +126,14 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
         process_noise={**filters.spec.process_noise, **final.process_noise},
         measurement_noise=final.measurement_noise,
     )
-    with_it = hold(fit.spec)
-    gain, held_out_gain = (
-        float((filters.log_likelihoods(drives, with_it) - filters.log_likelihoods(drives, hold(without)))[0])
-        for drives in (here, there)
-    )
+    with_it, without_it = Candidates.of(fit.spec), Candidates.of(without)
+    before, after = (judged_on(filters, there, held) for held in (without_it, with_it))
+    gain = float((filters.log_likelihoods(here, with_it) - filters.log_likelihoods(here, without_it))[0])
+    held_out_gain = sum(d.log_likelihood for d in after) - sum(d.log_likelihood for d in before)
     if 2 * gain - len(names) * math.log(trace.fitting.samples) < BIC_NEEDED or held_out_gain <= 0:
         return None
-    before, after = ([filters.run(d, held).whitened[1:] for d in there] for held in (hold(without), with_it))
-    left = [_left(b, a) for one, other in zip(before, after, strict=True) for b, a in zip(one.T, other.T, strict=True)]
+    tests = ([w for d in judged for w in d.whiteness] for judged in (before, after))
+    left = [_left(b, a) for b, a in zip(*tests, strict=True)]
     if max(left) > NEXT_TO_WHITE:
         return None
     if trace.after.excess > max(EXCESS, FARTHER * expected_excess(filters, there, with_it, trace.held_out.variances)):
@@ -142,18 +143,17 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
     return Wandering(hypothesis, fit.spec, errors, gain, held_out_gain, white=max(left) == 0)
 
 
-def _left(before: Floats, after: Floats) -> float:
+def _left(before: Whiteness, after: Whiteness) -> float:
     """Return how much of its squared correlations a series of innovations keeps; nothing if it is not coloured.
 
     A series that is too short, or missing, is not tested (NaN) and is no evidence against a process.
     """
-    test = whiteness(after)
-    if not min(test.ljung_box, test.periodogram) < EXPLAINED:
+    if not min(after.ljung_box, after.periodogram) < EXPLAINED:
         return 0.0
-    return test.correlation / whiteness(before).correlation
+    return after.correlation / before.correlation
 
 
-def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Held, variances: Floats) -> float:
+def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candidates, variances: Floats) -> float:
     """Return the excess of the simulation error that the random processes of a model cause (``Judgement.excess``).
 
     A filter without measurements and without other noise states the variances of the outputs.
@@ -179,7 +179,7 @@ def _first(filters: Innovations, drives: Sequence[Drive], parameters: Sequence[P
     """Return the model with the likeliest of the grids' values."""
     rows = [filters.model.parameter_names.index(p.name) for p in parameters]
     tried = np.array(list(itertools.product(*(p.grid for p in parameters)))).T
-    held = hold(filters.spec).take([0] * tried.shape[1])
+    held = Candidates.of(filters.spec).take([0] * tried.shape[1])
     held.values[rows] = tried
     best = tried[:, int(np.argmax(filters.log_likelihoods(drives, held)))]
     found = dict(zip((p.name for p in parameters), map(float, best), strict=True))
@@ -195,7 +195,7 @@ def _with(trace: Trace, final: ModelSpec, name: str) -> ModelSpec:
     return replace(larger, values={n: values[n] for n in model.parameter_names}, process_noise=process)
 
 
-def _own(drive: Drive, whole: Whole, filters: Innovations) -> Drive:
+def _own(drive: Drive, whole: AugmentedModel, filters: Innovations) -> Drive:
     """Return a drive of the whole model in terms of a filter's; what has noise alone starts at its mean."""
     columns = [whole.model.inputs.index(n) for n in filters.model.inputs]
     states = filters.model.states

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.data import Drive
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.signals import SIGNALS
@@ -67,7 +67,7 @@ class Driver:
         return -math.expm1(-step / self.within)
 
 
-def drivers_of(whole: Whole) -> tuple[Driver, ...]:
+def drivers_of(whole: AugmentedModel) -> tuple[Driver, ...]:
     """Return the drivers that a nominal model has, as functions of states and inputs of the whole one."""
     model, column = whole.nominal, whole.model.inputs.index
     inputs = [n for n in model.inputs if n != "time"]

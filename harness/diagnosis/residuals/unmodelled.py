@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import Channel
-from harness.diagnosis.model.augmented_model import Whole
-from harness.diagnosis.model.hypotheses import Coordinate
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
 from harness.diagnosis.residuals.order_analysis import Ride, Turning, Waves, find_turning, ridden
 from harness.diagnosis.residuals.regressors import Driver, drivers_of, rates, with_quick
@@ -32,7 +31,9 @@ from harness.diagnosis.residuals.stability_selection import Proposal, proposals
 from harness.diagnosis.selection.validation import HeldOut, Judgement, strayed
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
+from harness.identification.coordinates import Coordinate
 from harness.identification.data import Drive
+from harness.identification.uncertainty import covariance_of
 
 Floats = NDArray[np.float64]
 
@@ -103,9 +104,7 @@ class _Drives:
     def __init__(self, pinpoint: Pinpoint, fitting: Fitting, point: Point, moved: Sequence[Coordinate]) -> None:
         self.pinpoint, self.drives = pinpoint, fitting.drives
         self.drivers = with_quick(drivers_of(fitting.whole))
-        kept = fitting.passes(point)
-        own = tuple(replace(c, drives=tuple(range(len(self.drives)))) for c in moved)
-        self.moved = [-fitting.columns(own, point, i, k).reshape(k.whitened.size, len(own)) for i, k in enumerate(kept)]
+        self.moved = [-columns for columns in fitting.columns(moved, point)]
         states = [linear.states for linear in pinpoint.linear]
         self.signals = [
             np.column_stack([d.over(x, drive) for d in self.drivers])
@@ -184,7 +183,7 @@ def find_unnamed(
         pinpoint: At ``final``.
     """
     whole = fitting.whole
-    moved = [c for c in final.coordinates if not c.parameter.per_drive]
+    moved = [c for c in final.coordinates if not c.drives]
     here = _Drives(pinpoint, fitting, final.point, moved)
     suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
     there = Pinpoint(held_out.fitting, before.point, pinpoint.channels, ranked=False)
@@ -213,8 +212,8 @@ def find_unnamed(
 
         free = tuple(whole.share(run, range(len(held_out.drives))))
         error, excesses = strayed(held_out.drives, free, held_out.variances)
-        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excesses, free, point)
-        shift = {c.parameter.name: float(point.values[c.row, 0]) for c in moved}
+        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excesses, (), point)
+        shift = {c.name: point.value(c) for c in moved}
         return Unnamed(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
 
     found = []
@@ -321,9 +320,7 @@ def _solved(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -
         rows = _rows(prior, j)
         mean = np.trace(information[rows, rows]) / FUNCTIONS
         information[rows, rows] += mean * (tension * Basis.roughness() + 1e-8 * np.eye(FUNCTIONS))
-    scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
-    covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    covariance = covariance / np.outer(scale, scale)
+    covariance = covariance_of(information, singular=1e-10, dropped=True).matrix
     return covariance @ pull, covariance
 
 
@@ -336,12 +333,12 @@ def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
     """Return a point with its parameters moved within their bounds."""
     values = point.values.copy()
     for c, step in zip(moved, steps, strict=True):
-        values[c.row] = c.value(np.clip(c.coordinate(float(values[c.row, 0])) + step, *c.bounds))
+        values[c.rows[0]] = c.value(float(np.clip(c.coordinate(point.value(c)) + step, c.lower, c.upper)))
     return replace(point, values=values)
 
 
 def _run(
-    whole: Whole,
+    whole: AugmentedModel,
     drive: Drive,
     values: Floats,
     pinpoint: Pinpoint,
@@ -362,7 +359,7 @@ def _run(
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
     tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
     constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
-    x = np.repeat(whole.free_run(drive, values).states[0][:, None], LANES, axis=1)
+    x = np.repeat(whole.first_state(drive, values)[:, None], LANES, axis=1)
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
     limits = np.array([whole.model.valid.get(name, np.inf) for name in whole.model.states])
     outputs = np.full((len(drive.time), compiled.ny), np.nan)

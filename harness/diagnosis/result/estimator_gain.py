@@ -19,7 +19,8 @@ from harness.diagnosis.fitting.fit import Point
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.identification.data import Drive, joined
-from harness.identification.innovations import Held, Innovations, hold
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
 
 Floats = NDArray[np.float64]
 
@@ -84,13 +85,13 @@ def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr
     for i, (drive, recording) in enumerate(zip(trace.held_out.drives, recordings, strict=True)):
         known = dict(zip(whole.names, point.values[:, i], strict=True))
         values = np.array([[known[n] if n in known else spec.values[n]] for n in filters.model.parameter_names])
-        held = replace(hold(filters.spec), values=values)
+        held = replace(Candidates.of(filters.spec), values=values)
         own = joined(filters.drive(recording, drive.name), filters.model)
         squares.append(whole.share(partial(_unseen, filters, own, held), range(len(held.measurement))))
     return np.array([np.sqrt(np.nanmean(np.concatenate(parts))) for parts in zip(*squares, strict=True)])
 
 
-def _unseen(filters: Innovations, drive: Drive, held: Held, output: int) -> Floats:
+def _unseen(filters: Innovations, drive: Drive, held: Candidates, output: int) -> Floats:
     """Return the squared errors of an output that the filter does not use ``(samples,)``."""
     variance = held.measurement.copy()
     variance[output] *= _UNSEEN

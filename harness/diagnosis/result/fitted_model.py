@@ -15,7 +15,7 @@ def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
     An effect's own states have no noise unless it is a random process, and a change begins when it does in the first
     drive.
     """
-    whole, noise = trace.fitting.whole, trace.fitting.noise_at(point)
+    whole, noise = trace.fitting.whole, trace.fitting.noise([point])
     process = dict(zip(whole.nominal.states, map(float, noise.process[:, 0]), strict=True))
     model = spec.model()
     known = dict(zip(whole.names, map(float, point.values[:, 0]), strict=True))

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
-from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
 from harness.diagnosis.residuals.random_process import EXPLAINED, Wandering
@@ -22,9 +22,8 @@ from harness.diagnosis.result.verdict import Verdict, final_judgement, strays, v
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import Judgement
+from harness.identification.judgement import judged_on
 from harness.identification.result import Judged
-from harness.identification.whiteness import whiteness
-from harness.reporting.failures import RAISED, Failures
 
 Floats = NDArray[np.float64]
 
@@ -93,7 +92,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     """
     say("looking for where something is missing")
     amended = _amended(trace)
-    errors = failures.attempt("the standard errors", lambda: _errors(trace, trace.final), lambda _: {})
+    errors = failures.attempt("the standard errors", lambda: _errors(trace), lambda _: {})
     values = _values(trace, errors)
     judged = failures.attempt("the tests of the innovations", lambda: _judged(trace), lambda _: ())
     # Innovations that could not be tested are not taken for white.
@@ -136,47 +135,24 @@ def _of_process(process: Wandering) -> tuple[Value, ...]:
     return tuple(Value(n, units[n], process.spec.values[n], e) for n, e in process.errors.items())
 
 
-def _errors(trace: Trace, fitted: Fitted) -> dict[tuple[str, int], float]:
-    """Return standard errors by parameter and first drive in which it acts."""
-    fitting, n = trace.fitting, len(fitted.coordinates)
-    information = np.diag([c.prior**-2 for c in fitted.coordinates]) if n else np.zeros((0, 0))
-    for i, kept in enumerate(fitting.passes(fitted.point)):
-        X = fitting.columns(fitted.coordinates, fitted.point, i, kept).reshape(-1, n)
-        information = information + X.T @ X
-    scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
-    covariance = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-11, hermitian=True)
-    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0.0)) / scale
-    found = {}
-    for c, s in zip(fitted.coordinates, spread, strict=True):
-        z = c.coordinate(float(fitted.point.values[c.row, c.drives[0]]))
-        found[c.parameter.name, c.drives[0]] = float(s * c.slope(z))
-    return found
+def _errors(trace: Trace) -> dict[tuple[str, int], float]:
+    """Return the standard errors of the final model by parameter and first drive in which it acts."""
+    errors = trace.fitting.standard_errors(trace.final)
+    moved = trace.final.coordinates
+    return {(c.name, c.drives[0] if c.drives else 0): float(e) for c, e in zip(moved, errors, strict=True)}
 
 
 def _judged(trace: Trace) -> tuple[Judged, ...]:
-    found = []
-    for drives, held, points in (
-        (trace.fitting.drives, False, (trace.nominal.point, trace.final.point)),
-        (trace.held_out.drives, True, (trace.before.point, trace.after.point)),
-    ):
-        for i, drive in enumerate(drives):
-            whole = trace.fitting.whole
-            free = np.array([whole.free_run(drive, p.values[:, i]).outputs for p in points])
-            runs = [whole.run(drive, p.values[:, i], trace.fitting.noise_at(p)) for p in points]
-            with np.errstate(invalid="ignore"):
-                errors = np.array([np.sqrt(np.nanmean((drive.measurements - f) ** 2, axis=0)) for f in free])
-            found.append(
-                Judged(
-                    drive,
-                    held,
-                    free,
-                    errors,
-                    np.array([np.sqrt(np.nanmean(r.whitened[1:] ** 2, axis=0)) for r in runs]),
-                    np.array([r.log_likelihood for r in runs]),
-                    tuple(whiteness(column) for column in runs[1].whitened[1:].T),
-                )
-            )
-    return tuple(found)
+    """Return every drive against the nominal model and the final one."""
+    fitting = trace.fitting
+    fitted = (
+        judged_on(fitting.whole, fitting.drives, fitting.candidates([f.point])) for f in (trace.nominal, trace.final)
+    )
+    return tuple(
+        Judged(held_out, before, after)
+        for held_out, both in ((False, fitted), (True, (trace.before.drives, trace.after.drives)))
+        for before, after in zip(*both, strict=True)
+    )
 
 
 def _amended(trace: Trace) -> ModelSpec:

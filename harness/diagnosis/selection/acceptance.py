@@ -10,7 +10,7 @@ from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.score_test import Score, cosine
 from harness.diagnosis.selection.validation import EXCESS, Judgement
-from harness.models.quantities import words
+from harness.study.results import words
 
 BIC_NEEDED = 50.0
 """Gain in BIC on the fitted drives below which nothing is added."""
@@ -26,8 +26,8 @@ HOPEFUL = 500.0
 that of another effect."""
 
 SENSOR_NEEDED = 0.5
-"""Share of its own simulation error, beyond the noise, that a fault of one sensor must take away where the error
-of other signals, on which it does not act, masks its share in that of all."""
+"""Share of its own signal's simulation error, beyond the noise, that a fault of one sensor must take away where the
+error of other signals, on which it does not act, masks its share in that of all."""
 
 IMPLAUSIBLE = 3.0
 """Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which an error of one of many
@@ -166,9 +166,9 @@ def beyond_belief(fitted: Fitted) -> str:
     """Return which of many parameters would be wrong by implausible factors, and by which; empty if none is."""
     factors = {}
     for at in fitted.coordinates:
-        away = at.coordinate(float(fitted.point.values[at.row, at.drives[0]])) - at.centre
+        away = at.coordinate(fitted.point.value(at)) - at.centre
         if abs(away) > IMPLAUSIBLE * at.prior:
-            factors[words(at.parameter.name)] = math.exp(away)
+            factors[words(at.name)] = math.exp(away)
     worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]
     return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)
 

@@ -72,7 +72,7 @@ class Trials:
         kept = {n for k in rest for n in (*k.shared, *k.moments)}
         gone = {n for h in added for n in (*h.shared, *h.moments)} - kept
         values, rows = best.point.values.copy(), [self.whole.row(n) for n in gone]
-        values[rows] = self.whole.neutral()[rows, None]
+        values[rows] = self.whole.stated()[rows, None]
         starts = self.on_grids(replace(best.point, values=values), [n for h in rest for n in h.amplitudes])
         fitted = self.fit_near(rest, self.fitting.best(starts), best.objective)
         freed = len(best.coordinates) - len(fitted.coordinates)

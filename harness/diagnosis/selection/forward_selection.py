@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.diagnosis.fitting.fit import Fitted, Fitting
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.acceptance import BIC_NEEDED, Round, with_further
 from harness.diagnosis.selection.candidate_fits import Added, Say, Trials
@@ -67,7 +67,7 @@ class Trace:
 
 
 def trace(
-    whole: Whole,
+    whole: AugmentedModel,
     train: Sequence[Drive],
     test: Sequence[Drive],
     free: Sequence[str],
@@ -92,7 +92,7 @@ def trace(
     return _Search(Trials(fitting, HeldOut(whole, test, variances), tuple(free), say), rounds).run()
 
 
-def first_variances(whole: Whole, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
+def first_variances(whole: AugmentedModel, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
     """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it.
 
     With ``stated_noise`` it is that of the model where the signals have less.

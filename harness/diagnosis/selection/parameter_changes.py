@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.diagnosis.fitting.fit import Fitting, Point
-from harness.diagnosis.model.augmented_model import Whole
-from harness.diagnosis.model.hypotheses import Coordinate, coordinates
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.acceptance import BIC_NEEDED, ERROR_NEEDED
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.identification.coordinates import Coordinate
 from harness.identification.data import Drive
 from harness.models.contracts import Parameter
 
@@ -39,7 +40,7 @@ class Change:
         parameter: Which.
         stated: Its value before, in SI units.
         value: Its value in these drives.
-        std: Standard error of that by the likelihood.
+        std: Standard error of that by the likelihood; infinite if these drives say nothing of it.
         bic: Gain in BIC on the fitted drives.
         held_out: What the held-out drives say.
     """
@@ -77,7 +78,7 @@ class Changes:
 
 
 def single_changes(
-    whole: Whole,
+    whole: AugmentedModel,
     train: Sequence[Drive],
     test: Sequence[Drive],
     stated_noise: bool,
@@ -103,31 +104,21 @@ def single_changes(
         (c,) = coordinates(whole, (p.name,), (), len(train))
         fitted = fitting.only((c,), fitting.best(_starts(c, first)), _ITERATIONS)
         gain = 2.0 * (fitted.log_likelihood - likelihood) - math.log(fitting.samples)
-        value, stated = float(fitted.point.values[c.row, 0]), float(first.values[c.row, 0])
-        judged = held_out.judge((), fitted.point)
-        found.append(Change(p, stated, value, _std(fitting, c, fitted.point), gain, judged))
+        std, judged = float(fitting.standard_errors(fitted)[0]), held_out.judge((), fitted.point)
+        found.append(Change(p, first.value(c), fitted.point.value(c), std, gain, judged))
     found.sort(key=lambda change: change.bic, reverse=True)
     return Changes(held_out.judge((), first), tuple(found))
 
 
 def _starts(c: Coordinate, first: Point) -> list[Point]:
     """Return points with other values of a parameter, its stated one among them."""
-    here = c.coordinate(float(first.values[c.row, 0]))
-    low, high = c.bounds
+    here, low, high = c.coordinate(first.value(c)), c.lower, c.upper
     if c.logarithmic:
         reach = math.log(_FURTHEST)
         low, high = max(low, here - reach), min(high, here + reach)
     points = [first]
     for z in np.linspace(low, high, _TRIED):
         values = first.values.copy()
-        values[c.row] = c.value(float(z))
+        values[c.rows[0]] = c.value(float(z))
         points.append(replace(first, values=values))
     return points
-
-
-def _std(fitting: Fitting, c: Coordinate, point: Point) -> float:
-    information = 0.0
-    for i, kept in enumerate(fitting.passes(point)):
-        information += float(np.sum(fitting.columns((c,), point, i, kept) ** 2))
-    slope = c.slope(c.coordinate(float(point.values[c.row, 0])))
-    return slope / math.sqrt(information) if information > 0 else math.nan

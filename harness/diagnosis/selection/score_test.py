@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from harness.diagnosis.fitting.fit import Fitted, Fitting
+from harness.diagnosis.fitting.fit import Fitted, Fitting, in_rows
 from harness.diagnosis.innovations.innovation_model import Linearisation
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
 from harness.diagnosis.selection.change_times import Choices, choices, join
 from harness.diagnosis.selection.step_responses import Change, Columns, Onsets
+from harness.identification.uncertainty import covariance_of
 
 Floats = NDArray[np.float64]
 _ROUNDED = 1e-4
@@ -39,11 +40,12 @@ class Score:
         hypothesis: What was tried.
         gain: Promised gain in log-likelihood.
         amplitudes: With these values.
-        error: Standard error that the drives would leave of each amplitude, infinite if they say nothing of it.
+        error: Standard error that the drives would leave of each amplitude, infinite if they do not tell it.
         freedom: Numbers that it adds to the fit; under a prior, as many as the drives know better than the prior.
         shapes: Values of the grid.
         moments: By drive and moment ``(drives, moments)``, in s.
         response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``.
+        excited: Whether the drives could show it at all.
     """
 
     hypothesis: Hypothesis
@@ -54,11 +56,7 @@ class Score:
     shapes: Floats
     moments: Floats
     response: tuple[Floats, ...]
-
-    @property
-    def excited(self) -> bool:
-        """Whether the drives could show it at all."""
-        return bool(np.isfinite(self.error).any())
+    excited: bool
 
 
 class ScoreTest:
@@ -72,15 +70,10 @@ class ScoreTest:
     def __init__(self, fitting: Fitting, fitted: Fitted) -> None:
         self.fitting, self.point = fitting, fitted.point
         self.whole, self.drives = fitting.whole, fitting.drives
-        self.kept = fitting.passes(fitted.point)
-        shape = len(self.whole.model.outputs)
+        self.kept = fitting.runs(fitted.point)
         self.residual = [np.nan_to_num(k.whitened).reshape(-1) for k in self.kept]
-        numbers = range(len(self.drives))
-        self.moved = self.whole.share(
-            lambda i: _flat(fitting.columns(fitted.coordinates, fitted.point, i, self.kept[i])),
-            numbers,
-        )
-        self._outputs = shape
+        self.moved = fitting.columns(fitted.coordinates, fitted.point)
+        self._outputs = len(self.whole.model.outputs)
         self._linearisation = Linearisation(self.whole)
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
@@ -101,10 +94,7 @@ class ScoreTest:
 
     def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
         """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
-        directions = np.zeros_like(values)
-        directions[[self.whole.row(n) for n in names], range(len(names))] = 1.0
-        found = self.whole.sensitivities(self.drives[drive], values, directions, self.kept[drive])
-        return _flat(found)
+        return in_rows(self.whole.sensitivities(self.drives[drive], values, self.whole.along(names), self.kept[drive]))
 
     def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[tuple[str, tuple[float, ...]], Floats]]:
         """Return the columns of all amplitudes at all shapes, once each, by drive."""
@@ -152,12 +142,11 @@ class ScoreTest:
         a, gain = best_amplitudes(b, G, seen, *self._room(h))
         error = np.full(len(b), np.inf)
         if seen.any():
-            inverse = np.linalg.pinv(scaled(G[np.ix_(seen, seen)])[0], rcond=1e-9, hermitian=True)
-            error[seen] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0) / np.diagonal(G)[seen])
+            error[seen] = covariance_of(G[np.ix_(seen, seen)]).errors
         promised = weights @ a
         response = tuple((x @ a - N @ promised).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True))
         start = np.array([self.point.values[self.whole.row(n), 0] for n in h.amplitudes])
-        return Score(h, gain, start + a, error, freedom, shapes, moments, response)
+        return Score(h, gain, start + a, error, freedom, shapes, moments, response, bool(seen.any()))
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up."""
@@ -247,12 +236,6 @@ class ScoreTest:
 def _response(steps: Columns, moment: int) -> Columns:
     """Return the response to a change at a moment of the grid; none to one that never comes."""
     return steps[:, moment] if moment >= 0 else np.zeros_like(steps[:, 0])
-
-
-def _flat(columns: Floats) -> Floats:
-    """Return columns ``(samples, ny, n)`` as ``(samples * ny, n)``."""
-    samples, ny, n = columns.shape
-    return columns.reshape(samples * ny, n)
 
 
 def total(parts: Sequence[Floats]) -> Floats:

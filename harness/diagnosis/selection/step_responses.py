@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.diagnosis.innovations.innovation_model import Linearisation, Linearised
-from harness.diagnosis.model.augmented_model import Pass
 from harness.identification.data import Drive
+from harness.identification.filtered_model import FilterRun
 
 Floats = NDArray[np.float64]
 Columns = NDArray[np.float32]
@@ -51,7 +51,9 @@ class Onsets:
         grid: Moments in s.
     """
 
-    def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: Pass, grid: Floats) -> None:
+    def __init__(
+        self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun, grid: Floats
+    ) -> None:
         self.grid, self._whole = grid, linearisation.whole
         self._linear = Linearised(linearisation, drive, values, kept)
         self._middle = float(grid[len(grid) // 2])

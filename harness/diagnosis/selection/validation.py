@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
-from harness.diagnosis.model.augmented_model import Whole
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.identification.data import Drive
+from harness.identification.judgement import DriveJudgement, judged_on
 
 Floats = NDArray[np.float64]
 
@@ -31,14 +32,14 @@ class Judgement:
         log_likelihood: Of all of them; half the logarithm of the samples less for each moment looked for there.
         error: Root mean square of measurement less the model alone ``(ny,)``.
         excesses: Mean square of that over the variance of the sensor's noise, less one, not negative ``(ny,)``.
-        free: Outputs of the model alone, by drive ``(samples, ny)``.
+        drives: The same drive by drive; empty for what is no model of its own.
         point: Values with which it was judged; moments are those of the held-out drives.
     """
 
     log_likelihood: float
     error: Floats
     excesses: Floats
-    free: tuple[Floats, ...]
+    drives: tuple[DriveJudgement, ...]
     point: Point
 
     @property
@@ -65,17 +66,17 @@ class HeldOut:
         variances: Variance of the white noise of each output ``(ny,)``.
     """
 
-    def __init__(self, whole: Whole, drives: Sequence[Drive], variances: Floats) -> None:
+    def __init__(self, whole: AugmentedModel, drives: Sequence[Drive], variances: Floats) -> None:
         self.whole, self.drives, self.variances = whole, tuple(drives), variances
         self.fitting = Fitting(whole, drives, variances)
 
     def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
         """Return how a model does; nothing but the moments of changes is looked for in these drives."""
         here, moments = self._own_moments(added, moved_to(point, len(self.drives)))
-        likelihood = self.fitting.log_likelihood(here) - 0.5 * moments * np.log(self.fitting.samples)
-        free = tuple(self.whole.free_run(d, here.values[:, i]).outputs for i, d in enumerate(self.drives))
-        error, excesses = strayed(self.drives, free, self.variances)
-        return Judgement(likelihood, error, excesses, free, here)
+        found = judged_on(self.whole, self.drives, self.fitting.candidates([here]))
+        likelihood = sum(d.log_likelihood for d in found) - 0.5 * moments * np.log(self.fitting.samples)
+        error, excesses = strayed(self.drives, [d.simulated for d in found], self.variances)
+        return Judgement(likelihood, error, excesses, found, here)
 
     def _own_moments(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
         """Return the point with the moments of these drives: the best of a grid, then of their neighbourhood."""
@@ -92,7 +93,7 @@ class HeldOut:
             if h.moments:
                 values[[self.whole.row(n) for n in h.moments]] = test.moments_of(h).T
         point = replace(point, values=values)
-        moved = tuple(c for c in coordinates(self.whole, (), added, len(self.drives)) if c.parameter.name in names)
+        moved = tuple(c for c in coordinates(self.whole, (), added, len(self.drives)) if c.name in names)
         return self.fitting.only(moved, point, 10).point, len(moved)
 
 

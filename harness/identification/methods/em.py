@@ -32,7 +32,7 @@ from harness.config import ModelSpec
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import Drive
 from harness.identification.e_step import Expectation, Expecter, Point
-from harness.identification.innovations import hold
+from harness.identification.filtered_model import Candidates
 from harness.simulation.simulate import variances
 
 Floats = NDArray[np.float64]
@@ -234,7 +234,7 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
         measurement_noise=dict(zip(model.outputs, map(float, point.measurement), strict=True)),
     )
     inner = problem.innovations
-    before, after = (float(inner.log_likelihoods(problem.drives, hold(s))[0]) for s in (spec, fitted))
+    before, after = (float(inner.log_likelihoods(problem.drives, Candidates.of(s))[0]) for s in (spec, fitted))
     return Fit(
         method="em",
         spec=fitted,

@@ -20,13 +20,13 @@ from scipy.stats import qmc
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
-from harness.identification.coordinates import Space
+from harness.identification.coordinates import Coordinates
 from harness.identification.data import Drive
-from harness.identification.fisher_scoring import Found, Objective, maximise
-from harness.identification.uncertainty import estimates_of, limits_of_knowledge
+from harness.identification.fisher_scoring import Found, maximise
+from harness.identification.objective import LogPosterior
+from harness.identification.uncertainty import Summit, estimates_of, limits_of_knowledge
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _ROUGH = 5
 """Iterations of a stage that only prepares the next one."""
@@ -64,7 +64,7 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
         raise UserError("free: no parameter is free; name at least one")
     search = Search(problem, settings)
     say("first values")
-    before = float(search.objective.values(search.space.start[:, None])[0])
+    before = float(search.objective.values(search.coordinates.centre[:, None])[0])
     best: Found | None = None
     for number, start in enumerate(search.starts(settings.starts, problem.seed), 1):
         say(f"start {number} of {settings.starts}")
@@ -87,29 +87,10 @@ class Search:
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         self.problem, self.iterations = problem, settings.iterations
-        self.space = Space(problem.spec, problem.free, first_noise(problem), settings.priors, settings.process_noise)
-        self.objective = Objective(self._values, self._slopes, self.space.lower, self.space.upper)
-        self.diverged = 0
-        self.history: list[float] = []
-
-    def _values(self, z: Floats) -> Floats:
-        possible = np.array([self.space.possible(column) for column in z.T])
-        likelihood = np.full(z.shape[1], -np.inf)
-        if possible.any():
-            held = self.space.held(z[:, possible])
-            likelihood[possible] = self.problem.innovations.log_likelihoods(self.problem.drives, held)
-        self.diverged += int(np.isneginf(likelihood).sum())
-        return likelihood - 0.5 * self.space.weight @ (z - self.space.start[:, None]) ** 2
-
-    def _slopes(self, z: Floats, moved: Mask) -> tuple[float, Floats, Floats]:
-        """Return value, gradient and information with the priors."""
-        space = self.space
-        found = self.problem.innovations.slopes(self.problem.drives, space.held(z), space.directions(z, moved))
-        away = z - space.start
-        value = found.log_likelihood - 0.5 * float(space.weight @ away**2)
-        self.history.append(value)
-        gradient = found.gradient - (space.weight * away)[moved]
-        return value, gradient, found.information + np.diag(space.weight[moved])
+        self.coordinates = Coordinates.of(
+            problem.spec, problem.free, first_noise(problem), settings.priors, settings.process_noise
+        )
+        self.objective = LogPosterior(problem.innovations, problem.drives, self.coordinates)
 
     def starts(self, count: int, seed: int) -> list[Floats]:
         """Return first points: the given one, then the likeliest of many spread about it.
@@ -117,13 +98,13 @@ class Search:
         Raises:
             UserError: If the filter diverges at all of them.
         """
-        space, parameters = self.space, self.space.kind("parameter")
-        points = [space.start]
+        space, parameters = self.coordinates, self.coordinates.kind("parameter")
+        points = [space.centre]
         if count > 1:
             tried = max(LANES, 2 ** int(np.ceil(np.log2(8 * count))))
             cube = 2.0 * qmc.Sobol(int(parameters.sum()), rng=seed).random(tried) - 1.0
             reach = np.array([_REACH if c.logarithmic else 0.5 * (c.upper - c.lower) for c in space.coordinates])
-            spread = np.repeat(space.start[:, None], tried, axis=1)
+            spread = np.repeat(space.centre[:, None], tried, axis=1)
             spread[parameters] += (cube * reach[parameters]).T
             spread = np.clip(spread, space.lower[:, None], space.upper[:, None])
             order = np.argsort(-self.objective.values(spread), kind="stable")
@@ -142,7 +123,7 @@ class Search:
         Process noise that is free from the beginning would grow until it explains the error of the first values, and
         then hide what the parameters do.
         """
-        parameters, measurement = self.space.kind("parameter"), self.space.kind("measurement")
+        parameters, measurement = self.coordinates.kind("parameter"), self.coordinates.kind("measurement")
         wide = start.copy()
         wide[measurement] = np.log(self._innovation_variances(start))
         rough = maximise(self.objective, wide, parameters | measurement, self.iterations, enough=1.0)
@@ -151,22 +132,22 @@ class Search:
 
     def _innovation_variances(self, z: Floats) -> Floats:
         """Return the mean square of each output's innovations ``(ny,)``, at least its variance at the point."""
-        held = self.space.held(z)
-        runs = [self.problem.innovations.run(drive, held) for drive in self.problem.drives]
+        held = self.coordinates.candidates(z)
+        runs = self.problem.innovations.runs(self.problem.drives, held)
         squares = np.nanmean(np.concatenate([r.innovation for r in runs]) ** 2, axis=0)
         return np.maximum(squares, held.measurement[:, 0])
 
     def together(self, start: Floats) -> Found:
         """Move everything."""
-        return maximise(self.objective, start, np.ones(len(self.space), dtype=bool), self.iterations)
+        return maximise(self.objective, start, np.ones(len(self.coordinates), dtype=bool), self.iterations)
 
     def anneal(self, best: Found, times: int, say: Callable[[str], None]) -> Found:
         """Force the process noise down and refit, for as long as that gains."""
-        process, parameters = self.space.kind("process"), self.space.kind("parameter")
+        process, parameters = self.coordinates.kind("process"), self.coordinates.kind("parameter")
         for turn in range(times if process.any() else 0):
             say(f"annealing {turn + 1}")
             cold = best.z.copy()
-            cold[process] = np.maximum(cold[process] - _COOLING, self.space.lower[process])
+            cold[process] = np.maximum(cold[process] - _COOLING, self.coordinates.lower[process])
             refitted = maximise(self.objective, cold, parameters, _ROUGH)
             found = self.together(refitted.z) if np.isfinite(refitted.value) else refitted
             gained = found.value - best.value
@@ -178,22 +159,24 @@ class Search:
 
     def report(self, best: Found, before: float, profiles: bool, say: Callable[[str], None]) -> Fit:
         """Return what was found with its uncertainty."""
-        everything = np.ones(len(self.space), dtype=bool)
-        history = tuple(self.history)
-        value, _, information = self._slopes(best.z, everything)
-        knowledge = limits_of_knowledge(self.space, best.z, information)
-        estimates = estimates_of(self.space, self.objective, best.z, value, information, knowledge, profiles, say)
+        history = tuple(self.objective.history)
+        everything = np.ones(len(self.coordinates), dtype=bool)
+        value, _, information = self.objective.slopes(best.z, everything)
+        knowledge = limits_of_knowledge(self.coordinates, best.z, information)
+        summit = Summit(self.coordinates, self.objective, best.z, value, information, knowledge)
+        estimates = estimates_of(summit, profiles, say)
         notes = []
         if not best.converged:
             notes.append(
                 f"The search stopped early: a further step still promises {best.predicted:.2g} units of "
                 "log-likelihood. More iterations or another start may do better."
             )
-        if self.diverged:
-            notes.append(f"{self.diverged} candidates diverged and were passed over.")
+        diverged = self.objective.diverged
+        if diverged:
+            notes.append(f"{diverged} candidates diverged and were passed over.")
         return Fit(
             method="likelihood",
-            spec=self.space.fitted(best.z),
+            spec=self.coordinates.fitted(best.z),
             estimates=estimates,
             correlation=knowledge.correlation,
             objective="log-likelihood",
@@ -202,7 +185,7 @@ class Search:
             history=history,
             converged=best.converged,
             notes=tuple(notes),
-            further={"diverged_candidates": self.diverged, "last_predicted_gain": best.predicted},
+            further={"diverged_candidates": diverged, "last_predicted_gain": best.predicted},
         )
 
 

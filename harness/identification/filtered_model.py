@@ -1,0 +1,368 @@
+"""A model under a Kalman filter, over recordings: likelihood, innovations, their derivatives, and the model alone.
+
+Every filter that fits or judges a model is a variant of ``FilteredModel``: ``Innovations`` runs any estimator of Kalman
+type on the model at hand, ``harness.diagnosis.model.augmented_model.AugmentedModel`` the extended Kalman filter of a
+nominal model around the mean of one that holds all that may be missing. A variant states how its filter runs over a
+recording; what is asked of it, how it is shared among threads, and the derivatives with the gains held fixed are the
+same.
+"""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.common.errors import UserError
+from harness.common.registry import closest
+from harness.config import ModelSpec
+from harness.engine.compile import compile_model, load_source, paste
+from harness.engine.simd.lanes import LANES
+from harness.identification import time_loops
+from harness.identification.data import Drive, drive_from, started_by, step_of
+from harness.models.assembly.assemble import Model
+
+Floats = NDArray[np.float64]
+_Task = TypeVar("_Task")
+_Answer = TypeVar("_Answer")
+
+_STEP_TOLERANCE = 1e-3
+_REMEMBERED = 12
+"""Runs that are kept: of two points over some fitted drives and the drives that judge them."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What candidates hold, or directions in that space; one column each.
+
+    Attributes:
+        values: Parameters in the model's order ``(np, n)``.
+        process: Variances per step, by state that the filter corrects ``(nx, n)``.
+        measurement: Variances per sample ``(ny, n)``.
+    """
+
+    values: Floats
+    process: Floats
+    measurement: Floats
+
+    @classmethod
+    def of(cls, spec: ModelSpec) -> Candidates:
+        """Return what a resolved model holds, as one candidate."""
+        model = spec.model()
+        return cls(
+            np.array([[spec.values[n]] for n in model.parameter_names]).reshape(-1, 1),
+            np.array([[spec.process_noise[n]] for n in model.states]),
+            np.array([[spec.measurement_noise[n]] for n in model.outputs]),
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of candidates."""
+        return self.measurement.shape[1]
+
+    def take(self, columns: slice | Sequence[int]) -> Candidates:
+        """Return some of the candidates."""
+        return Candidates(self.values[:, columns], self.process[:, columns], self.measurement[:, columns])
+
+    def in_lanes(self) -> Candidates:
+        """Return up to ``LANES`` candidates as the kernels take them, the last one in all lanes that are left."""
+        filled = self.take([min(k, self.count - 1) for k in range(LANES)])
+        return Candidates(*(np.ascontiguousarray(a, dtype=float) for a in vars(filled).values()))
+
+
+Each = Candidates | Sequence[Candidates]
+"""Candidates, the same for all recordings or for each recording its own."""
+
+
+def for_each(candidates: Each, drives: Sequence[Drive]) -> Sequence[Candidates]:
+    """Return the candidates of each recording."""
+    return [candidates] * len(drives) if isinstance(candidates, Candidates) else candidates
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """The likelihood of recordings at a point with its derivatives.
+
+    Attributes:
+        log_likelihood: Sum over the recordings; minus infinity if the filter diverged.
+        gradient: Its derivative along each direction ``(n,)``.
+        information: Fisher information on each pair of directions ``(n, n)``.
+    """
+
+    log_likelihood: float
+    gradient: Floats
+    information: Floats
+
+
+@dataclass(frozen=True)
+class FilterRun:
+    """What one run of the filter over a recording leaves.
+
+    Attributes:
+        log_likelihood: Of the recording; minus infinity if the filter diverged.
+        innovation: Measurement minus its prediction ``(samples, ny)``, NaN where missing and at the first sample.
+        deviation: Standard deviation that the filter states of it ``(samples, ny)``, NaN at the first sample.
+        whitened: Innovations over the Cholesky factor of their covariance ``(samples, ny)``, white and of variance 1
+            if the model is right; NaN where missing and at the first sample.
+        whitening: Inverse of that factor ``(samples, ny, ny)``.
+        gain: Gains ``(samples, nx, ny)`` of the states that the filter corrects, which come first.
+        state: Corrected mean of all states, zero at the first sample.
+    """
+
+    log_likelihood: float
+    innovation: Floats
+    deviation: Floats
+    whitened: Floats
+    whitening: Floats
+    gain: Floats
+    state: Floats
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """The model alone over a recording.
+
+    Attributes:
+        states: As long as they stay in the range in which the equations hold ``(until, nx)``.
+        outputs: ``(samples, ny)``, NaN from where it left that range.
+    """
+
+    states: Floats
+    outputs: Floats
+
+
+class FilteredModel(ABC):
+    """A compiled model with a filter.
+
+    Args:
+        spec: The model that the filter knows; its values and variances are where a search begins.
+        model: The equations of the mean, whose first states are those of the model of ``spec``.
+        jobs: Threads; all cores by default.
+        jacobians: Whether the kernels of ``model`` need derivatives.
+
+    Attributes:
+        compiled: Its kernels over lanes.
+        duals: The same over dual numbers.
+    """
+
+    def __init__(self, spec: ModelSpec, model: Model, jobs: int | None = None, jacobians: bool = True) -> None:
+        self.spec, self.model, self.nominal = spec, model, spec.model()
+        self.jobs = jobs or os.cpu_count() or 1
+        self.names = model.parameter_names
+        self._rows = {name: i for i, name in enumerate(self.names)}
+        options = (spec.step, spec.integrator, spec.substeps)
+        self.compiled, self.duals = (
+            compile_model(model, *options, duals=duals, jacobians=jacobians) for duals in (False, True)
+        )
+        self._free = load_source("run_free", paste(self.compiled, "run_free", [time_loops.run_free]))
+        self._follow = load_source("follow", paste(self.duals, "follow", [time_loops.follow]))
+        self._limits = np.array([model.valid.get(name, np.inf) for name in model.states])
+        starts = started_by(model)
+        self._started, self._starts = list(starts), list(starts.values())
+        self._remembered: dict[tuple[object, ...], tuple[Drive, FilterRun]] = {}
+
+    @abstractmethod
+    def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
+        """Run the filter over a recording for ``LANES`` candidates.
+
+        Args:
+            drive: The recording.
+            candidates: From ``Candidates.in_lanes``.
+            total: Log-likelihood and first sample outside the limits, written ``(2, LANES)``.
+            notes: What ``kernels.keep_first_lane`` writes to.
+        """
+
+    @property
+    def nx(self) -> int:
+        """Number of states that the filter corrects."""
+        return len(self.nominal.states)
+
+    def row(self, name: str) -> int:
+        """Return the row of a parameter."""
+        return self._rows[name]
+
+    def stated(self) -> Floats:
+        """Return the parameters of the model at hand ``(np,)``."""
+        return np.array([self.spec.values[n] for n in self.names])
+
+    def along(self, names: Sequence[str]) -> Floats:
+        """Return the directions of single parameters ``(np, n)``.
+
+        Raises:
+            UserError: If the model has no such parameter.
+        """
+        for name in names:
+            if name not in self._rows:
+                raise UserError(f"the model has no parameter '{name}'{closest(name, self.names)}")
+        directions = np.zeros((len(self.names), len(names)))
+        directions[[self._rows[n] for n in names], range(len(names))] = 1.0
+        return directions
+
+    def drive(self, recording: xr.Dataset, name: str) -> Drive:
+        """Return a recording in terms of this model, with the spread of the first state.
+
+        How far the first state may lie from its mean is taken from a free run of the model at hand over the inputs of
+        the recording: the mean square of each state, and its process noise. A state that a parameter starts has no
+        spread but its noise.
+
+        Raises:
+            UserError: If a signal is missing or the step is not the model's.
+        """
+        if abs(step_of(recording) - self.spec.step) > _STEP_TOLERANCE * self.spec.step:
+            raise UserError(
+                f"{name}: its samples are {step_of(recording):g} s apart, those of the model {self.spec.step:g} s; "
+                "all recordings need the same step"
+            )
+        drive = self._read(recording, name)
+        states = self.free_run(drive, self.stated()).states[:, : self.nx]
+        variance = np.mean((states - states[0]) ** 2, axis=0)
+        variance[[i for i in self._started if i < self.nx]] = 0.0
+        process = np.array([self.spec.process_noise[s] for s in self.nominal.states])
+        return replace(drive, first_variance=variance + process)
+
+    def _read(self, recording: xr.Dataset, name: str) -> Drive:
+        """Return a recording as a drive without the spread of its first state."""
+        return drive_from(recording, self.model, name)
+
+    def log_likelihoods(self, drives: Sequence[Drive], candidates: Each) -> Floats:
+        """Return the log-likelihood of all recordings for each candidate ``(n,)``; minus infinity if it diverges."""
+        each = for_each(candidates, drives)
+        starts = range(0, each[0].count, LANES)
+        tasks = [(d, c.take(slice(s, s + LANES))) for s in starts for d, c in zip(drives, each, strict=True)]
+        found = self.share(lambda task: self._likelihoods(*task, self._notes(0)), tasks)
+        return np.concatenate([np.asarray(sum(found[i : i + len(drives)])) for i in range(0, len(found), len(drives))])
+
+    def _likelihoods(self, drive: Drive, candidates: Candidates, notes: tuple[Floats, ...]) -> Floats:
+        """Return the log-likelihoods of up to ``LANES`` candidates on one recording."""
+        total = np.empty((2, LANES))
+        self._filter(drive, candidates.in_lanes(), total, notes)
+        return of_valid(total, drive)[: candidates.count]
+
+    def _notes(self, samples: int) -> tuple[Floats, ...]:
+        """Return what ``kernels.keep_first_lane`` writes to; nothing is kept of no samples."""
+        ny = self.compiled.ny
+        seen = [np.full((samples, ny), np.nan) for _ in range(3)]
+        gain, state = np.zeros((samples, self.nx, ny)), np.zeros((samples, self.compiled.nx))
+        return *seen, np.zeros((samples, ny, ny)), gain, state
+
+    def run(self, drive: Drive, point: Candidates) -> FilterRun:
+        """Run the filter over a recording for one candidate and keep what it does."""
+        notes = self._notes(len(drive.inputs))
+        return FilterRun(float(self._likelihoods(drive, point, notes)[0]), *notes)
+
+    def runs(self, drives: Sequence[Drive], points: Each) -> list[FilterRun]:
+        """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""
+        each = for_each(points, drives)
+        keys: list[tuple[object, ...]] = [
+            (id(d), p.values.tobytes(), p.process.tobytes(), p.measurement.tobytes())
+            for d, p in zip(drives, each, strict=True)
+        ]
+        open_ = [i for i, key in enumerate(keys) if key not in self._remembered]
+        found = self.share(lambda i: self.run(drives[i], each[i]), open_)
+        for i, run in zip(open_, found, strict=True):
+            self._remembered[keys[i]] = drives[i], run  # beside the drive, whose id is its own as long as it is kept
+        kept = [self._remembered[key][1] for key in keys]
+        for key in keys:  # the last used come last
+            self._remembered[key] = self._remembered.pop(key)
+        for key in list(self._remembered)[: -max(_REMEMBERED, len(keys))]:
+            del self._remembered[key]
+        return kept
+
+    def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
+        """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
+
+        Here gains and the covariance of the innovations are held as they are at the point, so that directions of the
+        noise have no effect.
+
+        Args:
+            drives: The recordings.
+            points: One candidate, or one for each recording.
+            directions: Derivatives of what is held, one column per direction.
+        """
+        at, along = for_each(points, drives), for_each(directions, drives)
+        kept = self.runs(drives, at)
+
+        def of_drive(i: int) -> tuple[Floats, Floats]:
+            columns = self.sensitivities(drives[i], at[i].values, along[i].values, kept[i])
+            residual = np.nan_to_num(kept[i].whitened)
+            return -np.einsum("kan,ka->n", columns, residual), np.tensordot(columns, columns, ((0, 1), (0, 1)))
+
+        found = self.share(of_drive, range(len(drives)))
+        gradient, information = (np.sum([f[part] for f in found], axis=0) for part in (0, 1))
+        return Slopes(sum(k.log_likelihood for k in kept), gradient, information)
+
+    def sensitivities(self, drive: Drive, values: Floats, directions: Floats, kept: FilterRun) -> Floats:
+        """Return derivatives of the whitened innovations with gains and whitening held fixed ``(samples, ny, n)``.
+
+        Rows of the first sample and of missing measurements are zero. With ``kept.whitened`` they are what a score
+        (Lagrange-multiplier) test of parameters needs that were not fitted. One thread.
+
+        Args:
+            drive: The recording.
+            values: Parameters at which they are taken ``(np, 1)``; or for each direction its own ``(np, n)``, which
+                may differ in what has no effect at ``kept``.
+            directions: Of the parameters ``(np, n)``.
+            kept: From ``run``.
+        """
+        n, slopes = directions.shape[1], [np.zeros((*drive.measurements.shape, 0))]
+        at = np.broadcast_to(values, directions.shape)
+        for s in range(0, n, LANES):
+            columns = [min(k, n - 1) for k in range(s, s + LANES)]
+            both = np.concatenate([at[:, columns], directions[:, columns]], axis=1)
+            found = np.zeros((*drive.measurements.shape, LANES))
+            self._follow.follow(
+                drive.inputs,
+                drive.between,
+                drive.measurements,
+                self.duals.constants(both),
+                self._first(drive, both),
+                kept.gain,
+                kept.whitening,
+                found,
+            )
+            slopes.append(found)
+        return np.concatenate(slopes, axis=2)[:, :, :n]
+
+    def free_run(self, drive: Drive, values: Floats) -> FreeRun:
+        """Run the model alone over the inputs of a recording, with parameters ``(np,)``."""
+        samples = len(drive.inputs)
+        held = np.repeat(values[:, None], LANES, axis=1)
+        states, outputs = (np.empty((samples, size, LANES)) for size in (self.compiled.nx, self.compiled.ny))
+        left = np.empty((1, LANES))
+        constants, first = self.compiled.constants(held), self._first(drive, held)
+        self._free.run_free(drive.inputs, drive.between, constants, first, self._limits, states, outputs, left)
+        found, until = outputs[:, :, 0].copy(), int(left[0, 0])
+        found[until:] = np.nan
+        return FreeRun(states[: max(1, until), :, 0].copy(), found)
+
+    def first_state(self, drive: Drive, values: Floats) -> Floats:
+        """Return the state in which a recording begins ``(nx,)``, with parameters ``(np,)``."""
+        return self._first(drive, values[:, None])[:, 0]
+
+    def _first(self, drive: Drive, held: Floats) -> Floats:
+        """Return the first mean in lanes or duals: of the recording, but for states that a parameter starts."""
+        first = np.zeros((self.compiled.nx, held.shape[1]))
+        first[:, :LANES] = drive.first_mean[:, None]
+        first[self._started] = held[self._starts]
+        return first
+
+    def share(self, work: Callable[[_Task], _Answer], tasks: Iterable[_Task]) -> list[_Answer]:
+        """Do independent work in threads; the kernels release the GIL, and answers come in the order of the tasks."""
+        tasks = list(tasks)
+        if self.jobs == 1 or len(tasks) < 2:
+            return [work(task) for task in tasks]
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return list(pool.map(work, tasks))
+
+
+def of_valid(total: Floats, drive: Drive) -> Floats:
+    """Return log-likelihoods, minus infinity where the filter left the range in which the equations hold."""
+    likelihood, left = total[0, :LANES], total[1, :LANES]
+    return np.where((left < len(drive.inputs)) | ~np.isfinite(likelihood), -np.inf, likelihood)

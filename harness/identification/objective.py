@@ -1,0 +1,58 @@
+"""What a fit maximises: the log-likelihood of recordings with the priors, as a function of coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.identification.coordinates import Coordinates
+from harness.identification.data import Drive
+from harness.identification.filtered_model import FilteredModel
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class LogPosterior:
+    """The log-likelihood of recordings under a filtered model, less what the priors take.
+
+    Args:
+        model: The filter.
+        drives: The recordings.
+        coordinates: In which it is maximised.
+
+    Attributes:
+        lower: Bounds ``(n,)``.
+        upper: Bounds ``(n,)``.
+        diverged: Candidates so far that have no value.
+        history: Value at every pass with derivatives.
+    """
+
+    def __init__(self, model: FilteredModel, drives: Sequence[Drive], coordinates: Coordinates) -> None:
+        self.model, self.drives, self.coordinates = model, tuple(drives), coordinates
+        self.lower, self.upper = coordinates.lower, coordinates.upper
+        self.diverged = 0
+        self.history: list[float] = []
+
+    def values(self, z: Floats) -> Floats:
+        """Return the values of candidates ``(n, candidates)``, minus infinity where one is impossible or diverges."""
+        possible = np.array([self.coordinates.possible(column) for column in z.T])
+        likelihood = np.full(z.shape[1], -np.inf)
+        if possible.any():
+            kept = z[:, possible]
+            held = [self.coordinates.candidates(kept, i) for i in range(len(self.drives))]
+            likelihood[possible] = self.model.log_likelihoods(self.drives, held)
+        self.diverged += int(np.isneginf(likelihood).sum())
+        return likelihood - self.coordinates.penalty(z)
+
+    def slopes(self, z: Floats, moved: Mask) -> tuple[float, Floats, Floats]:
+        """Return value, gradient and information at a point ``(n,)`` of the coordinates that move ``(n,)``."""
+        numbers, space = range(len(self.drives)), self.coordinates
+        points = [space.candidates(z, i) for i in numbers]
+        found = self.model.slopes(self.drives, points, [space.directions(z, moved, i) for i in numbers])
+        value = found.log_likelihood - float(space.penalty(z))
+        self.history.append(value)
+        gradient = found.gradient - (space.weight * (z - space.centre))[moved]
+        return value, gradient, found.information + np.diag(space.weight[moved])
