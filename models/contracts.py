@@ -38,22 +38,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-EXPORTS: dict[str, tuple[str, ...]] = {
-    "vehicles": ("STATES", "INPUTS", "PARAMETERS", "AXLES", "VALID", "equations"),
-    "tyres": ("PARAMETERS", "lateral_force"),
-    "effects": ("PORT", "READS", "PARAMETERS", "STATES", "apply"),
-    "sensors": ("OUTPUTS",),
-    "parameters": ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP"),
-    "drives": ("OPTIONS", "generate"),
-}
-
-
 DRIVE_INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 """What a drive states over time; a vehicle's first state may be taken from it."""
-
-
-class ModelError(ValueError):
-    """A model, parameter or drive that cannot be built; the message says what, where and how to mend it."""
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
         except (typer.Exit, BrokenPipeError):
             raise
         except Exception as error:
-            from harness.models.contracts import ModelError  # after the help, because it imports NumPy
+            from harness.common.errors import ModelError
 
             if isinstance(error, UserError | ModelError):
                 _fail("error", str(error), WRONG)

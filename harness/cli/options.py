@@ -61,7 +61,7 @@ def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequen
 
     @functools.wraps(command)
     def answering(arguments: Sequence[str]) -> int:
-        from harness.models.contracts import ModelError
+        from harness.common.errors import ModelError
 
         try:
             command(arguments)
@@ -273,8 +273,8 @@ def _most_sensors(vehicle: str, tyre: str | None, recordings: Sequence[xr.Datase
 
 def _fits(vehicle: str, tyre: str | None, sensors: str) -> bool:
     """Whether a vehicle publishes what a set of sensors measures."""
+    from harness.common.errors import ModelError
     from harness.models.assembly.assemble import assemble
-    from harness.models.contracts import ModelError
 
     try:
         assemble(vehicle, tyre, (), sensors)

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from harness.common import registry
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
 from harness.config.factors import Models, number
@@ -22,7 +22,7 @@ from harness.config.report_options import limits, over_time
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import tuned
-from harness.models.contracts import DRIVE_INPUTS, ModelError
+from harness.models.contracts import DRIVE_INPUTS
 
 _Table = TypeVar("_Table", bound=BaseModel)
 

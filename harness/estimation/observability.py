@@ -31,11 +31,11 @@ from rich.table import Table
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import structural_rank
 
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec
 from harness.engine.codegen.derivatives import derive
 from harness.models.assembly.assemble import Model, symbol
-from harness.models.contracts import ModelError, Profile
+from harness.models.contracts import Profile
 from harness.models.signals import SIGNALS
 from harness.simulation.simulate import first_state
 

@@ -16,12 +16,12 @@ import numpy as np
 import sympy as sp
 
 from harness.common import registry
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.common.files import read_toml
 from harness.common.units import registry as unit_registry
 from harness.common.units import to_si
 from harness.models.assembly.assemble import Model, assemble, symbol
-from harness.models.contracts import DriveContext, ModelError, Option, Profile
+from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drives._shapes import LIMIT, check_lateral_acceleration, lateral_acceleration
 from harness.recordings import readers
 

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import sympy as sp
 
 from harness.common import registry
+from harness.common.errors import ModelError
 from harness.models.assembly.expressions import present
 from harness.models.assembly.model import symbol
 from harness.models.assembly.placement import Site, suffix
-from harness.models.contracts import ModelError, Parameter
+from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
     from harness.models.assembly.assemble import Builder

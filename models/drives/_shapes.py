@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.contracts import DriveContext, ModelError, Option, Profile
+from harness.common.errors import ModelError
+from harness.models.contracts import DriveContext, Option, Profile
 
 Array = NDArray[np.float64]
 

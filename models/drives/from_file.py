@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common import registry
-from harness.models.contracts import DriveContext, ModelError, Option, Profile
+from harness.common.errors import ModelError
+from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from harness.cli import main as cli
 from harness.common import registry
-from harness.common.errors import UserError
-from harness.models.contracts import ModelError, Profile
+from harness.common.errors import ModelError, UserError
+from harness.models.contracts import Profile
 from support import synthetic
 
 ROOT = Path(__file__).parents[2]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from harness.common import registry
+from harness.common.errors import ModelError
 from harness.common.units import scale
-from harness.models.contracts import DriveContext, ModelError
+from harness.models.contracts import DriveContext
 from harness.models.drives._shapes import LIMIT, lateral_acceleration
 from harness.simulation.drives import build_drive, kinds
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.common.registry import load
 from harness.config import load_study
 from harness.engine.compile import compile_model
@@ -18,7 +18,7 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import Model, assemble, symbol
 from harness.models.assembly.expressions import larger
-from harness.models.contracts import DriveContext, ModelError
+from harness.models.contracts import DriveContext
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import Batch, first_state, in_lanes, input_table
 from harness.study.evaluate import Bench

@@ -7,8 +7,8 @@ import pytest
 
 import harness.models.drives.sine
 import harness.models.vehicles.semitrailer
-from harness.common.errors import UserError
-from harness.models.contracts import DriveContext, ModelError, Profile
+from harness.common.errors import ModelError, UserError
+from harness.models.contracts import DriveContext, Profile
 from harness.simulation import drives
 from harness.simulation.drives import build_drive, kinds_table, lateral_acceleration, read_drives
 

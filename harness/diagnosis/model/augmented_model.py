@@ -18,7 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from harness.common import registry
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec
 from harness.diagnosis.model import time_loops
 from harness.engine.compile import compile_model, load_source, paste
@@ -28,7 +28,6 @@ from harness.identification.data import Drive, drive_from, joined, step_of
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
-from harness.models.contracts import ModelError
 
 Floats = NDArray[np.float64]
 _Task = TypeVar("_Task")
