@@ -23,6 +23,7 @@ from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyF
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import tuned
 from harness.models.contracts import DRIVE_INPUTS
+from harness.models.drive_options import options_of
 
 _Table = TypeVar("_Table", bound=BaseModel)
 
@@ -169,8 +170,6 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
 def _drive_specs(
     tables: list[DriveTable], beside: Path, folder: Path, problems: Problems, before: list[DriveSpec]
 ) -> list[DriveSpec]:
-    from harness.simulation.drives import options_of
-
     specs: list[DriveSpec] = []
     for i, table in enumerate(tables):
         key = f"drive[{i}]"

@@ -22,9 +22,9 @@ from scipy.spatial import KDTree
 
 from harness.common.errors import UserError
 from harness.models.effects._gravity import GRAVITY
+from harness.models.signals import signal_attributes
 from harness.recordings.differentiate import local_polynomial
 from harness.recordings.load import inputs
-from harness.simulation.simulate import signal_attributes
 
 Floats = NDArray[np.float64]
 
