@@ -45,7 +45,7 @@ study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with parti
 
 # One target for every file in studies/identify/: cars identified from measured drives, which are not part of the project.
 $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
-	$(BIN)/python -m harness.identification.measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
+	$(BIN)/python -m harness.cli.identify_measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime

@@ -12,7 +12,6 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import joblib
@@ -29,7 +28,7 @@ from harness.identification.innovations import Innovations
 from harness.identification.methods.em import Maximisation, Settings
 from harness.reporting.document import write
 from harness.reproductions.simulated_recording import record
-from harness.reproductions.sun_em_report import document
+from harness.reproductions.sun_em_report import Outcome, document
 from harness.simulation.drives import profile_of
 
 Floats = NDArray[np.float64]
@@ -63,25 +62,6 @@ VARIANTS: dict[str, tuple[str, dict[str, object]]] = {
     "likelihood": ("likelihood", {"profiles": False}),
 }
 """What is compared: name in the report, method, settings."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One identification.
-
-    Attributes:
-        values: Parameters found ``(free,)``.
-        path: Iterates of EM, the start first ``(iterations + 1, free)``; empty for other methods.
-        process: Square roots of the process variances along the path ``(iterations + 1, nx)``; likewise.
-        converged: Whether the method came to rest.
-        seconds: CPU time of the fit.
-    """
-
-    values: Floats
-    path: Floats
-    process: Floats
-    converged: bool
-    seconds: float
 
 
 def car(start: bool) -> ModelSpec:

@@ -223,7 +223,7 @@ def load(path: Path) -> Network:
         UserError: If the file is no ``.npz``, holds pickled objects, lacks an array, or its arrays do not belong
             together.
     """
-    again = "write it with python -m harness.estimation.narx.training"
+    again = "write it with python -m harness.reproductions.narx_training"
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
