@@ -35,8 +35,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from harness.common.arrays import Floats
 
 DRIVE_INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 """What a drive states over time; a vehicle's first state may be taken from it."""
@@ -112,7 +111,7 @@ class DriveContext:
     steering_ratio: float
     step: float = 0.01
     base: str = "."
-    read: Callable[[str], dict[str, NDArray[np.float64]]] | None = None
+    read: Callable[[str], dict[str, Floats]] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,8 +126,8 @@ class Profile:
         further: Inputs of the vehicle that drives it, by name, that follow from the drive (its ``drive_inputs``).
     """
 
-    time: NDArray[np.float64]
-    steering_wheel_angle: NDArray[np.float64]
-    speed: NDArray[np.float64]
+    time: Floats
+    steering_wheel_angle: Floats
+    speed: Floats
     notes: dict[str, str] = field(default_factory=dict)
-    further: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    further: dict[str, Floats] = field(default_factory=dict)

@@ -25,15 +25,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import structural_rank
 
+from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.engine.codegen.derivatives import derive
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.contracts import Profile
 from harness.models.signals import SIGNALS
 from harness.simulation.simulate import first_state
-
-Array = NDArray[np.float64]
-Pattern = NDArray[np.bool_]
 
 TOLERANCE = 1e-4
 """An entry below this fraction of its own largest magnitude along the drive counts as zero."""
@@ -51,9 +49,9 @@ class Linearisation(NamedTuple):
         c: (samples, ny, nx), dy/dx (2.4).
     """
 
-    states: Array
-    a: Array
-    c: Array
+    states: Floats
+    a: Floats
+    c: Floats
 
 
 def synthetic_manoeuvre(step: float = 0.01) -> Profile:
@@ -143,13 +141,13 @@ def linearise(model: Model, values: Mapping[str, float], profile: Profile) -> Li
     return Linearisation(x, a, c)
 
 
-def nonzero(entries: Array, tolerance: float) -> Pattern:
+def nonzero(entries: Floats, tolerance: float) -> Mask:
     """Return which entries ``(samples, rows, columns)`` exceed a fraction of their own peak."""
     size = np.abs(entries)
     return size > tolerance * size.max(axis=0)
 
 
-def output_connected(a: Pattern, c: Pattern) -> Pattern:
+def output_connected(a: Mask, c: Mask) -> Mask:
     """Return for every state whether a path of couplings leads from it to an output (criterion 1).
 
     Args:
@@ -168,7 +166,7 @@ def output_connected(a: Pattern, c: Pattern) -> Pattern:
     return reached
 
 
-def structural_ranks(a: Pattern, c: Pattern) -> NDArray[np.int64]:
+def structural_ranks(a: Mask, c: Mask) -> NDArray[np.int64]:
     """Return the structural rank of ``(S_A; S_C)`` at every sample (2.7).
 
     Args:
@@ -201,7 +199,7 @@ def delays(dataset: xr.Dataset) -> dict[str, float]:
     return result
 
 
-def _inputs(model: Model, profile: Profile) -> Array:
+def _inputs(model: Model, profile: Profile) -> Floats:
     """Return the inputs (samples, nu) of a model from a drive; rates by differences of the samples."""
     known = {name: getattr(profile, name) for name in ("time", *DRIVEN)} | profile.further
     step = (profile.time[-1] - profile.time[0]) / (len(profile.time) - 1)
@@ -215,7 +213,7 @@ def _inputs(model: Model, profile: Profile) -> Array:
     return np.column_stack(columns) if columns else np.zeros((len(profile.time), 0))
 
 
-def _simulate(model: Model, p: Array, u: Array, profile: Profile) -> Array:
+def _simulate(model: Model, p: Floats, u: Floats, profile: Profile) -> Floats:
     """Return the states (samples, nx) by Euler from the first state; those the profile prescribes are set to it."""
     prescribed = {
         i: getattr(profile, name)

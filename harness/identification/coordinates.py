@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
@@ -22,7 +23,6 @@ from harness.config.bounds import broken_relations
 from harness.identification.innovations import Held, hold
 from harness.models.signals import SIGNALS
 
-Floats = NDArray[np.float64]
 Kind = Literal["parameter", "process", "measurement"]
 
 NOISE_RANGE = 1e8

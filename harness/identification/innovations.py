@@ -16,8 +16,8 @@ from typing import TypeVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
@@ -28,7 +28,6 @@ from harness.estimation.contract import kernels_of, load_estimator
 from harness.identification import time_loops
 from harness.identification.data import Drive, drive_from, step_of
 
-Floats = NDArray[np.float64]
 _STEP_TOLERANCE = 1e-3
 _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")

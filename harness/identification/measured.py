@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.config.schema import Name
 from harness.identification.contract import Problem, load_method, settings_of
@@ -26,8 +26,6 @@ from harness.identification.measured_file import MeasuredFile, MeasuredStudy, na
 from harness.identification.measured_report import Identified
 from harness.identification.result import judge, rms
 from harness.recordings.axle_curves import GRAVITY, Axle, Slope, axles_of
-
-Floats = NDArray[np.float64]
 
 
 class IdentifyFile(MeasuredFile):

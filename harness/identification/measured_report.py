@@ -6,9 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.identification.contract import Fit
 from harness.identification.measured_file import SpanTable
@@ -20,8 +18,6 @@ from harness.recordings import check_figures
 from harness.recordings.axle_curves import Axle
 from harness.reporting import style
 from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.identification import figures
 from harness.identification.contract import Estimate, Fit
@@ -28,8 +27,6 @@ from harness.reporting.document import (
     plain,
     strong,
 )
-
-Floats = NDArray[np.float64]
 
 _WHITE = 0.01
 """p-value below which innovations count as correlated."""

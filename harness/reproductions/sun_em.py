@@ -16,10 +16,10 @@ from pathlib import Path
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.identification.contract import Problem, load_method, settings_of
@@ -30,8 +30,6 @@ from harness.reporting.document import write
 from harness.reproductions.simulated_recording import record
 from harness.reproductions.sun_em_report import Outcome, document
 from harness.simulation.drives import profile_of
-
-Floats = NDArray[np.float64]
 
 FREE = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia", "cog_to_front_axle")
 START = (7.942, 7.386, 0.56, 0.91)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
@@ -20,8 +20,6 @@ from harness.reporting.document import (
     Sheet,
     plain,
 )
-
-Floats = NDArray[np.float64]
 
 SYMBOLS = ("C_sf in 1/rad", "C_sr in 1/rad", "m/J in 1/m²", "l_f in m")
 PRINTED = ((8.41, 0.59), (7.73, 0.64), (0.60, 3.2), (1.013, 0.1))

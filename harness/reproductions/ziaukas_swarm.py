@@ -17,11 +17,11 @@ from pathlib import Path
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from scipy.optimize import differential_evolution
 
 from harness.cli.options import answers_errors
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.engine.compile import compile_model
@@ -33,8 +33,6 @@ from harness.reporting.document import write
 from harness.reproductions.simulated_recording import record
 from harness.reproductions.ziaukas_swarm_report import Setup, document
 from harness.simulation.drives import profile_of, read_drives
-
-Floats = NDArray[np.float64]
 
 DRIVES = Path("studies/drives/identification.toml")
 LOADS = {

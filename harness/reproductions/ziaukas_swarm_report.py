@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
@@ -28,8 +28,6 @@ from harness.reporting.document import (
     plain,
 )
 from harness.simulation.simulate import Simulator, in_lanes
-
-Floats = NDArray[np.float64]
 
 PRINTED = {
     "yaw_rate_tractor": ((1.38, 7.24), (1.51, 7.11)),

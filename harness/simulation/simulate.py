@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.engine import time_loops
@@ -21,8 +21,6 @@ from harness.models.signals import signal_attributes
 
 if TYPE_CHECKING:
     from harness.config import ModelSpec
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import HistorySpec, ModelSpec, Study
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.kernel_names import Belief, State
@@ -29,8 +30,6 @@ from harness.study.scores import (
     PER_TARGET,
     PLANT_DIVERGED,
 )
-
-Floats = NDArray[np.float64]
 
 
 class Case(NamedTuple):

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats, Mask
 from harness.config import ModelSpec
 from harness.config.bounds import broken_relations
 from harness.diagnosis.fitting.noise_search import along, climb
@@ -22,9 +22,6 @@ from harness.identification.coordinates import NOISE_RANGE, PROCESS_PRIOR
 from harness.identification.data import Drive
 from harness.identification.fisher_scoring import Found, Objective, maximise
 from harness.models.signals import SIGNALS
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""

@@ -15,9 +15,9 @@ from typing import TypeVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from harness.common import registry
+from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec
 from harness.diagnosis.model import time_loops
@@ -29,7 +29,6 @@ from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
 
-Floats = NDArray[np.float64]
 _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
 _STEP_TOLERANCE = 1e-3

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import Whole
 from harness.models.assembly.placement import (
     load_effect,
@@ -21,9 +21,6 @@ from harness.models.assembly.placement import (
     suffix,
 )
 from harness.models.contracts import Parameter
-
-Floats = NDArray[np.float64]
-
 
 ALL_PARAMETERS = "parameters"
 """Name of the hypothesis that many parameters are wrong at once, each a little."""

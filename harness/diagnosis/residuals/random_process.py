@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.diagnosis.model.augmented_model import Whole
 from harness.diagnosis.model.hypotheses import Hypothesis
@@ -32,8 +32,6 @@ from harness.identification.whiteness import whiteness
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
 from harness.models.contracts import Parameter
-
-Floats = NDArray[np.float64]
 
 EXPLAINED = 1e-8
 """p-value of the innovations on the held-out drives, below which something is missing whatever the error is. Where the

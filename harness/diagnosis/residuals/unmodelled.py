@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import Channel
 from harness.diagnosis.model.augmented_model import Whole
@@ -33,8 +33,6 @@ from harness.diagnosis.selection.validation import HeldOut, Judgement, strayed
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
-
-Floats = NDArray[np.float64]
 
 NEEDED = 25.0
 """Gain in log-likelihood of the drives left out, below which a curve is not taken."""

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.config import ModelSpec
 from harness.diagnosis.fitting.fit import Fitted
@@ -25,8 +24,6 @@ from harness.diagnosis.selection.validation import Judgement
 from harness.identification.result import Judged
 from harness.identification.whiteness import whiteness
 from harness.reporting.failures import RAISED, Failures
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.innovations.innovation_model import Linearisation
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
 from harness.diagnosis.selection.change_times import Choices, choices, join
 from harness.diagnosis.selection.step_responses import Change, Columns, Onsets
 
-Floats = NDArray[np.float64]
 _ROUNDED = 1e-4
 """Share of the power of responses at single precision that may be left of them by rounding."""
 

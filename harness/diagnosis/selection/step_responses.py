@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.innovations.innovation_model import Linearisation, Linearised
 from harness.diagnosis.model.augmented_model import Pass
 from harness.identification.data import Drive
 
-Floats = NDArray[np.float64]
 Columns = NDArray[np.float32]
 """Many responses at once; they only choose where to look closer."""
 

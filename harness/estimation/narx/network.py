@@ -19,12 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
-
-Floats = NDArray[np.float64]
 
 FOLDER = Path(__file__).resolve().parents[1] / "networks"
 """Where the networks that come with the project lie."""

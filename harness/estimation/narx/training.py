@@ -15,17 +15,15 @@ from typing import Any
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.estimation.narx import data as training_data
 from harness.estimation.narx.closed_loop import ClosedLoop
 from harness.estimation.narx.data import PARTS, Data, Series
 from harness.estimation.narx.levenberg_marquardt import Pairs, train
 from harness.estimation.narx.network import Network, nguyen_widrow, scaled, unpack
-
-Floats = NDArray[np.float64]
 
 WINDOWS = (50, 200, 1000)
 """Samples of the windows before whole drives: short ones first, because a network fresh from the open loop leaves every

@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import qmc
 
+from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
@@ -24,9 +24,6 @@ from harness.identification.coordinates import Space
 from harness.identification.data import Drive
 from harness.identification.fisher_scoring import Found, Objective, maximise
 from harness.identification.uncertainty import estimates_of, limits_of_knowledge
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _ROUGH = 5
 """Iterations of a stage that only prepares the next one."""
