@@ -45,7 +45,7 @@ study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with parti
 
 # One target for every file in studies/identify/: cars identified from measured drives, which are not part of the project.
 $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
-	$(BIN)/python -m harness.identification.measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
+	$(BIN)/python -m harness.cli.identify_measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime
@@ -69,10 +69,11 @@ report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 test: $(VENV)/dev.stamp ## run the tests
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
-lint: $(VENV)/dev.stamp ## ruff and mypy
+lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 
 attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, REPEATS, JOBS)
 	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/attribution

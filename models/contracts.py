@@ -35,25 +35,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-EXPORTS: dict[str, tuple[str, ...]] = {
-    "vehicles": ("STATES", "INPUTS", "PARAMETERS", "AXLES", "VALID", "equations"),
-    "tyres": ("PARAMETERS", "lateral_force"),
-    "effects": ("PORT", "READS", "PARAMETERS", "STATES", "apply"),
-    "sensors": ("OUTPUTS",),
-    "parameters": ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP"),
-    "drives": ("OPTIONS", "generate"),
-}
-
+from harness.common.arrays import Floats
 
 DRIVE_INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 """What a drive states over time; a vehicle's first state may be taken from it."""
-
-
-class ModelError(ValueError):
-    """A model, parameter or drive that cannot be built; the message says what, where and how to mend it."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +111,7 @@ class DriveContext:
     steering_ratio: float
     step: float = 0.01
     base: str = "."
-    read: Callable[[str], dict[str, NDArray[np.float64]]] | None = None
+    read: Callable[[str], dict[str, Floats]] | None = None
 
 
 @dataclass(frozen=True)
@@ -141,8 +126,8 @@ class Profile:
         further: Inputs of the vehicle that drives it, by name, that follow from the drive (its ``drive_inputs``).
     """
 
-    time: NDArray[np.float64]
-    steering_wheel_angle: NDArray[np.float64]
-    speed: NDArray[np.float64]
+    time: Floats
+    steering_wheel_angle: Floats
+    speed: Floats
     notes: dict[str, str] = field(default_factory=dict)
-    further: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    further: dict[str, Floats] = field(default_factory=dict)

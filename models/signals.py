@@ -244,3 +244,11 @@ MAGNITUDE: dict[str, float] = {
     "N": 1e4,
 }
 """Usual magnitude of a measured quantity by its unit, in which bounds of sensor errors are counted."""
+
+
+def signal_attributes(name: str) -> dict[str, str]:
+    """Return ``units``, ``long_name`` and ``frame`` of a signal."""
+    signal = SIGNALS.get(name)
+    if signal is None:
+        return {"units": "", "long_name": name, "frame": ""}
+    return {"units": signal.unit, "long_name": signal.meaning, "frame": signal.frame}

@@ -21,13 +21,12 @@ from rich.console import Console
 
 from bench.attribution.oracle import FILE, write_oracle
 from bench.attribution.score import FAILED
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.common.files import write_files
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.run import Task, run_trace, whole_of
 from harness.identification.data import step_of
 from harness.identification.measured_file import finely, fitted_parameters
-from harness.models.contracts import ModelError
 from harness.recordings import load_recording
 
 PLANT = Path(__file__).parents[2] / "tests" / "blind" / "plant.py"

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from harness.campaign.claims import Finding
 from harness.campaign.evidence import Verdict, share
 from harness.campaign.results import Results
+from harness.common.arrays import Floats
 from harness.models.quantities import listed
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Heading, Picture, Sheet, plain, strong
@@ -64,12 +64,12 @@ class Joint:
         return tolerances(self.nested, self.limits)
 
     @cached_property
-    def believed(self) -> NDArray[np.float64]:
+    def believed(self) -> Floats:
         """Error over all drives where all is as believed, ``(target, estimator)``; NaN where no run has a score."""
         nominal = self.nested.rmse[:, 0, :, :, :1, :]  # the first point of the innermost box is its centre
         return np.asarray(sobol_indices.over_drives(nominal)[..., 0])
 
-    def quantiles(self, target: int) -> NDArray[np.float64]:
+    def quantiles(self, target: int) -> Floats:
         """Return the 5, 50 and 95 % quantile of the error over the box, ``(3, estimator)``."""
         return np.asarray(np.quantile(self.ranking.outcomes[target], [0.05, 0.5, 0.95], axis=-1))
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 
 RESAMPLES = 2000
@@ -60,9 +60,7 @@ def judge(evidence: Sequence[Evidence]) -> Verdict:
     return Verdict.UNDECIDED if Verdict.UNDECIDED in verdicts or not verdicts else Verdict.REPRODUCED
 
 
-def ratio_of_medians(
-    errors: NDArray[np.float64], reference: NDArray[np.float64], seed: int = 0
-) -> tuple[Interval, int]:
+def ratio_of_medians(errors: Floats, reference: Floats, seed: int = 0) -> tuple[Interval, int]:
     """Return the median of ``errors`` over that of ``reference`` with a percentile bootstrap interval.
 
     The drives are chosen, not drawn: every resample keeps their shares. Pairs are drawn together, since the studies

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.realtime import outcome
 from harness.study.report.analysis import Analysis
@@ -57,7 +57,7 @@ class Results:
         """The analyses of the stores."""
         return {name: Analysis(store) for name, store in self.stores.items()}
 
-    def errors(self, study: str, band: str | None, estimator: str, target: str) -> NDArray[np.float64]:
+    def errors(self, study: str, band: str | None, estimator: str, target: str) -> Floats:
         """Return the RMSE of a group of runs in report units, ``(stratum, sample, repeat)``; NaN where a run has none.
 
         Args:

@@ -111,7 +111,7 @@ def _table(console: Console, title: str, headings: tuple[str, ...], rows: Sequen
 def _details(console: Console, role: str, name: str) -> None:
     module = registry.load(PACKAGES[role], name, () if role == "estimators" else None)
     if role == "drives":
-        from harness.simulation.drives import options_of
+        from harness.models.drive_options import options_of
 
         rows = [(o.name, _default(o), _range(o.unit, o.lower, o.upper), o.meaning) for o in options_of(name)]
         _table(console, f"options of {name}", ("option", "default", "allowed", "meaning"), rows)

@@ -29,7 +29,7 @@ from harness.cli.options import RESULTS, STUDIES, study_path
 from harness.cli.realtime import realtime
 from harness.cli.simulate import simulate
 from harness.cli.trace import trace
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 
 FAILED, WRONG, INTERRUPTED = 1, 2, 130
 _state = {"debug": False}
@@ -86,8 +86,6 @@ def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
         except (typer.Exit, BrokenPipeError):
             raise
         except Exception as error:
-            from harness.models.contracts import ModelError  # after the help, because it imports NumPy
-
             if isinstance(error, UserError | ModelError):
                 _fail("error", str(error), WRONG)
             _fail("failed", f"{type(error).__name__}: {error} (--debug shows where)", FAILED)

@@ -49,6 +49,6 @@ def observability(
         profile = profile_of(spec, drive_spec(drive, option))
     elif option:
         raise UserError("--option belongs to a drive; name it with --drive")
-    from harness.estimation.observability import report as check
+    from harness.cli.observability_report import report
 
-    check(spec, unknown_input or [], out, profile)
+    report(spec, unknown_input or [], out, profile)

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,8 +61,6 @@ def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequen
 
     @functools.wraps(command)
     def answering(arguments: Sequence[str]) -> int:
-        from harness.models.contracts import ModelError
-
         try:
             command(arguments)
         except (UserError, ModelError) as error:
@@ -274,7 +272,6 @@ def _most_sensors(vehicle: str, tyre: str | None, recordings: Sequence[xr.Datase
 def _fits(vehicle: str, tyre: str | None, sensors: str) -> bool:
     """Whether a vehicle publishes what a set of sensors measures."""
     from harness.models.assembly.assemble import assemble
-    from harness.models.contracts import ModelError
 
     try:
         assemble(vehicle, tyre, (), sensors)

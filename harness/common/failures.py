@@ -15,8 +15,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.text import Text
 
-from harness.common.errors import UserError
-from harness.models.contracts import ModelError
+from harness.common.errors import ModelError, UserError
 
 T = TypeVar("T")
 U = TypeVar("U")

@@ -7,7 +7,17 @@ import importlib.util
 import pkgutil
 from types import ModuleType
 
-from harness.models.contracts import EXPORTS, ModelError
+from harness.common.errors import ModelError
+
+EXPORTS: dict[str, tuple[str, ...]] = {
+    "vehicles": ("STATES", "INPUTS", "PARAMETERS", "AXLES", "VALID", "equations"),
+    "tyres": ("PARAMETERS", "lateral_force"),
+    "effects": ("PORT", "READS", "PARAMETERS", "STATES", "apply"),
+    "sensors": ("OUTPUTS",),
+    "parameters": ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP"),
+    "drives": ("OPTIONS", "generate"),
+}
+"""What a file in each folder of ``models/`` must define (``models/contracts.py`` says what it is)."""
 
 
 def names(package: str) -> list[str]:
@@ -34,7 +44,7 @@ def load(package: str, name: str, exports: tuple[str, ...] | None = None) -> Mod
     Args:
         package: Dotted package, e.g. ``harness.models.tyres``.
         name: Stem of the file.
-        exports: Names the module must define; by default those of the role in ``harness.models.contracts``.
+        exports: Names the module must define; by default those of the role in ``EXPORTS``.
 
     Raises:
         ModelError: If there is no such file (with the closest names) or an export is missing.

@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from harness.common.arrays import Floats
+
 RESAMPLES = 2000
 _LARGEST_DRAW = 4_000_000  # numbers drawn per interval; beyond it fewer resamples are taken, never below 400
 
@@ -204,7 +206,7 @@ def median_ratio(
     return Interval(float(np.nanmedian(pair[1]) / np.nanmedian(pair[0])), float(lower), float(upper))
 
 
-def holm(p_values: ArrayLike) -> NDArray[np.float64]:
+def holm(p_values: ArrayLike) -> Floats:
     """Return p-values adjusted for the number of comparisons (Holm 1979), in the order given.
 
     The smallest of m is multiplied by m, the next by m - 1 and so on; an adjusted value is never smaller

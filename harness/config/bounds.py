@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from harness.common import registry
-from harness.models.contracts import ModelError, Parameter
+from harness.common.errors import ModelError
+from harness.models.contracts import Parameter
 
 
 def quantity(value: float, unit: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from harness.common import registry
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.common.files import parse_toml, read_text, read_toml, toml_text
 from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
@@ -23,7 +23,8 @@ from harness.config.report_options import limits, over_time
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import tuned
-from harness.models.contracts import DRIVE_INPUTS, ModelError
+from harness.models.contracts import DRIVE_INPUTS
+from harness.models.drive_options import options_of
 
 _Table = TypeVar("_Table", bound=BaseModel)
 
@@ -176,8 +177,6 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
 def _drive_specs(
     tables: list[DriveTable], beside: Path, folder: Path, problems: Problems, before: list[DriveSpec]
 ) -> list[DriveSpec]:
-    from harness.simulation.drives import options_of
-
     specs: list[DriveSpec] = []
     for i, table in enumerate(tables):
         key = f"drive[{i}]"

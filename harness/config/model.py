@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from harness.common import registry
+from harness.common.errors import ModelError
 from harness.config.bounds import broken_relations, out_of_bounds
 from harness.config.parameter_set import ParameterSet, load_set, variance_unit
 from harness.config.problems import Problems, add_validation_errors
@@ -17,7 +18,6 @@ from harness.config.schema import ModelTable
 from harness.config.specs import ModelSpec, assembled
 from harness.models.assembly.assemble import Model
 from harness.models.assembly.placement import load_effect, place_of, split
-from harness.models.contracts import ModelError
 
 Kind = Literal["process", "measurement"]
 _SIMPLE = (

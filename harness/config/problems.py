@@ -9,9 +9,8 @@ from contextlib import contextmanager
 
 from pydantic import BaseModel, ValidationError
 
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.common.registry import closest
-from harness.models.contracts import ModelError
 
 TABLE, TABLES = "(table)", "(array of tables)"
 """Tags of the two forms of a key that takes one table or several; pydantic puts them in the place of an error."""

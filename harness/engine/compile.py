@@ -47,7 +47,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.extending import _Intrinsic
 
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.common.sources import digest, is_own
 from harness.engine import kernel_names
 from harness.engine.codegen.derivatives import Equations, derive
@@ -63,7 +63,6 @@ from harness.engine.simd import (
     functions as lane_math,
 )
 from harness.models.assembly.assemble import Model
-from harness.models.contracts import ModelError
 
 INTEGRATORS = ("euler", "heun", "rk4")
 

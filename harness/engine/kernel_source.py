@@ -19,10 +19,10 @@ from math import isfinite
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+from harness.common.errors import ModelError
 from harness.common.sources import is_own
 from harness.engine.kernel_names import StandIn
 from harness.engine.simd import lanes
-from harness.models.contracts import ModelError
 
 Kernel = Callable[..., Any]
 

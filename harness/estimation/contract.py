@@ -50,19 +50,17 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy import stats
 
 from harness.common import registry
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine import time_loops
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.kernel_source import Kernel
 from harness.engine.simd.lanes import LANES
-
-Floats = NDArray[np.float64]
 
 EXPORTS = ("workspace", "step")
 

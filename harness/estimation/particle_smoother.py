@@ -16,16 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.functions import exp, maximum
 from harness.engine.simd.lanes import LANES, get, put, splat
 from harness.estimation.contract import Estimator
-
-Floats = NDArray[np.float64]
 
 _jit = njit(error_model="numpy", nogil=True)
 

@@ -17,18 +17,15 @@ from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from harness.common import registry
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.units import refuse_misread
 from harness.config import ModelSpec
 from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
-
-Floats = NDArray[np.float64]
 
 EXPORTS = ("Settings", "identify")
 _PACKAGE = "harness.identification.methods"

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
@@ -23,8 +23,6 @@ from harness.identification.filtered_model import Candidates
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Kind = Literal["parameter", "process", "measurement"]
 
 NOISE_RANGE = 1e8

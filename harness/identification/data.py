@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from harness import recordings
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.models.assembly.assemble import Model, symbol
-
-Floats = NDArray[np.float64]
 
 SHORTEST = 20
 """Samples; a shorter recording is refused."""

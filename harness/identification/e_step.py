@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_state, output, put, splat
@@ -16,8 +16,6 @@ from harness.estimation.contract import Estimator
 from harness.estimation.particle_smoother import Transitions, run_filter, transitions
 from harness.identification.data import Drive, started_by
 from harness.simulation.simulate import in_lanes
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from typing import TypeVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
@@ -29,7 +29,6 @@ from harness.identification import time_loops
 from harness.identification.data import Drive, drive_from, started_by, step_of
 from harness.models.assembly.assemble import Model
 
-Floats = NDArray[np.float64]
 _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
 

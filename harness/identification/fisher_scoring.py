@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from harness.common.arrays import Floats, Mask
 
 ENOUGH = 1e-3
 """Predicted gain in log-likelihood below which a search ends: a step of a twentieth of a standard error."""

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief
@@ -28,8 +28,6 @@ from harness.identification.filtered_model import (
     for_each,
     of_valid,
 )
-
-Floats = NDArray[np.float64]
 
 
 class Innovations(FilteredModel):

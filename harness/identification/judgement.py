@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Each, FilteredModel, FilterRun, for_each
 from harness.identification.whiteness import Whiteness, whiteness
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,43 +1,32 @@
 """Identify a measured car as Sun 2015, section 3.3: table 3.3, figures 3.16 and 3.21.
 
-``python -m harness.identification.measured studies/identify/genesis.toml --out results/identify-genesis`` takes the
-published car, starts its cornering stiffnesses from the slopes of its axle curves, fits the free parameters of the
-file to the drives it names and judges on those kept aside. Steering factor and offset (3.48) are parameters:
-``steering_ratio`` and ``steering_offset``. It writes what ``harness identify`` does. Where the folder of the
-recordings is absent it says so and ends well.
+The published car, its cornering stiffnesses started from the slopes of its axle curves; the free parameters of the
+file are fitted to the drives it names and judged on those kept aside. Steering factor and offset (3.48) are
+parameters: ``steering_ratio`` and ``steering_offset``.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import shlex
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
-from rich.console import Console
 
-from harness.cli.options import answers_errors
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.config.schema import Name
-from harness.identification.contract import Fit, Problem, load_method, settings_of
+from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.data import Drive, joined
 from harness.identification.innovations import Innovations
 from harness.identification.judgement import rms
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
-from harness.identification.measured_report import document
-from harness.identification.result import Judged, judge, write_outcome
+from harness.identification.measured_report import Identified
+from harness.identification.result import judge
 from harness.recordings.axle_curves import GRAVITY, Axle, Slope, axles_of
-from harness.reporting.document import write
-
-Floats = NDArray[np.float64]
 
 
 class IdentifyFile(MeasuredFile):
@@ -54,27 +43,6 @@ class IdentifyStudy(MeasuredStudy):
     SCHEMA: ClassVar[type[MeasuredFile]] = IdentifyFile
 
     raw: IdentifyFile
-
-
-@dataclass(frozen=True)
-class Identified:
-    """A measured car, identified.
-
-    Attributes:
-        published: The car as published.
-        fit: What was found; it began at the published car with the slopes of ``axles_before``.
-        judged: Every drive at the first and at the found values.
-        published_error: Root mean square error of the published model alone on each of these drives ``(ny,)``.
-        axles_before: Axle curves of the fitted drives by the published car.
-        axles_after: The same by the car found, with the lines of the stiffnesses found.
-    """
-
-    published: ModelSpec
-    fit: Fit
-    judged: tuple[Judged, ...]
-    published_error: tuple[Floats, ...]
-    axles_before: tuple[Axle, ...]
-    axles_after: tuple[Axle, ...]
 
 
 def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None]) -> Identified:
@@ -156,33 +124,3 @@ def calibrated(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset
     found["lateral_velocity"] = found["lateral_velocity"] - values["reference_from_cog"] * found["yaw_rate"]
     steered = recording["steering_wheel_angle"] / values["steering_ratio"] + values.get("steering_offset", 0.0)
     return recording.assign({**found, "road_wheel_angle": steered})
-
-
-def _arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m harness.identification.measured", description=__doc__)
-    parser.add_argument("file", type=Path, help="such as studies/identify/genesis.toml")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
-    parser.add_argument("--jobs", type=int, default=None, help="threads; all cores if absent")
-    return parser
-
-
-@answers_errors
-def main(arguments: Sequence[str]) -> None:
-    """Identify as the file says and write data and report."""
-    chosen = _arguments().parse_args(arguments)
-    study = IdentifyStudy.read(chosen.file)
-    if study.absent:
-        print(study.absent)
-        return
-    with Console(stderr=True).status("starting") as status:
-        found = identified(study, chosen.jobs, status.update)
-    command = f"python -m harness.identification.measured {shlex.join(arguments)}"
-    names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
-    source = f"{study.path}, method {found.fit.method}, on {names}"
-    write_outcome(chosen.out, found.fit, list(found.judged), source)
-    write(document(found, study.raw.title, study.spans(), command), chosen.out)
-    print(f"wrote {chosen.out}/report.html")
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -42,7 +42,6 @@ from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import ModelTable, Name, Quantity, Table
 from harness.recordings.load import load_recording
 from harness.recordings.road_bank_map import with_bank
-from harness.reporting.document import Sheet
 
 SHORTEST = 20.0
 """s; what shorter drives show is as much the first state as the vehicle."""
@@ -238,13 +237,3 @@ def names_of(recordings: Sequence[xr.Dataset]) -> list[str]:
     """Return the names of drives; spans of one recording are told apart by number."""
     given = [str(r.attrs["name"]) for r in recordings]
     return [f"{n} ({given[: i + 1].count(n)})" if given.count(n) > 1 else n for i, n in enumerate(given)]
-
-
-def spans_sheet(spans: Mapping[str, Sequence[SpanTable]]) -> Sheet:
-    """Return the table of the drives for a report, by what they were used for."""
-    rows = [
-        [s.name or s.file, purpose, "all" if s.span is None else " to ".join(map(str, s.span))]
-        for purpose, tables in spans.items()
-        for s in tables
-    ]
-    return Sheet(["recording", "used", "span"], rows, "The drives.", left=3)

@@ -4,18 +4,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
-from harness.identification.measured_file import SpanTable, spans_sheet
+from harness.common.arrays import Floats
+from harness.config import ModelSpec
+from harness.identification.contract import Fit
+from harness.identification.measured_file import SpanTable
 from harness.identification.report import document as fit_document
+from harness.identification.report import spans_sheet
+from harness.identification.result import Judged
 from harness.models.quantities import quantity
 from harness.recordings import check_figures
 from harness.recordings.axle_curves import Axle
 from harness.reporting import style
 from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain
 
-if TYPE_CHECKING:
-    from harness.identification.measured import Identified
+
+@dataclass(frozen=True)
+class Identified:
+    """A measured car, identified.
+
+    Attributes:
+        published: The car as published.
+        fit: What was found; it began at the published car with the slopes of ``axles_before``.
+        judged: Every drive at the first and at the found values.
+        published_error: Root mean square error of the published model alone on each of these drives ``(ny,)``.
+        axles_before: Axle curves of the fitted drives by the published car.
+        axles_after: The same by the car found, with the lines of the stiffnesses found.
+    """
+
+    published: ModelSpec
+    fit: Fit
+    judged: tuple[Judged, ...]
+    published_error: tuple[Floats, ...]
+    axles_before: tuple[Axle, ...]
+    axles_after: tuple[Axle, ...]
 
 
 def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTable]], command: str) -> Document:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats, Mask
 from harness.identification.coordinates import Coordinates
 from harness.identification.data import Drive
 from harness.identification.filtered_model import FilteredModel
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class LogPosterior:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.identification import figures
 from harness.identification.contract import Estimate, Fit
+from harness.identification.measured_file import SpanTable
 from harness.identification.result import Judged
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
@@ -27,8 +27,6 @@ from harness.reporting.document import (
     plain,
     strong,
 )
-
-Floats = NDArray[np.float64]
 
 _WHITE = 0.01
 """p-value below which innovations count as correlated."""
@@ -236,3 +234,13 @@ def _made(fit: Fit, command: str) -> list[Block]:
     )
     notes: list[Block] = [Bullets([plain(n) for n in fit.notes])] if fit.notes else []
     return [Heading("How was it made?"), Prose(plain(text)), *notes, Listing(command, "sh")]
+
+
+def spans_sheet(spans: Mapping[str, Sequence[SpanTable]]) -> Sheet:
+    """Return the table of the drives for a report, by what they were used for."""
+    rows = [
+        [s.name or s.file, purpose, "all" if s.span is None else " to ".join(map(str, s.span))]
+        for purpose, tables in spans.items()
+        for s in tables
+    ]
+    return Sheet(["recording", "used", "span"], rows, "The drives.", left=3)

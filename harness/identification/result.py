@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.files import write_files
 from harness.config.parameter_set import set_text
 from harness.identification.contract import Estimate, Fit, Problem
@@ -19,8 +19,6 @@ from harness.identification.filtered_model import Candidates
 from harness.identification.judgement import DriveJudgement, judged_on
 from harness.identification.whiteness import Whiteness
 from harness.models.signals import SIGNALS
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.engine.compile import CompiledModel, load_source, paste
@@ -33,7 +33,6 @@ from harness.engine.kernel_names import (
 from harness.engine.time_loops import outside
 from harness.identification.data import Drive, started_by
 
-Floats = NDArray[np.float64]
 Known = Mapping[str, Mapping[str, float]]
 """Values of parameters that differ between recordings, by the name of the recording."""
 

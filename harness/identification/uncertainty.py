@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.identification.contract import Estimate, Profile, Verdict
 from harness.identification.coordinates import Coordinate, Coordinates
 from harness.identification.fisher_scoring import Objective, maximise
-
-Floats = NDArray[np.float64]
 
 NORMAL = 1.959963984540054
 """97.5 % quantile of the standard normal distribution."""

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-Floats = NDArray[np.float64]
+from harness.common.arrays import Floats
 
 LAGS = 20
 """Lags of the Ljung-Box test."""

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import DesignSpec, Study
@@ -25,8 +26,6 @@ from harness.realtime.one_lane import in_one_lane
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
-
-Floats = NDArray[np.float64]
 
 PACES = ("back to back", "every cycle")
 TURN = 100

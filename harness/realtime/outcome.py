@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 import zarr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import Study
 from harness.study import checksums
 from harness.study.provenance import code_state, commit, processor
-
-Floats = NDArray[np.float64]
 
 STORE = "times.zarr"
 

@@ -13,12 +13,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings.derived_signals import DERIVED, Sources
-
-Floats = NDArray[np.float64]
 
 GRAVITY = 9.81
 _SLOWEST = 3.0

@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, StrictBool, StrictStr, ValidationError
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.registry import closest
@@ -134,7 +134,7 @@ class Channel:
     offset: float = 0.0
     delay: float = 0.0
     point: str = ""
-    curve: NDArray[np.float64] | None = None
+    curve: Floats | None = None
     lag: float = 0.0
     hold: bool = False
     remove_spikes: bool = False

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.models.signals import SIGNALS
@@ -16,8 +16,6 @@ from harness.recordings.channel_map import Channel, ChannelMap
 from harness.recordings.clock import Clock, check_clock, spikes, updates
 from harness.recordings.readers import Table
 from harness.recordings.resample import segments
-
-Floats = NDArray[np.float64]
 
 _BRIDGED = 5
 """Samples that may be missing in a row before it counts as a gap, unless the map states the time."""

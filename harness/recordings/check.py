@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -30,8 +29,6 @@ from harness.reporting.document import (
     write,
 )
 from harness.reporting.style import number
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

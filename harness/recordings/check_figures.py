@@ -9,8 +9,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.models.quantities import print_unit, quantity, words
 from harness.recordings.consistency import Fit, in_report_unit
 from harness.reporting import style
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from harness.recordings.axle_curves import Axle
 
-Floats = NDArray[np.float64]
 
 _PER_FIGURE = 6
 _TALLEST = 4.7

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _OUT_OF_ORDER = 0.01
 """Share of the stamps that may stand still or jump back; with more of them the clock is no clock."""

@@ -11,16 +11,14 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import correlate
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.units import registry
 from harness.models.signals import SIGNALS
 from harness.recordings.derived_signals import Sources
 from harness.recordings.redundancy import RELATIONS, Relation
-
-Floats = NDArray[np.float64]
 
 WINDOW = 0.3
 """s, over which both sides are smoothed, so that their bandwidths are alike."""

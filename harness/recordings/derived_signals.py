@@ -10,12 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.recordings.differentiate import local_polynomial
 from harness.recordings.kinematics import acceleration_of_velocity, earth_to_vehicle
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

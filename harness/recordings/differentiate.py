@@ -7,10 +7,9 @@ and no bias for signals that are cubic over the window. The noise of a slope fal
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
-Floats = NDArray[np.float64]
+from harness.common.arrays import Floats
 
 _DEGREE = 3
 

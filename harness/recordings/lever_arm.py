@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings import kinematics
 from harness.recordings.channel_map import ChannelMap, Point
 from harness.recordings.differentiate import local_polynomial
 
-Floats = NDArray[np.float64]
 Move = Callable[[Floats, Floats], tuple[Floats, Floats]]
 
 _BODIES = ("", "_tractor", "_trailer")

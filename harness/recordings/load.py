@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
+from harness.models.signals import signal_attributes
 from harness.recordings import readers
 from harness.recordings.channel_map import ChannelMap, load_map
 from harness.recordings.channels import Raw, collect, plain_map
@@ -21,9 +22,6 @@ from harness.recordings.consistency import find_delay
 from harness.recordings.derived_signals import DERIVED, Sources
 from harness.recordings.lever_arm import to_reference_point
 from harness.recordings.resample import first_order_lag, onto_grid, updated_on_grid
-from harness.simulation.simulate import signal_attributes
-
-Floats = NDArray[np.float64]
 
 _END = 1.0
 """s that may be cut from either end where not every signal is there yet, or still."""

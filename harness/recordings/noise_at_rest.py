@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
-
-Floats = NDArray[np.float64]
 
 STANDSTILL = 0.05
 """m/s; a recording whose speed exceeds this is not at rest."""

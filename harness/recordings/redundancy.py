@@ -10,12 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.recordings.derived_signals import Sources
 from harness.recordings.kinematics import earth_to_vehicle
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

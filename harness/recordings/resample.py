@@ -5,12 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import firwin, kaiserord
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from harness.common.arrays import Floats, Mask
 
 _STOP_BAND = 60.0
 """dB by which what would fold back is weakened."""

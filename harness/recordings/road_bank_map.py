@@ -20,13 +20,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.models.effects._gravity import GRAVITY
+from harness.models.signals import signal_attributes
 from harness.recordings.differentiate import local_polynomial
 from harness.recordings.load import inputs
-from harness.simulation.simulate import signal_attributes
-
-Floats = NDArray[np.float64]
 
 NEEDED = ("position_x", "position_y", "heading", "longitudinal_velocity", "lateral_velocity", "yaw_rate")
 """Signals a map is made of, beside the lateral acceleration; the first three find a place on it."""

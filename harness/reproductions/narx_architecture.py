@@ -18,10 +18,10 @@ from pathlib import Path
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.estimation.narx import data as training_data
 from harness.estimation.narx import lipschitz
@@ -39,8 +39,6 @@ from harness.reporting.document import (
     write,
 )
 from harness.reproductions import narx_figures
-
-Floats = NDArray[np.float64]
 
 MOST = 32
 """Neurons in all."""

@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.estimation.narx.lipschitz import Indices
 from harness.models.quantities import quantity
 from harness.reporting import style
-
-Floats = NDArray[np.float64]
 
 
 def delays(found: Sequence[Indices], chosen: tuple[int, int]) -> bytes:

@@ -12,15 +12,14 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.identification.contract import Problem, load_method, settings_of
@@ -29,10 +28,8 @@ from harness.identification.innovations import Innovations
 from harness.identification.methods.em import Maximisation, Settings
 from harness.reporting.document import write
 from harness.reproductions.simulated_recording import record
-from harness.reproductions.sun_em_report import document
+from harness.reproductions.sun_em_report import Outcome, document
 from harness.simulation.drives import profile_of
-
-Floats = NDArray[np.float64]
 
 FREE = ("stiffness_over_load_front", "stiffness_over_load_rear", "mass_over_inertia", "cog_to_front_axle")
 START = (7.942, 7.386, 0.56, 0.91)
@@ -63,25 +60,6 @@ VARIANTS: dict[str, tuple[str, dict[str, object]]] = {
     "likelihood": ("likelihood", {"profiles": False}),
 }
 """What is compared: name in the report, method, settings."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One identification.
-
-    Attributes:
-        values: Parameters found ``(free,)``.
-        path: Iterates of EM, the start first ``(iterations + 1, free)``; empty for other methods.
-        process: Square roots of the process variances along the path ``(iterations + 1, nx)``; likewise.
-        converged: Whether the method came to rest.
-        seconds: CPU time of the fit.
-    """
-
-    values: Floats
-    path: Floats
-    process: Floats
-    converged: bool
-    seconds: float
 
 
 def car(start: bool) -> ModelSpec:

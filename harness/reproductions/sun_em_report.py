@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
@@ -21,11 +21,6 @@ from harness.reporting.document import (
     plain,
 )
 
-if TYPE_CHECKING:
-    from harness.reproductions.sun_em import Outcome
-
-Floats = NDArray[np.float64]
-
 SYMBOLS = ("C_sf in 1/rad", "C_sr in 1/rad", "m/J in 1/m²", "l_f in m")
 PRINTED = ((8.41, 0.59), (7.73, 0.64), (0.60, 3.2), (1.013, 0.1))
 """Value and relative error in percent (Sun 2015, table 3.2)."""
@@ -34,6 +29,25 @@ GOALS = (0.5, 0.5, 2.0, 0.5)
 """Largest median relative error in percent."""
 
 _LINE, _MARK = (look.line for look in style.looks(["run", "mark"]).values())
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One identification.
+
+    Attributes:
+        values: Parameters found ``(free,)``.
+        path: Iterates of EM, the start first ``(iterations + 1, free)``; empty for other methods.
+        process: Square roots of the process variances along the path ``(iterations + 1, nx)``; likewise.
+        converged: Whether the method came to rest.
+        seconds: CPU time of the fit.
+    """
+
+    values: Floats
+    path: Floats
+    process: Floats
+    converged: bool
+    seconds: float
 
 
 def errors(outcomes: Sequence[Outcome], truth: Floats) -> Floats:

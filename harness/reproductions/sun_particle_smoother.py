@@ -12,8 +12,8 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
@@ -23,8 +23,6 @@ from harness.models.contracts import DriveContext
 from harness.models.parameters import sun_2015 as car
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import Simulator, in_lanes, input_table, variances
-
-Floats = NDArray[np.float64]
 
 SAMPLES = 501
 SIZES = (50, 200, 1000)

@@ -12,31 +12,27 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from scipy.optimize import differential_evolution
 
 from harness.cli.options import answers_errors
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.engine.compile import compile_model
-from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
 from harness.identification.methods.swarm import Found, Settings, optimise
 from harness.identification.simulation_error import Free, Misfit
 from harness.models.contracts import Profile
 from harness.reporting.document import write
 from harness.reproductions.simulated_recording import record
-from harness.reproductions.ziaukas_swarm_report import document
+from harness.reproductions.ziaukas_swarm_report import Setup, document
 from harness.simulation.drives import profile_of, read_drives
-from harness.simulation.simulate import Simulator, in_lanes
-
-Floats = NDArray[np.float64]
 
 DRIVES = Path("studies/drives/identification.toml")
 LOADS = {
@@ -58,45 +54,6 @@ BOUNDS = {
 """Search ranges of table 4.4; the centre of gravity comes on top, once per load."""
 
 COG = ("trailer_cog_from_rear", 4.0, 12.0)
-
-
-@dataclass(frozen=True)
-class Setup:
-    """The problem: costs on the drives to fit and to judge on, and what is to be found.
-
-    Attributes:
-        fit: Cost on the drives to fit.
-        judge: The same on the drives to judge.
-        hidden: The plant's values of the free parameters ``(free,)``.
-        plants: The hidden plant by the name of the drive.
-        profiles: What the driver does by the name of the drive.
-    """
-
-    fit: Misfit
-    judge: Misfit
-    hidden: Floats
-    plants: dict[str, ModelSpec]
-    profiles: dict[str, Profile]
-
-    def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
-        """Return the outputs of the model alone on a drive to judge, by name; NaN from where it diverges on."""
-        number = [d.name for d in self.judge.drives].index(drive)
-        one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
-        spec = self.plants[drive]
-        names = tuple(spec.model().outputs)
-        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
-        nx, ny = compiled.nx, compiled.ny
-        noise = np.zeros((len(one.time), nx + ny, LANES))
-        batch = Simulator(compiled).run(
-            in_lanes(one.inputs),
-            compiled.constants(values),
-            np.zeros((nx, LANES)),
-            np.zeros((ny, LANES)),
-            noise,
-            in_lanes(one.first_mean),
-        )
-        batch.truth[int(batch.left_at[0]) :] = np.nan
-        return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
 
 
 def plant(load: str) -> ModelSpec:

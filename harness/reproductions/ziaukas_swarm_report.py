@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
+from harness.config import ModelSpec
+from harness.engine.compile import compile_model
+from harness.engine.simd.lanes import LANES
 from harness.identification.methods.swarm import Found, Settings
-from harness.identification.simulation_error import Free
+from harness.identification.simulation_error import Free, Misfit
+from harness.models.contracts import Profile
 from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
@@ -23,11 +27,7 @@ from harness.reporting.document import (
     Sheet,
     plain,
 )
-
-if TYPE_CHECKING:
-    from harness.reproductions.ziaukas_swarm import Setup
-
-Floats = NDArray[np.float64]
+from harness.simulation.simulate import Simulator, in_lanes
 
 PRINTED = {
     "yaw_rate_tractor": ((1.38, 7.24), (1.51, 7.11)),
@@ -40,6 +40,45 @@ PRINTED = {
 _RUN, _WORST, _BEST = (look.line for look in style.looks(["runs", "worst", "best"]).values())
 _POINTS = 1500
 """Drawn per line."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The problem: costs on the drives to fit and to judge on, and what is to be found.
+
+    Attributes:
+        fit: Cost on the drives to fit.
+        judge: The same on the drives to judge.
+        hidden: The plant's values of the free parameters ``(free,)``.
+        plants: The hidden plant by the name of the drive.
+        profiles: What the driver does by the name of the drive.
+    """
+
+    fit: Misfit
+    judge: Misfit
+    hidden: Floats
+    plants: dict[str, ModelSpec]
+    profiles: dict[str, Profile]
+
+    def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
+        """Return the outputs of the model alone on a drive to judge, by name; NaN from where it diverges on."""
+        number = [d.name for d in self.judge.drives].index(drive)
+        one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
+        spec = self.plants[drive]
+        names = tuple(spec.model().outputs)
+        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
+        nx, ny = compiled.nx, compiled.ny
+        noise = np.zeros((len(one.time), nx + ny, LANES))
+        batch = Simulator(compiled).run(
+            in_lanes(one.inputs),
+            compiled.constants(values),
+            np.zeros((nx, LANES)),
+            np.zeros((ny, LANES)),
+            noise,
+            in_lanes(one.first_mean),
+        )
+        batch.truth[int(batch.left_at[0]) :] = np.nan
+        return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
 
 
 def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Settings, command: str) -> Document:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.engine import time_loops
@@ -17,12 +17,10 @@ from harness.engine.compile import CompiledModel, compile_model, load_source, pa
 from harness.engine.simd.lanes import LANES
 from harness.models.assembly.assemble import Model
 from harness.models.contracts import Profile
-from harness.models.signals import SIGNALS
+from harness.models.signals import signal_attributes
 
 if TYPE_CHECKING:
     from harness.config import ModelSpec
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -201,14 +199,6 @@ def simulate_drive(
         "seed": "none" if seed is None else seed,
     }
     return dataset
-
-
-def signal_attributes(name: str) -> dict[str, str]:
-    """Return ``units``, ``long_name`` and ``frame`` of a signal."""
-    signal = SIGNALS.get(name)
-    if signal is None:
-        return {"units": "", "long_name": name, "frame": ""}
-    return {"units": signal.unit, "long_name": signal.meaning, "frame": signal.frame}
 
 
 def variances(noise: Mapping[str, float], names: Sequence[str]) -> Floats:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec, Study
 from harness.engine.compile import CompiledModel, compile_model
 from harness.estimation.contract import Estimator
@@ -14,8 +14,6 @@ from harness.models.assembly.assemble import Model
 from harness.models.contracts import DRIVE_INPUTS, Profile
 from harness.simulation.drives import profile_of
 from harness.simulation.simulate import Batch, Simulator, in_lanes, input_table
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import Study
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
@@ -26,8 +27,6 @@ from harness.study.scores import (
     PLANT_DIVERGED,
     STATUS,
 )
-
-Floats = NDArray[np.float64]
 
 
 class StudyEvaluator:

@@ -14,8 +14,8 @@ from harness.common import registry, sources
 from harness.config import Study
 from harness.estimation.contract import load_estimator
 from harness.models.assembly.placement import load_effect
+from harness.models.drive_options import options_of
 from harness.recordings import readers
-from harness.simulation.drives import options_of
 from harness.study import evaluate
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")

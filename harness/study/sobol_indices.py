@@ -16,16 +16,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
+from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 
 RESAMPLES = 500
 FEWEST = 16
 """Samples below which indices are not estimated."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import toml_text, write_files
 from harness.config import NOISE_GROUPS, DesignSpec, Study
@@ -32,8 +32,6 @@ DECADES = 2.0
 
 _TRAINING_REPEAT = 1_000_000
 """Repeats of training runs are counted from here, so that no scored run shares their noise."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)

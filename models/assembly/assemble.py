@@ -15,6 +15,7 @@ from types import ModuleType
 import sympy as sp
 
 from harness.common import registry
+from harness.common.errors import ModelError
 from harness.models.assembly.contexts import Body, EffectContext, TyreContext
 from harness.models.assembly.expressions import any_of, present
 from harness.models.assembly.model import Model, symbol
@@ -29,7 +30,7 @@ from harness.models.assembly.placement import (
     split,
     suffix,
 )
-from harness.models.contracts import DRIVE_INPUTS, ModelError, Parameter
+from harness.models.contracts import DRIVE_INPUTS, Parameter
 from harness.models.signals import SIGNALS
 
 __all__ = ["Body", "Builder", "EffectContext", "Model", "TyreContext", "assemble", "symbol"]

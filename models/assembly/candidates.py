@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 
 from harness.common import registry
+from harness.common.errors import ModelError
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.placement import Layout, place_of, sites
-from harness.models.contracts import ModelError
 
 
 @functools.lru_cache(maxsize=256)

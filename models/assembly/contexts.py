@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import sympy as sp
 
 from harness.common import registry
+from harness.common.errors import ModelError
 from harness.models.assembly.expressions import present
 from harness.models.assembly.model import symbol
-from harness.models.assembly.placement import Site, suffix
-from harness.models.contracts import ModelError, Parameter
-
-if TYPE_CHECKING:
-    from harness.models.assembly.assemble import Builder
+from harness.models.assembly.placement import Layout, Site, suffix
+from harness.models.contracts import Parameter
 
 
 @dataclass(frozen=True)
@@ -42,10 +40,44 @@ class Body:
         return self.yaw_rate * self.speed
 
 
+class PartialModel(Protocol):
+    """What a part may ask of the model that is being assembled (``assemble.Builder``).
+
+    Attributes:
+        vehicle_name: File in ``models/vehicles``.
+        layout: Bodies and axles of the vehicle.
+        states: Names of the states so far.
+        ports: Definitions of the ports published so far.
+    """
+
+    vehicle_name: str
+    layout: Layout
+    states: list[str]
+    ports: dict[str, sp.Expr]
+
+    def note_read(self, owner: str, name: str) -> None:
+        """Remember that ``owner`` reads ``name``."""
+
+    def port(self, name: str, expr: sp.Expr | float) -> sp.Symbol:
+        """Publish a named quantity."""
+
+    def body_named(self, name: str, owner: str) -> Body:
+        """Return a body for an effect."""
+
+    def add_input(self, name: str) -> sp.Symbol:
+        """Add an input that an effect needs."""
+
+    def own_state(self, owner: str, name: str, start: float | str | None = None) -> sp.Symbol:
+        """Add a state of an effect, or return it."""
+
+    def own_derivative(self, name: str, expr: sp.Expr) -> None:
+        """State the derivative of an effect's state."""
+
+
 class _Reader:
     """What every part of a model may do: read signals and parameters by name."""
 
-    def __init__(self, builder: Builder, owner: str, parameters: Mapping[str, str]) -> None:
+    def __init__(self, builder: PartialModel, owner: str, parameters: Mapping[str, str]) -> None:
         self._builder, self._owner, self._own = builder, owner, dict(parameters)
 
     def p(self, name: str) -> sp.Symbol:
@@ -67,7 +99,7 @@ class TyreContext(_Reader):
 
     def __init__(
         self,
-        builder: Builder,
+        builder: PartialModel,
         parameters: Sequence[Parameter],
         axle: str,
         group: str,
@@ -93,7 +125,7 @@ class EffectContext(_Reader):
     """
 
     def __init__(
-        self, builder: Builder, name: str, parameters: Mapping[str, str], site: Site, flag: sp.Symbol | None = None
+        self, builder: PartialModel, name: str, parameters: Mapping[str, str], site: Site, flag: sp.Symbol | None = None
     ) -> None:
         super().__init__(builder, f"effect '{name}'", parameters)
         self.site, self._flag = site, flag

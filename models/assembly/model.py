@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import sympy as sp
 
 from harness.common import registry
-from harness.models.contracts import ModelError, Parameter
+from harness.common.errors import ModelError
+from harness.models.contracts import Parameter
 
 
 def symbol(name: str) -> sp.Symbol:

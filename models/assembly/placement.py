@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 from types import ModuleType
 
 from harness.common import registry
-from harness.models.contracts import ModelError, Parameter
+from harness.common.errors import ModelError
+from harness.models.contracts import Parameter
 from harness.models.signals import MAGNITUDE, SIGNALS
 
 OF_SIGNAL = "{signal}"

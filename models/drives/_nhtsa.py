@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from harness.common.arrays import Floats
 from harness.models.contracts import DriveContext, Option
 from harness.models.drives import _shapes as shapes
-from harness.models.drives._shapes import Array
 
 CALM = float(np.radians(20.0))
 """Default amplitude in rad; those of the procedures are up to ten times as large."""
@@ -35,18 +35,18 @@ def options(speed: float) -> tuple[Option, ...]:
     )
 
 
-def time_and_speed(given: dict[str, Any], context: DriveContext) -> tuple[Array, Array]:
+def time_and_speed(given: dict[str, Any], context: DriveContext) -> tuple[Floats, Floats]:
     """Return time in s and speed in m/s; the speed is that of the approach, to be kept or only to begin with."""
     time = shapes.time_of(given, context)
     return time, np.full_like(time, given["speed"])
 
 
-def ramp(x: Array, length: float, rounding: float) -> Array:
+def ramp(x: Floats, length: float, rounding: float) -> Floats:
     """Return a ramp from 0 (x <= 0) to 1 over ``length`` with rounded corners, any shape.
 
     It runs half the rounding late. Where the ramp is shorter than the rounding, it becomes an S as long as
     that, and slower.
     """
     length = max(length, 1e-6)  # an amplitude of zero
-    risen: Array = (shapes.smooth_ramp(x, rounding) - shapes.smooth_ramp(x - length, rounding)) / length
+    risen: Floats = (shapes.smooth_ramp(x, rounding) - shapes.smooth_ramp(x - length, rounding)) / length
     return risen

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.models.contracts import DriveContext, ModelError, Option, Profile
-
-Array = NDArray[np.float64]
+from harness.common.arrays import Floats
+from harness.common.errors import ModelError
+from harness.models.contracts import DriveContext, Option, Profile
 
 LIMIT = Option(
     "lateral_acceleration_limit",
@@ -85,7 +84,7 @@ def generator(options: dict[str, Any]) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(int(options["seed"])))
 
 
-def time_of(options: dict[str, Any], context: DriveContext) -> Array:
+def time_of(options: dict[str, Any], context: DriveContext) -> Floats:
     """Return the sample times in s, shape ``(samples,)``, from 0 to ``duration``.
 
     Raises:
@@ -99,13 +98,13 @@ def time_of(options: dict[str, Any], context: DriveContext) -> Array:
     return np.arange(int(options["duration"] / context.step + 1e-9) + 1, dtype=np.float64) * context.step
 
 
-def smooth_step(x: Array) -> Array:
+def smooth_step(x: Floats) -> Floats:
     """Return the S from 0 (x <= 0) to 1 (x >= 1) with zero slope and curvature at both ends, any shape."""
-    y: Array = np.clip(x, 0.0, 1.0)
+    y: Floats = np.clip(x, 0.0, 1.0)
     return y**3 * (10.0 + y * (6.0 * y - 15.0))
 
 
-def smooth_ramp(x: Array, rounding: float) -> Array:
+def smooth_ramp(x: Floats, rounding: float) -> Floats:
     """Return a ramp of slope 1 from x = 0 whose corner is rounded over ``[0, rounding]``, any shape.
 
     It is the integral of the S, so it runs ``rounding / 2`` behind ``max(x, 0)``.
@@ -115,13 +114,13 @@ def smooth_ramp(x: Array, rounding: float) -> Array:
     return rounding * integral + np.maximum(x - rounding, 0.0)
 
 
-def limited(x: Array, top: float, rounding: float) -> Array:
+def limited(x: Floats, top: float, rounding: float) -> Floats:
     """Return a ramp of slope 1 from x = 0 to ``top`` with both corners rounded, any shape."""
     rounding = min(rounding, top)
     return smooth_ramp(x, rounding) - smooth_ramp(x - top, rounding)
 
 
-def changing_speed(options: dict[str, Any], time: Array) -> Array:
+def changing_speed(options: dict[str, Any], time: Floats) -> Floats:
     """Return the speed in m/s of options ``speed`` and ``speed_change``, shape as ``time``.
 
     Raises:
@@ -137,7 +136,7 @@ def changing_speed(options: dict[str, Any], time: Array) -> Array:
     return options["speed"] + options["speed_change"] * smooth_step((time - options["lead_in"]) / span)
 
 
-def steering_of_curvature(curvature: Array | float, context: DriveContext) -> Array:
+def steering_of_curvature(curvature: Floats | float, context: DriveContext) -> Floats:
     """Return the steering-wheel angle in rad that follows a path, ``ratio * atan(wheelbase * curvature)``.
 
     Args:
@@ -147,7 +146,7 @@ def steering_of_curvature(curvature: Array | float, context: DriveContext) -> Ar
     return context.steering_ratio * np.arctan(context.wheelbase * curvature)
 
 
-def lateral_acceleration(profile: Profile, context: DriveContext) -> Array:
+def lateral_acceleration(profile: Profile, context: DriveContext) -> Floats:
     """Return the kinematic lateral acceleration ``speed^2 tan(road-wheel angle) / wheelbase`` in m/s^2."""
     road = profile.steering_wheel_angle / context.steering_ratio
     return profile.speed**2 * np.tan(road) / context.wheelbase
@@ -245,7 +244,7 @@ def follow(
 
 def _lay_out(
     arcs: Sequence[Arc], options: dict[str, Any], acceleration: float, lateral: float | None
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return way, curvature, speed and elapsed time on a grid of the way, each of shape ``(points,)``."""
     lead = options["speed"] * options["lead_in"]
     end = lead + sum(a.length for a in arcs) + options["speed"] * options["duration"] + 10.0
@@ -267,7 +266,7 @@ def _lay_out(
     return way, curvature, speed, elapsed
 
 
-def _anticipate(way: Array, wanted: Array, acceleration: float, reach: float) -> Array:
+def _anticipate(way: Floats, wanted: Floats, acceleration: float, reach: float) -> Floats:
     """Return the highest speed below ``wanted`` whose changes the driver can brake and accelerate for.
 
     ``v^2`` may change by ``2 a`` per metre, so it is the lower envelope of lines of that slope; both

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.common import registry
-from harness.models.contracts import DriveContext, ModelError, Option, Profile
+from harness.common.arrays import Floats
+from harness.common.errors import ModelError
+from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (
@@ -101,9 +103,7 @@ def generate(options: dict[str, Any], context: DriveContext) -> Profile:
     return Profile(clock, steering, speed, notes)
 
 
-def _select(
-    columns: dict[str, shapes.Array], options: dict[str, Any], path: str
-) -> tuple[shapes.Array, shapes.Array, shapes.Array, int]:
+def _select(columns: dict[str, Floats], options: dict[str, Any], path: str) -> tuple[Floats, Floats, Floats, int]:
     """Return time since the first sample, steering and speed from start to stop, and where they begin."""
     wanted = []
     for option in ("time", "steering", "speed"):
@@ -128,9 +128,9 @@ def _select(
 
 
 def _increasing(
-    time: shapes.Array,
-    steering: shapes.Array,
-    speed: shapes.Array,
+    time: Floats,
+    steering: Floats,
+    speed: Floats,
     options: dict[str, Any],
     path: str,
     first: int,
@@ -163,8 +163,8 @@ def _increasing(
 
 
 def _resample(
-    time: shapes.Array, steering: shapes.Array, speed: shapes.Array, cutoff: float, step: float
-) -> tuple[shapes.Array, shapes.Array, shapes.Array]:
+    time: Floats, steering: Floats, speed: Floats, cutoff: float, step: float
+) -> tuple[Floats, Floats, Floats]:
     """Interpolate onto a grid at least as fine as the samples, smooth, and take every ``step``.
 
     A Gaussian passes half the power at ``sqrt(log 2) / (2 pi sigma)``. The cutoff is at most a fifth of the
@@ -177,7 +177,7 @@ def _resample(
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     weights /= weights.sum()
 
-    def smooth(values: shapes.Array) -> shapes.Array:
+    def smooth(values: Floats) -> Floats:
         padded = np.pad(np.interp(fine, time, values), reach, mode="edge")
         return np.convolve(padded, weights, mode="valid")[::finer]
 

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from harness.models.contracts import DriveContext, ModelError, Option, Profile
+from harness.common.arrays import Floats
+from harness.common.errors import ModelError
+from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (
@@ -41,7 +43,7 @@ def generate(options: dict[str, Any], context: DriveContext) -> Profile:
     return Profile(time, steering, options["speed"] + options["speed_variation"] * wander)
 
 
-def _levels(t: shapes.Array, rise_time: float, longest_hold: float, random: np.random.Generator) -> shapes.Array:
+def _levels(t: Floats, rise_time: float, longest_hold: float, random: np.random.Generator) -> Floats:
     """Return levels in [-1, 1] joined by S-shaped steps, 0 before t = 0, shape as ``t``."""
     signal, level, begin = np.zeros_like(t), 0.0, 0.0
     while begin < t[-1]:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.models.contracts import DriveContext, ModelError, Option, Profile
+from harness.common.errors import ModelError
+from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drives import _shapes as shapes
 
 OPTIONS: tuple[Option, ...] = (

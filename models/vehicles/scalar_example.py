@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from harness.common.arrays import Floats
 from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from harness.models.assembly.assemble import Builder
     from harness.models.contracts import DriveContext, Profile
 
@@ -33,6 +31,6 @@ def equations(v: Builder) -> None:
     v.next_value("example_state", v.p("transition") * v.state("example_state") + v.input("example_input"))
 
 
-def drive_inputs(profile: Profile, context: DriveContext) -> dict[str, NDArray[np.float64]]:
+def drive_inputs(profile: Profile, context: DriveContext) -> dict[str, Floats]:
     """Return the input over a drive."""
     return {"example_input": profile.steering_wheel_angle}

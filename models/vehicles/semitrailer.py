@@ -21,10 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
+from harness.common.errors import ModelError
 from harness.models.assembly.contexts import Body
 from harness.models.assembly.expressions import larger
 from harness.models.assembly.model import symbol
-from harness.models.contracts import ModelError, Parameter
+from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
     from harness.models.assembly.assemble import Builder

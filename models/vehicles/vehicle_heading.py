@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harness.common.arrays import Floats
 from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from harness.models.assembly.assemble import Builder
     from harness.models.contracts import DriveContext, Profile
 
@@ -40,7 +39,7 @@ def wheelbase(values: dict[str, float]) -> float:
     return WHEELBASE
 
 
-def drive_inputs(profile: Profile, context: DriveContext) -> dict[str, NDArray[np.float64]]:
+def drive_inputs(profile: Profile, context: DriveContext) -> dict[str, Floats]:
     """Return the change of heading from each sample to the next, ``v tan(delta) / wheelbase`` times the step."""
     curvature = np.tan(profile.steering_wheel_angle / context.steering_ratio) / context.wheelbase
     return {"heading_increment": profile.speed * curvature * context.step}

@@ -6,9 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
+from harness.common.errors import ModelError
 from harness.config import resolve_single
 from harness.identification.contract import load_method, methods, settings_of
-from harness.models.contracts import ModelError
 from harness.recordings.write import write_recording
 from support.identification import CAR, model_of, recorded
 

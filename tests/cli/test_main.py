@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from harness.cli import main as cli
 from harness.common import registry
-from harness.common.errors import UserError
-from harness.models.contracts import ModelError, Profile
+from harness.common.errors import ModelError, UserError
+from harness.models.contracts import Profile
 from support import synthetic
 
 ROOT = Path(__file__).parents[2]
@@ -342,7 +342,7 @@ def test_simulate_refuses_a_file_it_cannot_write_first(harness, tmp_path):
 
 
 def test_observability_gets_the_resolved_model(harness, tmp_path, monkeypatch):
-    import harness.estimation.observability as stage
+    import harness.cli.observability_report as stage
 
     seen = []
     monkeypatch.setattr(stage, "report", lambda *args: seen.append(args))

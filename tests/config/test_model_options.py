@@ -36,7 +36,7 @@ def begun(monkeypatch):
         "harness.identification.innovations.Innovations",
         "harness.diagnosis.run.run_trace",
         "harness.simulation.simulate.simulate_drive",
-        "harness.estimation.observability.report",
+        "harness.cli.observability_report.report",
     ):
         monkeypatch.setattr(place, stop)
     return models

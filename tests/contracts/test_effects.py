@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from harness.common.errors import ModelError
+from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import Builder, Model, assemble
 from harness.models.assembly.placement import Layout, possible_parameters
-from harness.models.contracts import EXPORTS, ModelError, Parameter
+from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
 from support.dimensions import assemble_with_units, check_dimensions, check_parameters
 from support.parts import EFFECTS, SENSORS, VEHICLES, evaluate, load, random_point

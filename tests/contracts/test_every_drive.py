@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from harness.common import registry
+from harness.common.errors import ModelError
 from harness.common.units import scale
-from harness.models.contracts import DriveContext, ModelError
+from harness.models.contracts import DriveContext
+from harness.models.drive_options import kinds
 from harness.models.drives._shapes import LIMIT, lateral_acceleration
-from harness.simulation.drives import build_drive, kinds
+from harness.simulation.drives import build_drive
 
 CONTEXT = DriveContext(wheelbase=3.71, steering_ratio=23.0, step=0.01)
 KINDS = registry.names("harness.models.drives")

@@ -6,8 +6,10 @@ import re
 
 import pytest
 
+from harness.common.errors import ModelError
+from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import assemble
-from harness.models.contracts import EXPORTS, ModelError, Parameter
+from harness.models.contracts import Parameter
 from support.parts import SENSORS, SETS, load, model, tyres_of
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from harness import models
 from harness.common import registry
-from harness.models.contracts import EXPORTS, ModelError
+from harness.common.errors import ModelError
+from harness.common.registry import EXPORTS
 
 ROOT = Path(models.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))

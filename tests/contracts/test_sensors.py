@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from harness.common.errors import ModelError
+from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import assemble
-from harness.models.contracts import EXPORTS, ModelError
 from harness.models.signals import SIGNALS
 from support.dimensions import assemble_with_units, check_dimensions
 from support.parts import COMBINATIONS, SENSORS, load

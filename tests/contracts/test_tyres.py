@@ -7,8 +7,9 @@ import types
 import numpy as np
 import pytest
 
+from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import Model, assemble
-from harness.models.contracts import EXPORTS, Parameter
+from harness.models.contracts import Parameter
 from support.dimensions import assemble_with_units, check_dimensions, check_parameters
 from support.parts import SETS, TYRES, evaluate, load
 

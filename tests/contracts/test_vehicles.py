@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from harness.common.errors import ModelError
+from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
-from harness.models.contracts import EXPORTS, ModelError, Parameter
+from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
 from support.dimensions import (
     DimensionError,

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from harness.common.errors import ModelError
 from harness.config.model import resolve_single
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.observability import _simulate
 from harness.models.assembly.assemble import assemble
-from harness.models.contracts import ModelError, Profile
+from harness.models.contracts import Profile
 from harness.simulation.simulate import in_lanes
 from support.small_maps import discrete
 from support.small_vehicles import module

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import harness.estimation.methods
+from harness.common.errors import ModelError
 from harness.engine import kernel_names, time_loops
 from harness.engine.compile import compile_model, over_duals, paste
 from harness.engine.kernel_source import kernel_source
@@ -26,7 +27,6 @@ from harness.engine.simd import (
 )
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import _sigma_points, ukf
-from harness.models.contracts import ModelError
 from harness.realtime.one_lane import in_one_lane
 from support.small_vehicles import linear
 

@@ -19,7 +19,7 @@ from harness.estimation.narx import lipschitz, training
 from harness.estimation.narx import network as net
 from harness.estimation.narx.closed_loop import ClosedLoop
 from harness.estimation.narx.kernel_weights import MEMORY, WIDTH, placed
-from harness.reproductions import narx_architecture
+from harness.reproductions import narx_architecture, narx_training
 from harness.simulation.drives import profile_of
 from harness.simulation.simulate import in_lanes, variances
 
@@ -347,9 +347,9 @@ def test_drives_of_no_part_are_refused(tmp_path):
 
 
 def test_training_command_refuses_bad_arguments(tmp_path, capsys):
-    assert training.main(["--out", str(tmp_path / "n.txt")]) == 2
+    assert narx_training.main(["--out", str(tmp_path / "n.txt")]) == 2
     assert "ends in .npz" in capsys.readouterr().err
-    assert training.main(["--out", str(tmp_path / "n.npz"), "--restarts", "0"]) == 2
+    assert narx_training.main(["--out", str(tmp_path / "n.npz"), "--restarts", "0"]) == 2
     assert narx_architecture.main(["--out", str(tmp_path), "--restarts", "0"]) == 2
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from harness.cli.identify_measured import main
 from harness.config import resolve_single
 from harness.identification.coordinates import Coordinates
-from harness.identification.measured import IdentifyStudy, calibrated, from_slopes, main
+from harness.identification.measured import IdentifyStudy, calibrated, from_slopes
 from harness.recordings.axle_curves import axles_of
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"}

@@ -7,8 +7,9 @@ import types
 import pytest
 import sympy as sp
 
+from harness.common.errors import ModelError
 from harness.models.assembly.assemble import assemble, symbol
-from harness.models.contracts import ModelError, Parameter
+from harness.models.contracts import Parameter
 from support.numeric import evaluator
 
 

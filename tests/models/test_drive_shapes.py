@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from harness.models.contracts import DriveContext, ModelError
+from harness.common.errors import ModelError
+from harness.models.contracts import DriveContext
 from harness.models.drives import _shapes as shapes
 from harness.simulation.drives import build_drive
 

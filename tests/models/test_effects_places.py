@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from harness.common.errors import ModelError
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.candidates import placements
 from harness.models.assembly.placement import load_effect
-from harness.models.contracts import ModelError
 from harness.models.parameters import ziaukas_2023
 from support.numeric import evaluator
 

@@ -8,7 +8,7 @@ import pytest
 
 from harness import models
 from harness.common import registry
-from harness.models.contracts import ModelError
+from harness.common.errors import ModelError
 
 HOSTILE = {
     "there is none": {},

@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.models.assembly.assemble import Model, symbol
 
-Array = NDArray[np.float64]
 _COMPILED: dict[tuple[int, tuple[str, ...]], tuple[Model, Callable[..., Any]]] = {}
 
 
 def evaluator(
     model: Model, values: Mapping[str, float], quantities: Sequence[str] = ()
-) -> Callable[[Array, Array], Array]:
+) -> Callable[[Floats, Floats], Floats]:
     """Return ``f(x, u)``: the derivatives, or the named ports, for states (nx,) and inputs (nu,)."""
     key = (id(model), tuple(quantities))
     if key not in _COMPILED:
@@ -32,7 +31,7 @@ def evaluator(
     return lambda x, u: np.array(raw(x, u, p), dtype=float)
 
 
-def jacobian(f: Callable[[Array, Array], Array], x: Array, u: Array, size: Array) -> Array:
+def jacobian(f: Callable[[Floats, Floats], Floats], x: Floats, u: Floats, size: Floats) -> Floats:
     """Return df/dx by central differences; ``size`` is the typical magnitude of each state."""
     columns = []
     for i, s in enumerate(size):
@@ -43,8 +42,8 @@ def jacobian(f: Callable[[Array, Array], Array], x: Array, u: Array, size: Array
 
 
 def euler(
-    f: Callable[[Array, Array], Array], x: Array, inputs: Array, step: float, noise: Array | None = None
-) -> Array:
+    f: Callable[[Floats, Floats], Floats], x: Floats, inputs: Floats, step: float, noise: Floats | None = None
+) -> Floats:
     """Return the states (samples, nx) of an explicit Euler run over inputs (samples, nu)."""
     run = [np.array(x, dtype=float)]
     for k, u in enumerate(inputs[:-1]):
@@ -53,6 +52,6 @@ def euler(
     return np.array(run)
 
 
-def named(model: Model, x: Array) -> Any:
+def named(model: Model, x: Floats) -> Any:
     """Return the state vector (or run) as attributes by signal name."""
     return SimpleNamespace(**{n: x[..., i] for i, n in enumerate(model.states)})

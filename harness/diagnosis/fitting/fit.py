@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats, Mask
 from harness.diagnosis.fitting.noise_search import along, climb
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import (
@@ -26,9 +26,6 @@ from harness.identification.filtered_model import Candidates, FilterRun
 from harness.identification.fisher_scoring import Found, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.uncertainty import covariance_of
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""

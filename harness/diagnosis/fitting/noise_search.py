@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.engine.simd.lanes import LANES
 from harness.identification.fisher_scoring import Objective
-
-Floats = NDArray[np.float64]
 
 _DIFFERENCE = 0.1
 """Of a logarithm: its second-order error is a thousandth, far more than rounding."""

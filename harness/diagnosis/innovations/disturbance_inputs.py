@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from harness.common import registry
+from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.models.assembly.assemble import Model, symbol
@@ -23,7 +23,6 @@ from harness.models.assembly.candidates import assembled
 from harness.models.assembly.placement import Layout, suffix
 from harness.models.signals import SIGNALS
 
-Floats = NDArray[np.float64]
 Kind = Literal["equation", "port", "sensor"]
 
 _COUPLING = "coupling_moment"

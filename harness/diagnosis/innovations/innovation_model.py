@@ -15,6 +15,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.innovations import time_loops as kernels
 from harness.diagnosis.innovations.disturbance_inputs import Channel
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -23,8 +24,6 @@ from harness.engine.kernel_source import kernel_source
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
 from harness.identification.filtered_model import FilterRun
-
-Floats = NDArray[np.float64]
 
 _PROBED = 200
 """Samples at which it is looked which states of effects matter."""

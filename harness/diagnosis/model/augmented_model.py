@@ -11,10 +11,10 @@ from collections.abc import Iterable
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from harness.common import registry
-from harness.common.errors import UserError
+from harness.common.arrays import Floats
+from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec
 from harness.diagnosis.model import time_loops
 from harness.engine.compile import compile_model, load_source, paste
@@ -24,9 +24,6 @@ from harness.identification.filtered_model import Candidates, FilteredModel
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
-from harness.models.contracts import ModelError
-
-Floats = NDArray[np.float64]
 
 
 class AugmentedModel(FilteredModel):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.report.figures import called
@@ -18,8 +18,6 @@ from harness.diagnosis.selection.forward_selection import Trace
 from harness.models.quantities import listed, print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Heading, Prose, Section, Sheet, plain, strong
-
-Floats = NDArray[np.float64]
 
 _MEANING = {
     "adequate": "adequate: nothing is missing that these drives can show",

@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import Channel, channels_of
 from harness.diagnosis.innovations.innovation_model import Inlet, Linearisation, Linearised
 from harness.engine.simd.lanes import LANES
-
-Floats = NDArray[np.float64]
 
 FIRST = 3.0
 """Time constant in s with which every input is tried."""

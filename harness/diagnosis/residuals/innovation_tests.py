@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-Floats = NDArray[np.float64]
+from harness.common.arrays import Floats
 
 LARGEST_LAG = 2.0
 """s; longer than the memory of the vehicle dynamics."""

@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
+from harness.common.arrays import Floats
 from harness.diagnosis.innovations.disturbance_inputs import Channel
 from harness.diagnosis.innovations.innovation_model import Inlet, InnovationModel
 from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
-
-Floats = NDArray[np.float64]
 
 WAVELENGTHS = (0.5, 10.0)
 """m; from the second order of a small wheel to a slow shaft."""

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
@@ -34,8 +34,6 @@ from harness.identification.whiteness import Whiteness
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
 from harness.models.contracts import Parameter
-
-Floats = NDArray[np.float64]
 
 EXPLAINED = 1e-8
 """p-value of the innovations on the held-out drives, below which something is missing whatever the simulation error is.

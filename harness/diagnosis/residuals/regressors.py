@@ -15,15 +15,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.data import Drive
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.signals import SIGNALS
-
-Floats = NDArray[np.float64]
 
 _LOWEST_SPEED = 1.0
 """m/s; a curvature is taken at this speed at least."""

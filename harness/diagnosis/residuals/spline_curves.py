@@ -8,13 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from harness.common.arrays import Floats
 from harness.diagnosis.innovations.disturbance_inputs import Channel
 from harness.diagnosis.residuals.regressors import Driver
-
-Floats = NDArray[np.float64]
 
 DEGREE = 3
 FUNCTIONS = 9

@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.innovations.disturbance_inputs import Channel
 from harness.diagnosis.innovations.innovation_model import lasso
 from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
 from harness.diagnosis.residuals.regressors import Driver
-
-Floats = NDArray[np.float64]
 
 PIECE = 10.0
 """s; pieces of a drive that are drawn together."""

@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import Channel
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -34,8 +34,6 @@ from harness.engine.simd.lanes import LANES
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import Drive
 from harness.identification.uncertainty import covariance_of
-
-Floats = NDArray[np.float64]
 
 NEEDED = 25.0
 """Least gain in log-likelihood of the drives left out with which a curve is taken."""

@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.diagnosis.fitting.fit import Point
 from harness.diagnosis.result.fitted_model import fitted_model
@@ -21,8 +21,6 @@ from harness.diagnosis.selection.forward_selection import Trace
 from harness.identification.data import Drive, joined
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
-
-Floats = NDArray[np.float64]
 
 ESTIMATORS = ("ekf", "ukf", "cdkf")
 """Estimators that are tried unless others are asked for."""

@@ -6,9 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.model.hypotheses import Hypothesis
@@ -24,8 +21,6 @@ from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.judgement import judged_on
 from harness.identification.result import Judged
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

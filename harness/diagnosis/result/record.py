@@ -8,9 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -25,8 +23,6 @@ from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.validation import Judgement
 from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.signals import SIGNALS
-
-Floats = NDArray[np.float64]
 
 
 def record(outcome: Outcome) -> dict[str, Any]:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from harness.common import statistics
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.config import ModelSpec, Study, build_study, load_study
@@ -89,7 +89,7 @@ class Worth:
         return Gain(self.nominal.estimators[estimator], target, band, before, after, ratio, (lost[0], lost[1]))
 
 
-def _by_run(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _by_run(values: Floats) -> Floats:
     """Return ``(band, drive, sample, repeat)`` as ``(run, band)``: levels share the noise of a run."""
     return values.reshape(len(values), -1).T
 

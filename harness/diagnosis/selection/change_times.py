@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from harness.common.arrays import Floats
 
 _RIDGE = 1e-6
 """Added to the unit diagonal, so that amplitudes with the same response share it."""

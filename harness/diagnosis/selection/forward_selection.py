@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -22,8 +22,6 @@ from harness.diagnosis.selection.selection_round import Attempt, attempt
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import Drive
 from harness.identification.methods.likelihood import white_noise
-
-Floats = NDArray[np.float64]
 
 ROUNDS = 5
 """Largest number of additions."""

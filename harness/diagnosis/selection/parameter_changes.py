@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -22,8 +21,6 @@ from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import Drive
 from harness.models.contracts import Parameter
-
-Floats = NDArray[np.float64]
 
 _FURTHEST = 5.0
 """Largest factor by which a parameter may have changed; one that may be zero is tried over its range."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting, in_rows
 from harness.diagnosis.innovations.innovation_model import Linearisation
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
@@ -24,7 +25,6 @@ from harness.diagnosis.selection.change_times import Choices, choices, join
 from harness.diagnosis.selection.step_responses import Change, Columns, Onsets
 from harness.identification.uncertainty import covariance_of
 
-Floats = NDArray[np.float64]
 _ROUNDED = 1e-4
 """Share of the power of responses at single precision that may be left of them by rounding."""
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.innovations.innovation_model import Linearisation, Linearised
 from harness.identification.data import Drive
 from harness.identification.filtered_model import FilterRun
 
-Floats = NDArray[np.float64]
 Columns = NDArray[np.float32]
 """Many responses at once; they only choose where to look closer."""
 

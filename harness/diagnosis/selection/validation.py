@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.identification.data import Drive
 from harness.identification.judgement import DriveJudgement, judged_on
-
-Floats = NDArray[np.float64]
 
 EXCESS = 0.05
 """Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""

@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from harness.common.arrays import Floats
 from harness.engine.kernel_names import (
     LANES,
     NW,
@@ -81,7 +81,7 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
     return [float(SCHEMES.index(settings.resampling)), settings.threshold, jitter]
 
 
-def first_memory(settings: Settings, nx: int, ny: int, seeds: Sequence[np.random.SeedSequence]) -> NDArray[np.float64]:
+def first_memory(settings: Settings, nx: int, ny: int, seeds: Sequence[np.random.SeedSequence]) -> Floats:
     """Return the memory before the first step: the generator's words, and no particles yet."""
     memory = np.zeros((HEAD + settings.particles * (nx + 2), LANES))
     memory[:WORDS] = generator_words(seeds)

@@ -12,13 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.simd.functions import tanh
 from harness.engine.simd.lanes import LANES, get, put, splat
-
-Floats = NDArray[np.float64]
 
 
 class Group(NamedTuple):

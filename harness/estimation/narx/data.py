@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import DriveSpec, ModelSpec
@@ -18,8 +18,6 @@ from harness.engine.simd.lanes import LANES
 from harness.models.contracts import Profile
 from harness.simulation.drives import profile_of, read_drives
 from harness.simulation.simulate import Simulator, in_lanes, input_table, variances
-
-Floats = NDArray[np.float64]
 
 DRIVES = Path("studies/drives/narx-training.toml")
 INPUTS = ("yaw_rate_trailer", "speed")

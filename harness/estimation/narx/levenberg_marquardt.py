@@ -15,12 +15,10 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from harness.common.arrays import Floats
 from harness.estimation.narx.network import forward, unpack
-
-Floats = NDArray[np.float64]
 
 CHUNK = 4096
 """Samples per chunk: 10 MB of Jacobian for 321 parameters, about what stays in the cache of a core."""

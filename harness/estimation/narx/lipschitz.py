@@ -12,12 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.estimation.narx.network import scaled
-
-Floats = NDArray[np.float64]
 
 SHARE = 0.015
 """Quotients in the mean as a share of the samples; He and Asada take 1 to 2 %."""

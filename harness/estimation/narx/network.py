@@ -19,12 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
-
-Floats = NDArray[np.float64]
 
 FOLDER = Path(__file__).resolve().parents[1] / "networks"
 """Where the networks that come with the project lie."""
@@ -223,7 +221,7 @@ def load(path: Path) -> Network:
         UserError: If the file is no ``.npz``, holds pickled objects, lacks an array, or its arrays do not belong
             together.
     """
-    again = "write it with python -m harness.estimation.narx.training"
+    again = "write it with python -m harness.reproductions.narx_training"
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}

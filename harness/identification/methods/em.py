@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.optimize import minimize
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
@@ -34,8 +34,6 @@ from harness.identification.data import Drive
 from harness.identification.e_step import Expectation, Expecter, Point
 from harness.identification.filtered_model import Candidates
 from harness.simulation.simulate import variances
-
-Floats = NDArray[np.float64]
 
 
 class Settings(BaseModel):

@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import qmc
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
@@ -25,8 +25,6 @@ from harness.identification.data import Drive
 from harness.identification.fisher_scoring import Found, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.uncertainty import Summit, estimates_of, limits_of_knowledge
-
-Floats = NDArray[np.float64]
 
 _ROUGH = 5
 """Iterations of a stage that only prepares the next one."""

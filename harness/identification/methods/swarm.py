@@ -11,15 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.simulation_error import Free, Misfit
-
-Floats = NDArray[np.float64]
 
 
 class Settings(BaseModel):

@@ -9,10 +9,8 @@ from __future__ import annotations
 import os
 from types import ModuleType
 
-import numpy as np
-from numpy.typing import NDArray
-
 from harness.common import registry
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings.readers._table import Table, by_length
 
@@ -34,7 +32,7 @@ def suffixes() -> dict[str, str]:
     return dict(sorted(known.items(), key=lambda item: (-len(item[0]), item[0])))
 
 
-def read(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
+def read(path: str | os.PathLike[str]) -> dict[str, Floats]:
     """Read the columns that share the main clock of a recording.
 
     Args:

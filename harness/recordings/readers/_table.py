@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
+from harness.common.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -18,17 +17,17 @@ class Table:
         clock: Column that holds the time in s, where the format itself says which one it is.
     """
 
-    columns: dict[str, NDArray[np.float64]]
+    columns: dict[str, Floats]
     units: dict[str, str] = field(default_factory=dict)
     clock: str | None = None
 
 
-def by_length(vectors: dict[str, NDArray[np.float64]]) -> list[Table]:
+def by_length(vectors: dict[str, Floats]) -> list[Table]:
     """Group vectors by their length, the length that most of them share first (the longer if as many do).
 
     A single value is a parameter and no signal, and is left out.
     """
-    lengths: dict[int, dict[str, NDArray[np.float64]]] = {}
+    lengths: dict[int, dict[str, Floats]] = {}
     for name, values in vectors.items():
         if len(values) > 1:
             lengths.setdefault(len(values), {})[name] = values

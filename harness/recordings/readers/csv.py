@@ -19,8 +19,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.units import plain_number, separators, separators_in_cell
 from harness.recordings.readers._table import Table
@@ -69,7 +69,7 @@ def read(path: str) -> list[Table]:
         raise UserError(f"{path}: {_first_line(error)}; every row must have as many cells") from None
     except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise UserError(f"{path}: is damaged or no text in UTF-8: {error}") from None
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, Floats] = {}
     for name in names:
         values = _numbers(table[name], decimal, path, name)
         if values is not None:
@@ -160,7 +160,7 @@ def _is_number(text: str, decimal: str) -> bool:
     return plain_number(text.replace(decimal, ".")) is not None
 
 
-def _numbers(column: pd.Series, decimal: str, path: str, name: str) -> NDArray[np.float64] | None:
+def _numbers(column: pd.Series, decimal: str, path: str, name: str) -> Floats | None:
     """Return a column as numbers, or None for a column of text."""
     numbers = pd.to_numeric(column, errors="coerce")
     values = np.asarray(numbers.to_numpy(dtype=float, na_value=np.nan))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings import readers
 
@@ -23,7 +21,7 @@ def read(path: str) -> list[readers.Table]:
         UserError: If a file cannot be read, two have the same stem, or none holds a single column.
     """
     suffixes = [suffix for suffix in readers.suffixes() if suffix not in SUFFIXES]
-    vectors: dict[str, NDArray[np.float64]] = {}
+    vectors: dict[str, Floats] = {}
     for file in sorted(p for p in Path(path).iterdir() if p.is_file()):
         suffix = next((s for s in suffixes if file.name.lower().endswith(s)), None)
         if suffix is None:

@@ -8,14 +8,14 @@ from typing import Any
 import h5py
 import numpy as np
 import scipy.io
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings.readers._table import Table, by_length
 
 SUFFIXES = (".mat",)
 
-Vectors = dict[str, NDArray[np.float64]]
+Vectors = dict[str, Floats]
 
 
 def read(path: str) -> list[Table]:

@@ -6,8 +6,8 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings.readers._table import Table
 
@@ -47,7 +47,7 @@ def _tables(file: Any) -> list[Table]:
     counts = Counter(name for index, channels in groups for place, name in channels if place != masters.get(index))
     tables: list[Table] = []
     for index, channels in groups:
-        columns: dict[str, NDArray[np.float64]] = {}
+        columns: dict[str, Floats] = {}
         units: dict[str, str] = {}
         label = str(getattr(file.groups[index].channel_group, "acq_name", "") or index)
         clock = f"{label}.time"

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.recordings.readers._table import Table
 
@@ -24,7 +23,7 @@ def read(path: str) -> list[Table]:
         table = pq.ParquetFile(path).read()
     except (pa.ArrowException, ValueError) as error:
         raise UserError(f"{path}: is no readable Parquet file: {str(error).splitlines()[0]}") from None
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, Floats] = {}
     for field, column in zip(table.schema, table.columns, strict=True):
         kind = field.type
         if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):

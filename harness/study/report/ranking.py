@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.arrays import Floats
 from harness.study import sobol_indices
 from harness.study.results import Design
 from harness.study.scores import OK
@@ -17,8 +17,6 @@ from harness.study.tolerance import Tolerance, tolerance
 
 FEWEST = 0.05
 """Share of the points that must differ in their lost runs from the others; an index of fewer is mostly chance."""
-
-Floats = NDArray[np.float64]
 
 
 class Ranking:

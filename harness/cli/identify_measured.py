@@ -1,0 +1,52 @@
+"""Identify a measured car and write data and report: table 3.3, figures 3.16 and 3.21 of Sun 2015.
+
+``python -m harness.cli.identify_measured studies/identify/genesis.toml --out results/identify-genesis`` identifies the
+car of a file (``harness.identification.measured``) and writes what ``harness identify`` does. Where the folder of the
+recordings is absent it says so and ends well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from harness.cli.options import answers_errors
+from harness.identification.measured import IdentifyStudy, identified
+from harness.identification.measured_report import document
+from harness.identification.result import write_outcome
+from harness.reporting.document import write
+
+
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m harness.cli.identify_measured", description=__doc__)
+    parser.add_argument("file", type=Path, help="such as studies/identify/genesis.toml")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
+    parser.add_argument("--jobs", type=int, default=None, help="threads; all cores if absent")
+    return parser
+
+
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Identify as the file says and write data and report."""
+    chosen = _arguments().parse_args(arguments)
+    study = IdentifyStudy.read(chosen.file)
+    if study.absent:
+        print(study.absent)
+        return
+    with Console(stderr=True).status("starting") as status:
+        found = identified(study, chosen.jobs, status.update)
+    command = f"python -m harness.cli.identify_measured {shlex.join(arguments)}"
+    names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
+    source = f"{study.path}, method {found.fit.method}, on {names}"
+    write_outcome(chosen.out, found.fit, list(found.judged), source)
+    write(document(found, study.raw.title, study.spans(), command), chosen.out)
+    print(f"wrote {chosen.out}/report.html")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

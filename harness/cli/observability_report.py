@@ -1,0 +1,129 @@
+"""What ``harness observability`` writes and prints: the figure in the form of Bild 5.2 (Ziaukas 2023), and a table.
+
+Beside the command and not in it, because Matplotlib takes longer to import than ``harness --help`` may take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from harness.common.errors import ModelError, UserError
+from harness.config import ModelSpec
+from harness.estimation.observability import delays, structural_observability, synthetic_manoeuvre
+from harness.models.contracts import Profile
+
+BLUE, ORANGE, GREEN, VERMILLION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#999999"  # Okabe-Ito
+
+
+def plot(dataset: xr.Dataset) -> Figure:
+    """Draw steering, both criteria and the connected states over time, in the form of Bild 5.2.
+
+    Args:
+        dataset: Result of ``structural_observability``.
+    """
+    time, states = dataset["time"].to_numpy(), dataset["state"].to_numpy()
+    with mpl.rc_context({"font.size": 9, "lines.linewidth": 1.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}):
+        figure = Figure(figsize=(6.3, 6.0), layout="constrained")
+        axes = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 0.25 * len(states)])
+        _draw_drive(axes[0], dataset)
+        required = dataset["rank"].attrs["required"]
+        axes[1].axhline(required, color=GREY, linestyle=":", label="needed")
+        for name, label, colour, style in (
+            ("connected", "1: states connected", BLUE, "-"),
+            ("rank", "2: structural rank", VERMILLION, "--"),
+        ):
+            axes[1].step(time, dataset[name], where="post", color=colour, linestyle=style, label=label)
+        low = int(min(dataset["connected"].min(), dataset["rank"].min()))
+        axes[1].set(ylabel="number", ylim=(low - 0.6, required + 1.4), yticks=range(low, required + 1))
+        axes[1].legend(loc="upper center", ncols=3, frameon=False, handlelength=1.6, columnspacing=1.2)
+        _draw_states(axes[2], dataset)
+        share = float(dataset["observable"].mean())
+        figure.suptitle(
+            f"When is {dataset.attrs['model']} structurally observable from {dataset.attrs['outputs']}?\n"
+            f"{share:.0%} of {time.size} samples meet both criteria",
+            fontsize=10,
+        )
+    return figure
+
+
+def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: Profile | None = None) -> xr.Dataset:
+    """Check a model on the manoeuvre of Bild 5.2, write ``observability.svg`` and print a short table.
+
+    Args:
+        spec: The model with its values, all inputs known.
+        unknown_inputs: Inputs that the estimator does not know.
+        out: Folder of the figure; made if absent.
+        profile: Another drive than ``synthetic_manoeuvre()``.
+
+    Raises:
+        UserError: If an unknown input is none of the model's.
+    """
+    try:
+        model = spec.model().augment(unknown_inputs)
+    except ModelError as error:
+        raise UserError(str(error)) from error
+    drive = synthetic_manoeuvre() if profile is None else profile
+    dataset = structural_observability(model, spec.values, drive)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        plot(dataset).savefig(out / "observability.svg")
+    except OSError as error:
+        raise UserError(f"cannot write the figure to {out}: {error.strerror}; choose another folder") from error
+    _print(dataset, out / "observability.svg")
+    return dataset
+
+
+def _print(dataset: xr.Dataset, figure: Path) -> None:
+    steering = dataset["steering_wheel_angle"].to_numpy()
+    moving = np.flatnonzero(steering != steering[-1])
+    excited = slice(int(moving[0]), int(moving[-1]) + 1) if moving.size else slice(0, 0)
+    late = delays(dataset)
+    table = Table(title=f"Structural observability of {dataset.attrs['model']}")
+    for heading in ("criterion", "needs", "at start", "steering", "at end", "violated after"):
+        table.add_column(heading, justify="left" if heading == "criterion" else "right")
+    for name in ("connected", "rank"):
+        n = dataset[name].to_numpy()
+        during = n[excited]
+        span = "-" if not during.size else f"{during.min()} .. {during.max()}"
+        after = "not violated" if np.isnan(late[name]) else f"{late[name]:.2f} s"
+        row = [dataset[name].attrs["long_name"], str(dataset[name].attrs["required"]), str(n[0]), span]
+        table.add_row(*row, str(n[-1]), after)
+    console = Console()
+    console.print(table)
+    lost = dataset["state"].to_numpy()[~dataset["output_connected"].to_numpy().all(axis=0)]
+    console.print(f"Not always output-connected: {', '.join(lost) if lost.size else 'none'}")
+    console.print(f"Measured: {dataset.attrs['outputs']}. Figure: {figure}")
+
+
+def _draw_drive(axis: Axes, dataset: xr.Dataset) -> None:
+    time = dataset["time"].to_numpy()
+    axis.plot(time, np.rad2deg(dataset["steering_wheel_angle"]), color=ORANGE)
+    axis.set_ylabel("steering-wheel\nangle in deg")
+    if "articulation_angle" in dataset:
+        angle = axis.twinx()
+        angle.plot(time, np.rad2deg(dataset["articulation_angle"]), color=GREEN, linestyle="--")
+        angle.set_ylabel("articulation\nangle in deg (dashed)")
+
+
+def _draw_states(axis: Axes, dataset: xr.Dataset) -> None:
+    time = dataset["time"].to_numpy()
+    for row, reached in enumerate(dataset["output_connected"].to_numpy().T):
+        starts = np.flatnonzero(np.diff(reached, prepend=~reached[0]))
+        ends = [*time[starts[1:]], time[-1]]
+        for start, end in zip(starts, ends, strict=True):
+            bar = axis.barh(row, end - time[start], height=0.7, left=time[start], color=BLUE, linewidth=0)
+            if not reached[start]:
+                bar[0].set(facecolor="none", edgecolor=VERMILLION, hatch="/////")
+    names = [str(s).replace("_", " ") for s in dataset["state"].to_numpy()]
+    axis.set(xlabel="time in s", yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
+    axis.set_title("output-connected (filled) or not (hatched)", fontsize=9)
+    axis.set_xlim(time[0], time[-1])
