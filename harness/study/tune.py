@@ -139,7 +139,7 @@ def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dic
         "estimator": {name: {g: tuning.factors[g] for g in NOISE_GROUPS} for name, tuning in found.items()},
     }
     heading = f"Written by: harness tune {study.path.name} --budget {budget} --repeats {repeats}"
-    gains = {
+    gains: dict[tuple[str, ...], str] = {
         ("estimator", name): f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after"
         for name, tuning in found.items()
     }
