@@ -32,63 +32,63 @@ ITERATIONS = 25
 """As many as the nominal fit of a trace gets."""
 
 
-def write_oracle(folder: Path, task: Task, whole: AugmentedModel) -> None:
+def write_oracle(folder: Path, task: Task, augmented: AugmentedModel) -> None:
     """Fit the oracle of a case and write ``oracle.json``: held-out excess, hypotheses and fitted values.
 
     Args:
         folder: Of the case; its ``sealed.json`` is read.
         task: As it was traced.
-        whole: Its model, compiled.
+        augmented: Its model, compiled.
     """
     sealed = json.loads((folder / "sealed.json").read_text())
     with threadpool_limits(1):
-        found = _oracle(sealed, task, whole)
+        found = _oracle(sealed, task, augmented)
     write_files(folder, {FILE: json.dumps(found, indent=1) + "\n"})
 
 
-def _oracle(sealed: Mapping[str, Any], task: Task, whole: AugmentedModel) -> dict[str, Any]:
+def _oracle(sealed: Mapping[str, Any], task: Task, augmented: AugmentedModel) -> dict[str, Any]:
     recordings = task.train + task.test
-    drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    drives = [augmented.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
     train, test = drives[: len(task.train)], drives[len(task.train) :]
-    true = [true_hypotheses(whole, effect) for effect in sealed["effects"]]
+    true = [true_hypotheses(augmented, effect) for effect in sealed["effects"]]
     if not all(true):
         return {"excess": None, "added": None, "parameters": {}}
-    variances = first_variances(whole, drives)
-    fitting = Fitting(whole, train, variances)
-    free = free_parameters(sealed, task.free, whole)
+    variances = first_variances(augmented, drives)
+    fitting = Fitting(augmented, train, variances)
+    free = free_parameters(sealed, task.free, augmented)
     start, known = _start(fitting, sealed, true, free)
-    fitted = fitting.fit(coordinates(whole, free, known, len(train)), start, ITERATIONS)
-    judged = HeldOut(whole, test, variances).judge(known, fitted.point)
+    fitted = fitting.fit(coordinates(augmented, free, known, len(train)), start, ITERATIONS)
+    judged = HeldOut(augmented, test, variances).judge(known, fitted.point)
     return {
-        "excess": judged.excess if math.isfinite(judged.excess) else None,
+        "excess": judged.normalised_excess_mse if math.isfinite(judged.normalised_excess_mse) else None,
         "added": [h.name for h in known],
-        "parameters": {n: float(fitted.point.values[whole.row(n), 0]) for h in known for n in h.shared}
-        | {n: float(fitted.point.values[whole.row(n), 0]) for n in free},
+        "parameters": {n: float(fitted.point.values[augmented.row(n), 0]) for h in known for n in h.shared}
+        | {n: float(fitted.point.values[augmented.row(n), 0]) for n in free},
     }
 
 
-def true_hypotheses(whole: AugmentedModel, effect: Mapping[str, Any]) -> tuple[Hypothesis, ...]:
+def true_hypotheses(augmented: AugmentedModel, effect: Mapping[str, Any]) -> tuple[Hypothesis, ...]:
     """Return the smallest hypothesis of the library that holds what is true, or several that together do, or nothing.
 
     Where the seal has no values to go by it is everything that the library's effect has, or one of its places: then
     all places are returned, and the drives decide.
 
     Args:
-        whole: The model with the library.
+        augmented: The model with the library.
         effect: From ``sealed.json``.
     """
     needed = _needed(effect)
-    own = [h for h in hypotheses(whole, ()) if h.kind == "effect" and split(h.name)[0] == effect["name"]]
+    own = [h for h in hypotheses(augmented, ()) if h.kind == "effect" and split(h.name)[0] == effect["name"]]
     if not effect["in_library"] or not own:
         return ()
     if not needed:
         most = max(len(h.shared) for h in own)
         return tuple(h for h in own if len(h.shared) == most)
-    holding = [h for h in own if needed <= {*h.shared, *h.moments}]
+    holding = [h for h in own if needed <= {*h.shared, *h.change_times}]
     if holding:
         return (min(holding, key=lambda h: len(h.shared)),)
-    parts = tuple(h for h in own if needed & {*h.shared, *h.moments})
-    return parts if needed <= {n for h in parts for n in (*h.shared, *h.moments)} else ()
+    parts = tuple(h for h in own if needed & {*h.shared, *h.change_times})
+    return parts if needed <= {n for h in parts for n in (*h.shared, *h.change_times)} else ()
 
 
 def _needed(effect: Mapping[str, Any]) -> set[str]:
@@ -97,13 +97,13 @@ def _needed(effect: Mapping[str, Any]) -> set[str]:
     return {*known["parameters"], *(name for times in known["per_drive"].values() for name in times)}
 
 
-def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], whole: AugmentedModel) -> tuple[str, ...]:
+def free_parameters(sealed: Mapping[str, Any], usual: Sequence[str], augmented: AugmentedModel) -> tuple[str, ...]:
     """Return the parameters of the model that the oracle fits: the usual ones, and those that are not as published.
 
     A parameter that an effect of the plant overwrites is the effect's.
     """
     taken = {name for effect in sealed["effects"] for name in effect["parameters"]}
-    wrong = [n for n in sealed["parameters"] if n in whole.names and n not in taken]
+    wrong = [n for n in sealed["parameters"] if n in augmented.names and n not in taken]
     return tuple(dict.fromkeys([*usual, *wrong]))
 
 
@@ -111,21 +111,21 @@ def _start(
     fitting: Fitting, sealed: Mapping[str, Any], true: Sequence[tuple[Hypothesis, ...]], free: tuple[str, ...]
 ) -> tuple[Point, tuple[Hypothesis, ...]]:
     """Return the truth and what holds it; of an effect without values in the library's words, what a score promises."""
-    point, whole = fitting.first(), fitting.whole
+    point, augmented = fitting.first(), fitting.augmented
     values = point.values.copy()
     for name in free:
         if name in sealed["parameters"]:
-            values[whole.row(name)] = sealed["parameters"][name]["true"]
+            values[augmented.row(name)] = sealed["parameters"][name]["true"]
     for effect in sealed["effects"]:
         for name, value in effect["oracle"]["parameters"].items():
-            values[whole.row(name)] = value
+            values[augmented.row(name)] = value
         for i, drive in enumerate(fitting.drives):
             for name, time in effect["oracle"]["per_drive"][drive.name].items():
-                values[whole.row(name), i] = time
+                values[augmented.row(name), i] = time
     point = replace(point, values=values)
     if all(effect["oracle"]["parameters"] for effect in sealed["effects"]):
         return point, tuple(h for own in true for h in own)
-    without: Fitted = fitting.fit(coordinates(whole, free, (), len(fitting.drives)), point, ITERATIONS)
+    without: Fitted = fitting.fit(coordinates(augmented, free, (), len(fitting.drives)), point, ITERATIONS)
     test, values = ScoreTest(fitting, without), without.point.values.copy()
     known: list[Hypothesis] = []
     for own, effect in zip(true, sealed["effects"], strict=True):
@@ -136,5 +136,5 @@ def _start(
         for score in scores if _needed(effect) else [max(scores, key=lambda s: s.gain)]:
             known.append(score.hypothesis)
             for name, value in zip(score.hypothesis.shared, [*score.amplitudes, *score.shapes], strict=True):
-                values[whole.row(name)] = value
+                values[augmented.row(name)] = value
     return replace(without.point, values=values), tuple(known)

@@ -24,7 +24,7 @@ from bench.attribution.score import FAILED
 from harness.common.errors import ModelError, UserError
 from harness.common.files import write_files
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.run import Task, run_trace, whole_of
+from harness.diagnosis.run import Task, augmented_model_of, run_trace
 from harness.identification.data import step_of
 from harness.identification.measured_file import finely, fitted_parameters
 from harness.recordings import load_recording
@@ -79,11 +79,11 @@ class Tracer:
         if traced and oracle:
             return ""
         try:
-            task, whole = self._model(folder)
+            task, augmented = self._model(folder)
             if not traced:
-                run_trace(task, folder / "trace", Console(quiet=True), whole)
+                run_trace(task, folder / "trace", Console(quiet=True), augmented)
             if not oracle:
-                write_oracle(folder, task, whole)
+                write_oracle(folder, task, augmented)
         except Exception as error:  # one broken case must not end the run of hundreds
             known = isinstance(error, UserError | ModelError)
             write_files(folder, {FAILED: str(error) if known else traceback.format_exc()})
@@ -95,7 +95,7 @@ class Tracer:
         task, vehicle = task_of(folder)
         task = replace(task, jobs=self._threads)
         if vehicle not in self._wholes:
-            self._wholes[vehicle] = whole_of(task)
+            self._wholes[vehicle] = augmented_model_of(task)
         return task, self._wholes[vehicle]
 
 

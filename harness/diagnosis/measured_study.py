@@ -146,14 +146,14 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
     that was added. ``rmse`` counts a constant error, ``std`` does not.
     """
     trace = outcome.trace
-    whole = trace.fitting.whole
-    published = whole.stated()
+    augmented = trace.fitting.augmented
+    published = augmented.stated()
     for name, value in stated.values.items():
-        published[whole.row(name)] = value
+        published[augmented.row(name)] = value
     found: Errors = {}
     for drive, refitted, amended in zip(trace.held_out.drives, trace.before.drives, trace.after.drives, strict=True):
         simulated = {
-            "published": whole.free_run(drive, published).outputs,
+            "published": augmented.free_run(drive, published).outputs,
             "refitted": refitted.simulated,
             "amended": amended.simulated,
         }
@@ -163,7 +163,7 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
                 k: {"rmse": float(np.sqrt(np.nanmean(e[:, a] ** 2))), "std": float(np.nanstd(e[:, a]))}
                 for k, e in errors.items()
             }
-            for a, name in enumerate(whole.model.outputs)
+            for a, name in enumerate(augmented.model.outputs)
         }
     return found
 

@@ -53,7 +53,7 @@ def _lateral_acceleration(recording: xr.Dataset) -> float:
     return float(np.quantile(known, 0.95)) if known.size else np.inf
 
 
-def oddities(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
+def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
     """Return what reading and comparing the signals of recordings found odd, each with the evidence."""
     found = []
     for recording in recordings:

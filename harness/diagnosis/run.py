@@ -16,11 +16,11 @@ from threadpoolctl import threadpool_limits
 from harness.common.failures import Failures
 from harness.config import ModelSpec
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.recording_checks import oddities, refuse_recordings
+from harness.diagnosis.recording_checks import recording_warnings, refuse_recordings
 from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
-from harness.diagnosis.result.study_gain import REPEATS, Worth, refuse_study, worth
+from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
 from harness.diagnosis.selection.forward_selection import ROUNDS, trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from harness.identification.data import Drive
@@ -60,7 +60,7 @@ class Task:
     notes: tuple[str, ...] = ()
 
 
-def run_trace(task: Task, folder: Path, console: Console, whole: AugmentedModel | None = None) -> Outcome:
+def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedModel | None = None) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
 
     What is odd about the recordings is printed before anything is computed, and stands in the outcome. The verdict is
@@ -71,7 +71,7 @@ def run_trace(task: Task, folder: Path, console: Console, whole: AugmentedModel 
         task: What is to be traced.
         folder: Of the results.
         console: Where warnings and what is being done are shown.
-        whole: The model of the task, compiled, from an earlier one that differs in its recordings only.
+        augmented: The model of the task, compiled, from an earlier one that differs in its recordings only.
 
     Raises:
         UserError, ModelError: If recordings, model or study do not fit each other, or the folder cannot be written to.
@@ -80,21 +80,21 @@ def run_trace(task: Task, folder: Path, console: Console, whole: AugmentedModel 
     refuse_recordings(recordings, task.spec.model())
     if task.study is not None:
         refuse_study(task.study, task.spec)
-    notes = (*task.notes, *oddities(recordings))
+    notes = (*task.notes, *recording_warnings(recordings))
     failures = Failures(folder, console)
     for note in notes:
         console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
     with threadpool_limits(1), _progress(console) as say:
-        whole = whole or whole_of(task)
-        fitted, held_out = drives_of(task, whole)
-        found = trace(whole, fitted, held_out, task.free, say, task.rounds, task.stated_noise)
+        augmented = augmented or augmented_model_of(task)
+        fitted, held_out = drives_of(task, augmented)
+        found = trace(augmented, fitted, held_out, task.free, say, task.rounds, task.stated_noise)
         outcome = replace(outcome_of(found, say, failures), notes=notes)
         write_outcome(outcome, folder)
         for kind in task.estimators:
             outcome = replace(outcome, estimators=(*outcome.estimators, *_estimated(task, outcome, kind, say)))
         if task.study is not None:
-            outcome = replace(outcome, worth=_worth(task, outcome, folder, say))
+            outcome = replace(outcome, study_gain=_study_gain(task, outcome, folder, say))
         write_outcome(outcome, folder)
     return outcome
 
@@ -108,7 +108,7 @@ def _progress(console: Console) -> Iterator[Callable[[str], None]]:
         yield lambda what: progress.update(task, description=what)
 
 
-def whole_of(task: Task) -> AugmentedModel:
+def augmented_model_of(task: Task) -> AugmentedModel:
     """Return the model of a task with everything that its recordings could show, compiled."""
     signals = set.intersection(*({str(v) for v in r} for r in task.train + task.test))
     return AugmentedModel(task.spec, signals, task.jobs, task.excluded)
@@ -122,15 +122,15 @@ def run_changes(task: Task, console: Console) -> Changes:
     """
     refuse_recordings(task.train + task.test, task.spec.model())
     with threadpool_limits(1), _progress(console) as say:
-        whole = whole_of(task)
-        fitted, held_out = drives_of(task, whole)
-        return single_changes(whole, fitted, held_out, task.stated_noise, say)
+        augmented = augmented_model_of(task)
+        fitted, held_out = drives_of(task, augmented)
+        return single_changes(augmented, fitted, held_out, task.stated_noise, say)
 
 
-def drives_of(task: Task, whole: AugmentedModel) -> tuple[list[Drive], list[Drive]]:
+def drives_of(task: Task, augmented: AugmentedModel) -> tuple[list[Drive], list[Drive]]:
     """Return the fitted and the held-out drives of a task in terms of its model."""
     recordings = task.train + task.test
-    drives = [whole.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    drives = [augmented.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
     return drives[: len(task.train)], drives[len(task.train) :]
 
 
@@ -143,7 +143,7 @@ def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], Non
     )
 
 
-def _worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> Worth | str:
+def _study_gain(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None]) -> StudyGain | str:
     """Run the study; a trace is not lost because a study cannot be run with what it found."""
     assert task.study is not None
     study = task.study
@@ -152,6 +152,6 @@ def _worth(task: Task, outcome: Outcome, folder: Path, say: Callable[[str], None
     models = {"nominal": outcome.nominal, "amended": outcome.amended}
     return outcome.failures.attempt(
         f"the study {study}",
-        lambda: worth(study, folder, models, task.estimators, task.repeats, task.jobs, say),
+        lambda: study_gain(study, folder, models, task.estimators, task.repeats, task.jobs, say),
         lambda why: f"{study} cannot be run with the amended model: {why}.",
     )

@@ -28,7 +28,7 @@ from bench.attribution.tables import (
     wilson,
 )
 from harness.common.errors import UserError
-from harness.diagnosis.run import whole_of
+from harness.diagnosis.run import augmented_model_of
 from harness.diagnosis.selection.validation import EXCESS
 from harness.identification.measured_file import finely
 from harness.models.assembly.assemble import assemble
@@ -302,18 +302,18 @@ def test_the_library_has_a_form_of_every_effect_but_the_random_road(vehicle, mon
     from plant_cases import cases, draw
     from plant_environment import Changes
 
-    whole, without = library(vehicle), set()
+    augmented, without = library(vehicle), set()
     driven = {"test": SimpleNamespace(changes=Changes(10.0, 20.0, 30.0, 40.0), drive=SimpleNamespace(manoeuvres=()))}
     for c in cases().values():
         if c.vehicle != vehicle or c.kind != "effect" or c.magnitude != "medium":
             continue
         sealed = seal(c, 0, draw(c, np.random.default_rng(1)), driven)
         [effect] = sealed["effects"]
-        true = true_hypotheses(whole, effect)
+        true = true_hypotheses(augmented, effect)
         without |= set() if true else set(c.effects)
-        held = {n for h in true for n in (*h.shared, *h.moments)}
+        held = {n for h in true for n in (*h.shared, *h.change_times)}
         assert not true or {*effect["oracle"]["parameters"], *effect["oracle"]["per_drive"]["test"]} <= held
-        assert not set(free_parameters(sealed, (), whole)) & {*held, *effect["parameters"]}
+        assert not set(free_parameters(sealed, (), augmented)) & {*held, *effect["parameters"]}
         if effect["name"] == "self_steering_axle":  # the seal does not say which: one of them
             assert len(true) > 1
             assert all(len(h.shared) == 1 for h in true)
@@ -326,7 +326,7 @@ def test_the_oracle_finds_the_truth_up_to_the_noise(tmp_path):
     assert written(case_) == ""
     task, vehicle = task_of(tmp_path)
     task = replace(task, train=[shortened(r) for r in task.train], test=[shortened(r) for r in task.test])
-    write_oracle(tmp_path, task, whole_of(task))
+    write_oracle(tmp_path, task, augmented_model_of(task))
     found, sealed = (json.loads((tmp_path / f"{n}.json").read_text()) for n in ("oracle", "sealed"))
     assert vehicle == "car"
     assert found["added"] == ["steering_lag"]

@@ -12,21 +12,23 @@ from harness.diagnosis.selection.acceptance import (
     Candidate,
     Round,
     decide,
-    is_hopeful,
     lookalikes,
+    passes_except_error,
     preferred,
     with_further,
     with_sensor,
 )
 from harness.diagnosis.selection.forward_selection import _Search
-from harness.diagnosis.selection.selection_round import Attempt
+from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 
 
 def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
-    def candidate(name, excess):
+    def candidate(name, normalised_excess_mse):
         hypothesis = SimpleNamespace(name=name)
-        return SimpleNamespace(hypothesis=hypothesis, held_out=SimpleNamespace(excess=excess))
+        return SimpleNamespace(
+            hypothesis=hypothesis, held_out=SimpleNamespace(normalised_excess_mse=normalised_excess_mse)
+        )
 
     many, length, mass = candidate(ALL_PARAMETERS, 0.28), candidate("trailer_length", 0.14), candidate("mass", 0.5)
     assert preferred([many, mass, length]) is length
@@ -39,15 +41,15 @@ def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
     def score(name, *response):
         return SimpleNamespace(hypothesis=SimpleNamespace(name=name), response=(np.array(response),), excited=True)
 
-    def winner(excess):
-        held_out = SimpleNamespace(excess=excess, log_likelihood=10.0)
+    def winner(normalised_excess_mse):
+        held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=10.0)
         return SimpleNamespace(score=length, hypothesis=length.hypothesis, held_out=held_out, bic=2800.0)
 
     length, inertia, mass = score("length", 1.0, 0.0), score("inertia", -1.0, 0.02), score("mass", 1.0, 1.0)
     many, calm = score(ALL_PARAMETERS, 1.0, 0.0), score("calm", 1.0, 0.0)
     calm.excited = False
     promised = [length, mass, many, inertia, calm]
-    before = SimpleNamespace(excess=10.0, log_likelihood=0.0)
+    before = SimpleNamespace(normalised_excess_mse=10.0, log_likelihood=0.0)
     assert lookalikes(winner(0.14), before, promised, [length.hypothesis]) == [inertia]
     assert lookalikes(winner(0.14), before, promised, [length.hypothesis, inertia.hypothesis]) == []
     assert lookalikes(winner(0.01), before, promised, [length.hypothesis]) == []  # nothing is left
@@ -58,16 +60,20 @@ def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
 def test_coloured_innovations_are_no_amendment_whatever_was_named():
     plain = SimpleNamespace(coordinates=())
     last = SimpleNamespace(added=None, candidates=())
-    named = SimpleNamespace(effects=("crosswind",), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
-    nothing = SimpleNamespace(unnamed=None, wandering=None)
+    named = SimpleNamespace(
+        effects=("crosswind",), rounds=(last,), after=SimpleNamespace(normalised_excess_mse=0.01), final=plain
+    )
+    nothing = SimpleNamespace(unmodelled=None, random_process=None)
     assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
-    without = SimpleNamespace(effects=(), rounds=(last,), after=SimpleNamespace(excess=0.01), final=plain)
+    without = SimpleNamespace(
+        effects=(), rounds=(last,), after=SimpleNamespace(normalised_excess_mse=0.01), final=plain
+    )
     assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
 
 
 def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
-    def candidate(name, bic, excess, likelihood=5000.0):
-        held_out = SimpleNamespace(excess=excess, log_likelihood=likelihood)
+    def candidate(name, bic, normalised_excess_mse, likelihood=5000.0):
+        held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=likelihood)
         score = SimpleNamespace(response=(np.ones(1),), excited=True)
         return SimpleNamespace(
             hypothesis=SimpleNamespace(name=name),
@@ -77,7 +83,7 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
             score=score,
         )
 
-    before = SimpleNamespace(excess=27.6, log_likelihood=1000.0)
+    before = SimpleNamespace(normalised_excess_mse=27.6, log_likelihood=1000.0)
     many, delay = candidate(ALL_PARAMETERS, 17800.0, 23.5), candidate("steering_delay", 15400.0, 25.6)
     found = decide((many, delay), before, room=2)
     assert (found.added, found.hopeful) == (None, delay)
@@ -88,21 +94,21 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
     assert decide((many, delay), before, room=1).hopeful is None  # no room for a further one
     assert decide((passing,), delay.held_out, room=0).added is None
     for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
-        assert not is_hopeful(candidate(*other), before)
+        assert not passes_except_error(candidate(*other), before)
 
 
 def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_passes():
     """Here 0.2 of the error of all is that of the second signal, and the rest has no name."""
     before = Judgement(1000.0, np.zeros(2), np.array([17.0, 0.2]), (), None)
 
-    def candidate(name, output, bic, *excesses, likelihood=2000.0, response=(0.0, 1.0)):
+    def candidate(name, output, bic, *normalised_excess_mses, likelihood=2000.0, response=(0.0, 1.0)):
         score = SimpleNamespace(
             hypothesis=Hypothesis(name, "effect", (name,), output=output), response=(np.array(response),), excited=True
         )
-        return Candidate(score, SimpleNamespace(coordinates=()), bic, judged(likelihood, *excesses))
+        return Candidate(score, SimpleNamespace(coordinates=()), bic, judged(likelihood, *normalised_excess_mses))
 
-    def judged(likelihood, *excesses):
-        return Judgement(likelihood, np.zeros(2), np.array(excesses), (), None)
+    def judged(likelihood, *normalised_excess_mses):
+        return Judgement(likelihood, np.zeros(2), np.array(normalised_excess_mses), (), None)
 
     def added(*candidates):
         found = decide(candidates, before, room=1)
@@ -125,29 +131,31 @@ def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_pa
         assert added(other, nothing).added is None
 
 
-def round_of(excesses, worth, fitted, before):
+def round_of(normalised_excess_mses, shortlist, fitted, before):
     """Return a round in which some hypotheses are worth a fit and some were fitted, with what they leave."""
 
-    def judged(excess):
-        return Judgement(-excess, np.zeros(1), np.array([excess]), (), None)
+    def judged(normalised_excess_mse):
+        return Judgement(-normalised_excess_mse, np.zeros(1), np.array([normalised_excess_mse]), (), None)
 
-    trials = SimpleNamespace(judge=lambda added, point: judged(before))
-    attempt = Attempt(trials, (), [SimpleNamespace(point=None)], 1)
-    attempt.promised = attempt.worth = list(worth)
-    attempt.fits = {s.hypothesis: f"fit of {s.hypothesis.name}" for s in fitted}
-    attempt.fit = lambda s: attempt.fits.update({s.hypothesis: f"fit of {s.hypothesis.name}"})
-    attempt.judged = lambda s: SimpleNamespace(
-        hypothesis=s.hypothesis, bic=1e4, held_out=judged(excesses[s.hypothesis.name])
+    candidate_fits = SimpleNamespace(judge=lambda added, point: judged(before))
+    selection_round = SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
+    selection_round.promised = selection_round.shortlist = list(shortlist)
+    selection_round.fits = {s.hypothesis: f"fit of {s.hypothesis.name}" for s in fitted}
+    selection_round.fit = lambda s: selection_round.fits.update({s.hypothesis: f"fit of {s.hypothesis.name}"})
+    selection_round.judged = lambda s: SimpleNamespace(
+        hypothesis=s.hypothesis, bic=1e4, held_out=judged(normalised_excess_mses[s.hypothesis.name])
     )
-    return attempt
+    return selection_round
 
 
 def test_many_parameters_are_not_fitted_where_something_alone_leaves_nothing():
-    excesses = {"roll_steer": 30.0, "steering_lag": 1.9, "gain": 2.1}
-    steer, lag, gain = worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
+    normalised_excess_mses = {"roll_steer": 30.0, "steering_lag": 1.9, "gain": 2.1}
+    steer, lag, gain = shortlist = [
+        SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in normalised_excess_mses
+    ]
 
     def settled(*fitted):
-        return round_of(excesses, worth, fitted, before=200.0).settled()
+        return round_of(normalised_excess_mses, shortlist, fitted, before=200.0).settled()
 
     assert settled(steer, lag)  # a hundredth of the error
     assert not settled(steer, gain)  # a little more than that
@@ -162,13 +170,13 @@ def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
         for n, (output, gain) in gains.items()
     ]
     before = Judgement(0.0, np.zeros(3), np.array([17.0, 0.2, 0.01]), (), None)
-    trials = SimpleNamespace(judge=lambda added, point: before, bic=lambda gain, freedom: gain)
+    candidate_fits = SimpleNamespace(judge=lambda added, point: before, bic=lambda gain, freedom: gain)
 
     def fitted(room):
-        attempt = Attempt(trials, (), [SimpleNamespace(point=None)], 1)
-        attempt.promised, tried = scores, []
-        attempt.fit = lambda s: tried.append(s.hypothesis.name)
-        assert attempt.decided_by_sensor(room).added is None  # nothing was fitted indeed
+        selection_round = SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
+        selection_round.promised, tried = scores, []
+        selection_round.fit = lambda s: tried.append(s.hypothesis.name)
+        assert selection_round.decided_by_sensor(room).added is None  # nothing was fitted indeed
         return tried
 
     assert fitted(room=1) == ["roll"]
@@ -176,14 +184,20 @@ def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
 
 
 def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
-    excesses = {ALL_PARAMETERS: 40.0, "roll_steer": 250.0, "inertia": 240.0, "steering_lag": 0.02, "delay": 90.0}
-    worth = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in excesses]
-    many, steer, inertia, lag, delay = worth
+    normalised_excess_mses = {
+        ALL_PARAMETERS: 40.0,
+        "roll_steer": 250.0,
+        "inertia": 240.0,
+        "steering_lag": 0.02,
+        "delay": 90.0,
+    }
+    shortlist = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in normalised_excess_mses]
+    many, steer, inertia, lag, delay = shortlist
 
     def spared(*fitted):
-        attempt = round_of(excesses, worth, fitted, before=233.0)
-        attempt.fit_spared()
-        return [h.name for h in attempt.fits][len(fitted) :]
+        selection_round = round_of(normalised_excess_mses, shortlist, fitted, before=233.0)
+        selection_round.fit_spared()
+        return [h.name for h in selection_round.fits][len(fitted) :]
 
     assert spared(steer, many) == ["inertia", "steering_lag"]  # until one passes
     assert spared(steer, lag) == []  # one does
@@ -224,7 +238,7 @@ def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
     def certainty(*kept):
         dropped = tuple(h for h in (gain,) if h not in kept)
         trace = SimpleNamespace(rounds=(round_,), added=kept, dropped=dropped)
-        return _certainty(SimpleNamespace(trace=trace, where=SimpleNamespace(wandering=None)))
+        return _certainty(SimpleNamespace(trace=trace, where=SimpleNamespace(random_process=None)))
 
     assert [line.split(":")[0] for line in certainty(gain)] == ["sensor gain"]
     (line,) = certainty(inertia)
@@ -234,10 +248,12 @@ def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
 def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
     failed = SimpleNamespace(added=None, candidates=(SimpleNamespace(fitted=object(), bic=78.0),))
     plain = SimpleNamespace(coordinates=())
-    found = SimpleNamespace(unnamed=None, wandering=None)
+    found = SimpleNamespace(unmodelled=None, random_process=None)
 
     def named(before, after):
-        judged = [SimpleNamespace(excess=excess) for excess in (before, after)]
+        judged = [
+            SimpleNamespace(normalised_excess_mse=normalised_excess_mse) for normalised_excess_mse in (before, after)
+        ]
         return SimpleNamespace(
             effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1], final=plain
         )
@@ -249,8 +265,8 @@ def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
 
 def test_the_answer_tells_what_becomes_of_the_error():
     def said(before, after):
-        excesses = (np.array([before]), np.array([after]))
-        return gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in excesses))
+        normalised_excess_mses = (np.array([before]), np.array([after]))
+        return gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in normalised_excess_mses))
 
     assert said(4.0, 1.0) == " The simulation error on the held-out drives, beyond the sensor noise, falls by 50 %."
     assert said(4.0, 4.0) == said(0.0, 0.0) == " The simulation error on the held-out drives does not fall."
@@ -259,8 +275,8 @@ def test_the_answer_tells_what_becomes_of_the_error():
 
 
 def test_a_model_that_left_its_range_makes_nothing_little():
-    def judged(excess):
-        return Judgement(0.0, np.zeros(1), np.array([excess]), (), None)
+    def judged(normalised_excess_mse):
+        return Judgement(0.0, np.zeros(1), np.array([normalised_excess_mse]), (), None)
 
     assert leaves_nothing(judged(0.9), judged(100.0))
     assert not leaves_nothing(judged(0.9), judged(np.inf))

@@ -13,7 +13,7 @@ MOMENTS, SAMPLES = 5, 40
 
 
 def drive(rng, amplitudes: int, begin: int, end: int, size) -> tuple[np.ndarray, np.ndarray]:
-    """Return responses ``(samples, amplitudes, moments)`` and a residual with a change between two moments."""
+    """Return responses ``(samples, amplitudes, change_times)`` and a residual with a change between two moments."""
     X = rng.normal(size=(SAMPLES, amplitudes, MOMENTS))
     r = 0.1 * rng.normal(size=SAMPLES) - (X[:, :, begin] - (X[:, :, end] if end >= 0 else 0.0)) @ size
     return X, r
@@ -37,7 +37,7 @@ def test_gain_of_each_choice_is_that_of_least_squares(ends) -> None:
     X, r = drive(np.random.default_rng(1), 2, 1, 3 if ends else -1, np.array([1.0, -2.0]))
     found = choices(*sums(X, r), ends)
     assert len(found.b) == 1 + MOMENTS + (MOMENTS * (MOMENTS - 1) // 2 if ends else 0)
-    expected = [gain(X, r, pair) for pair in found.moments[:, 0].tolist()]
+    expected = [gain(X, r, pair) for pair in found.change_times[:, 0].tolist()]
     np.testing.assert_allclose(found.gains(), expected, rtol=1e-4, atol=1e-6)
 
 
@@ -57,7 +57,7 @@ def test_join_finds_the_best_of_all_combinations() -> None:
         itertools.product(range(len(found[0].b)), range(len(found[1].b))),
         key=lambda ij: _joint(found[0], found[1], *ij),
     )
-    assert join(found) == tuple(tuple(f.moments[i, 0].tolist()) for f, i in zip(found, best, strict=True))
+    assert join(found) == tuple(tuple(f.change_times[i, 0].tolist()) for f, i in zip(found, best, strict=True))
 
 
 def _joint(one, other, i, j) -> float:

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from harness.diagnosis.innovations.disturbance_inputs import channels_of
+from harness.diagnosis.innovations.disturbance_inputs import disturbance_inputs_of
 from harness.diagnosis.report.vehicle_picture import plan_of
-from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
-from harness.diagnosis.residuals.regressors import WITHIN, drivers_of, with_quick
-from harness.diagnosis.residuals.unmodelled import find_unnamed
+from harness.diagnosis.residuals.regressors import WITHIN, regressors_of, with_quick
+from harness.diagnosis.residuals.unmodelled import find_unmodelled
 from harness.diagnosis.result.wording import described
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut
@@ -20,27 +20,29 @@ GUST, TIMES = 400.0, ((20.0, 31.0), (35.0, 44.0))
 
 
 @pytest.fixture(scope="module")
-def gusty(whole):
+def gusty(augmented):
     drives = [
-        whole.drive(driven(i, ["crosswind"], crosswind_force=GUST, crosswind_onset=a, crosswind_end=b), f"drive {i}")
+        augmented.drive(
+            driven(i, ["crosswind"], crosswind_force=GUST, crosswind_onset=a, crosswind_end=b), f"drive {i}"
+        )
         for i, (a, b) in enumerate(TIMES)
     ]
-    fitting, fit = fitted(whole, drives)
-    return Pinpoint(fitting, fit.point)
+    fitting, fit = fitted(augmented, drives)
+    return DisturbanceRanking(fitting, fit.point)
 
 
-def test_every_way_into_the_model_is_an_entry_once(whole):
-    names = [c.name for c in channels_of(whole)]
+def test_every_way_into_the_model_is_an_entry_once(augmented):
+    names = [c.name for c in disturbance_inputs_of(augmented)]
     assert len(set(names)) == len(names)
     assert {"d/dt yaw_rate", "external_lateral_force", "road_wheel_angle", "lateral_gravity", "yaw_rate"} <= set(names)
     # How much drag there is depends on the speed: that is an effect, and no disturbance of a port.
-    assert not any("aerodynamic" in p for c in channels_of(whole) for p in c.parameters)
+    assert not any("aerodynamic" in p for c in disturbance_inputs_of(augmented) for p in c.parameters)
 
 
 def test_a_gust_is_found_where_it_acts_with_its_force(gusty):
-    names = [s.channel.name for s in gusty.suspects]
+    names = [s.disturbance_input.name for s in gusty.ranked_inputs]
     assert names.index("external_lateral_force") < 3
-    force = gusty.suspects[names.index("external_lateral_force")]
+    force = gusty.ranked_inputs[names.index("external_lateral_force")]
     assert force.gain > 100
     for drive, history, (begin, end) in zip(gusty.drives, gusty.history(force), TIMES, strict=True):
         during = (drive.time > begin + 3) & (drive.time < end - 1)
@@ -50,55 +52,55 @@ def test_a_gust_is_found_where_it_acts_with_its_force(gusty):
         assert history.error[during].max() < 0.5 * GUST
 
 
-def test_where_axles_stand_follows_from_the_equations(whole):
-    plan, values = plan_of(whole), whole.spec.values
+def test_where_axles_stand_follows_from_the_equations(augmented):
+    plan, values = plan_of(augmented), augmented.spec.values
     assert plan.axles["front"] == pytest.approx(values["cog_to_front_axle"])
     assert plan.axles["rear"] == pytest.approx(-values["cog_to_rear_axle"])
     assert plan.kingpin is None
 
 
-def hardening(seed, whole, share=0.3, largest=0.015):
+def hardening(seed, augmented, share=0.3, largest=0.015):
     """Return a drive whose steering turns the wheels more than in proportion, by ``share`` at the largest angle."""
     recording = driven(seed)
     true = recording["steering_wheel_angle"].to_numpy()
     grid = np.linspace(-2 * largest, 2 * largest, 4001)
     felt = np.interp(true, grid + share * grid**3 / largest**2, grid)
     assert np.abs(felt).max() > 0.7 * largest
-    return whole.drive(recording.assign(steering_wheel_angle=("time", felt)), f"drive {seed}")
+    return augmented.drive(recording.assign(steering_wheel_angle=("time", felt)), f"drive {seed}")
 
 
-def test_what_has_no_name_is_found_as_a_curve_that_helps_on_a_drive_kept_aside(whole):
-    *train, test = (hardening(seed, whole) for seed in (60, 61, 62))
-    fitting, fit = fitted(whole, train)
-    held_out = HeldOut(whole, [test], first_variances(whole, [*train, test]))
+def test_what_has_no_name_is_found_as_a_curve_that_helps_on_a_drive_kept_aside(augmented):
+    *train, test = (hardening(seed, augmented) for seed in (60, 61, 62))
+    fitting, fit = fitted(augmented, train)
+    held_out = HeldOut(augmented, [test], first_variances(augmented, [*train, test]))
     before = held_out.judge((), fit.point)
-    found = find_unnamed(fitting, held_out, fit, before, Pinpoint(fitting, fit.point))
+    found = find_unmodelled(fitting, held_out, fit, before, DisturbanceRanking(fitting, fit.point))
     assert found is not None
     curve = found.curves[0]
-    assert curve.driver.name == "steering_wheel_angle"
-    assert curve.channel.name in ("road_wheel_angle", "steady_lateral_force_axle_front", "d/dt yaw_rate")
+    assert curve.regressor.name == "steering_wheel_angle"
+    assert curve.disturbance_input.name in ("road_wheel_angle", "steady_lateral_force_axle_front", "d/dt yaw_rate")
     assert "odd in the steering wheel angle" in described(curve)
     assert found.held_out_gain > 25
-    assert found.judgement.excess < 0.25 * before.excess
+    assert found.judgement.normalised_excess_mse < 0.25 * before.normalised_excess_mse
 
 
-def test_nothing_is_found_where_nothing_is_missing(whole):
-    *train, test = (whole.drive(driven(seed), f"drive {seed}") for seed in (63, 64, 65))
-    fitting, fit = fitted(whole, train)
-    held_out = HeldOut(whole, [test], first_variances(whole, [*train, test]))
-    pinpoint = Pinpoint(fitting, fit.point)
-    assert pinpoint.suspects[0].gain < 25
-    assert find_unnamed(fitting, held_out, fit, held_out.judge((), fit.point), pinpoint) is None
+def test_nothing_is_found_where_nothing_is_missing(augmented):
+    *train, test = (augmented.drive(driven(seed), f"drive {seed}") for seed in (63, 64, 65))
+    fitting, fit = fitted(augmented, train)
+    held_out = HeldOut(augmented, [test], first_variances(augmented, [*train, test]))
+    ranking = DisturbanceRanking(fitting, fit.point)
+    assert ranking.ranked_inputs[0].gain < 25
+    assert find_unmodelled(fitting, held_out, fit, held_out.judge((), fit.point), ranking) is None
 
 
-def test_the_quick_part_of_a_signal_forgets_and_knows_nothing_of_its_own_sample(whole):
+def test_the_quick_part_of_a_signal_forgets_and_knows_nothing_of_its_own_sample(augmented):
     """After a step to one, what is left of the signal without its low-pass falls by its time constant."""
-    drive = whole.drive(driven(66), "drive")
-    states, inputs = np.zeros((len(drive.time), len(whole.model.states))), drive.inputs.copy()
-    column, step = whole.model.inputs.index("steering_wheel_angle"), float(drive.time[1])
+    drive = augmented.drive(driven(66), "drive")
+    states, inputs = np.zeros((len(drive.time), len(augmented.model.states))), drive.inputs.copy()
+    column, step = augmented.model.inputs.index("steering_wheel_angle"), float(drive.time[1])
     inputs[:, column] = drive.time >= 1.0
     drive = dataclasses.replace(drive, inputs=inputs)
-    whole_signal, *quick = [d for d in with_quick(drivers_of(whole)) if d.name == "steering_wheel_angle"]
+    whole_signal, *quick = [d for d in with_quick(regressors_of(augmented)) if d.name == "steering_wheel_angle"]
     assert np.array_equal(whole_signal.over(states, drive), inputs[:, column])
     assert [d.within for d in quick] == list(WITHIN)
     first = int(np.argmax(inputs[:, column]))
@@ -110,8 +112,8 @@ def test_the_quick_part_of_a_signal_forgets_and_knows_nothing_of_its_own_sample(
         assert "quick part of the steering wheel angle" in d.words
 
 
-def test_drivers_are_inputs_and_measured_motion_and_never_forces(whole):
-    found = {d.name: d for d in drivers_of(whole)}
+def test_drivers_are_inputs_and_measured_motion_and_never_forces(augmented):
+    found = {d.name: d for d in regressors_of(augmented)}
     assert {"steering_wheel_angle", "speed", "yaw_rate", "steering_wheel_angle_rate", "yaw_rate*speed"} <= set(found)
     assert all(d.unit != "N" for d in found.values())
 

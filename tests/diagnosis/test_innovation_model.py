@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.diagnosis.innovations.innovation_model import Inlet, InnovationModel, lasso
+from harness.diagnosis.innovations.innovation_model import InnovationModel, InputDirection, lasso
 from harness.engine.simd.lanes import LANES
 
 SAMPLES, STEP, TIME_CONSTANT, DEVIATION = 80, 0.1, 1.5, 0.7
@@ -51,19 +51,19 @@ def innovation_model(A, H, B, D, Q, R, y):
     total, kept = kalman(A, H, Q, R, y, np.eye(3))
     K, W, r = (np.array([np.zeros_like(kept[0][i]), *(k[i] for k in kept)]) for i in range(3))
     model = InnovationModel(A @ (np.eye(3) - K @ H), W @ H, r, STEP)
-    return total, model, Inlet(B - (A @ K @ D[:, None])[:, :, 0], W @ D)
+    return total, model, InputDirection(B - (A @ K @ D[:, None])[:, :, 0], W @ D)
 
 
-def dense(model, inlet):
+def dense(model, input_direction):
     """Return responses to a disturbance of one sample each ``(rows, samples)`` and the covariance of the process."""
-    X = model.responses(inlet, np.eye(SAMPLES)).reshape(-1, SAMPLES)
+    X = model.responses(input_direction, np.eye(SAMPLES)).reshape(-1, SAMPLES)
     lag = np.abs(np.subtract.outer(np.arange(SAMPLES), np.arange(SAMPLES)))
     return X, DEVIATION**2 * np.exp(-lag * STEP / TIME_CONSTANT)
 
 
 def test_the_gain_is_that_of_a_kalman_filter_with_the_disturbance_in_its_state(linear):
     A, H, B, D, Q, R, y, _ = linear
-    without, model, inlet = innovation_model(A, H, B, D, Q, R, y)
+    without, model, input_direction = innovation_model(A, H, B, D, Q, R, y)
     decay = np.exp(-STEP / TIME_CONSTANT)
     more = np.block([[A, B[:, None]], [np.zeros((1, 3)), decay]])
     noise = np.diag([*np.diag(Q), DEVIATION**2 * (1 - decay**2)])
@@ -73,29 +73,29 @@ def test_the_gain_is_that_of_a_kalman_filter_with_the_disturbance_in_its_state(l
     start[:3, :3] = A @ np.eye(3) @ A.T + Q
     more_first = np.linalg.inv(more)
     with_it, _ = kalman(more, np.column_stack([H, D]), noise, R, y, more_first @ (start - noise) @ more_first.T)
-    gains = model.gains(inlet, TIME_CONSTANT, np.full(LANES, DEVIATION))
+    gains = model.gains(input_direction, TIME_CONSTANT, np.full(LANES, DEVIATION))
     assert gains == pytest.approx(np.full(LANES, with_it - without), rel=1e-9)
     assert gains[0] > 10
 
 
 def test_gain_and_history_are_those_of_dense_least_squares(linear):
-    _, model, inlet = innovation_model(*linear[:-1])
-    X, prior = dense(model, inlet)
+    _, model, input_direction = innovation_model(*linear[:-1])
+    X, prior = dense(model, input_direction)
     r = model.residual.reshape(-1)
     S = X @ prior @ X.T + np.eye(len(r))
     expected = -0.5 * (r @ np.linalg.solve(S, r) - r @ r + np.linalg.slogdet(S)[1])
     deviations = DEVIATION * np.geomspace(0.5, 50, LANES)
     deviations[0] = DEVIATION
-    assert model.gains(inlet, TIME_CONSTANT, deviations)[0] == pytest.approx(expected, rel=1e-9)
-    mean, error = model.smoothed(inlet, TIME_CONSTANT, DEVIATION)
+    assert model.gains(input_direction, TIME_CONSTANT, deviations)[0] == pytest.approx(expected, rel=1e-9)
+    mean, error = model.smoothed(input_direction, TIME_CONSTANT, DEVIATION)
     weights = prior @ X.T @ np.linalg.inv(S)
     assert mean[1:] == pytest.approx((weights @ r)[1:], abs=1e-9)
     assert error[1:] == pytest.approx(np.sqrt(np.diag(prior - weights @ X @ prior))[1:], abs=1e-9)
 
 
 def test_the_history_covers_the_truth(linear):
-    _, model, inlet = innovation_model(*linear[:-1])
-    mean, error = model.smoothed(inlet, TIME_CONSTANT, DEVIATION)
+    _, model, input_direction = innovation_model(*linear[:-1])
+    mean, error = model.smoothed(input_direction, TIME_CONSTANT, DEVIATION)
     away = (mean - linear[-1])[1:] / error[1:]
     assert np.mean(np.abs(away) < 2.0) > 0.85
     assert np.std(mean - linear[-1]) < 0.7 * np.std(linear[-1])

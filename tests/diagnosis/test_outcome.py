@@ -16,10 +16,10 @@ from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.report import document
 from harness.diagnosis.report.summary import _rounds
-from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
 from harness.diagnosis.residuals.random_process import _left
-from harness.diagnosis.residuals.unmodelled import find_unnamed
+from harness.diagnosis.residuals.unmodelled import find_unmodelled
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.outcome import outcome_of
 from harness.diagnosis.result.record import write_outcome
@@ -32,19 +32,20 @@ from support.report_parts import Page
 
 
 @pytest.fixture(scope="module")
-def whole():
+def augmented():
     return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 @pytest.fixture(scope="module")
-def trace(whole):
+def trace(augmented):
     """A trace that found nothing in a car that turns too little in a gust."""
     values = {"crosswind_force": 400.0, "crosswind_onset": 10.0, "crosswind_end": 20.0}
     train, test = (
-        whole.drive(driven(seed, ["crosswind"], duration=25.0, **values), f"drive_$x_{{$ {seed}") for seed in (90, 91)
+        augmented.drive(driven(seed, ["crosswind"], duration=25.0, **values), f"drive_$x_{{$ {seed}")
+        for seed in (90, 91)
     )
-    fitting, fit = fitted(whole, [train])
-    held_out = HeldOut(whole, [test], first_variances(whole, [train, test]))
+    fitting, fit = fitted(augmented, [train])
+    held_out = HeldOut(augmented, [test], first_variances(augmented, [train, test]))
     judged = held_out.judge((), fit.point)
     last = Round((), judged, None, "nothing promises enough to be fitted", ())
     return Trace(fitting, held_out, FREE, fit, fit, (), (last,), (), judged, judged)
@@ -79,10 +80,10 @@ def test_a_trace_that_found_nothing_has_a_report(outcome, tmp_path):
 LATER = {
     "harness.diagnosis.result.outcome._errors": "the standard errors",
     "harness.diagnosis.result.outcome._judged": "the tests of the innovations",
-    "harness.diagnosis.residuals.localisation.find_wandering": "the search for a random process",
-    "harness.diagnosis.residuals.localisation.find_unnamed": "the search for an unmodelled disturbance",
+    "harness.diagnosis.residuals.localisation.find_random_process": "the search for a random process",
+    "harness.diagnosis.residuals.localisation.find_unmodelled": "the search for an unmodelled disturbance",
     "harness.diagnosis.result.outcome.answer": "the answer in sentences",
-    "harness.diagnosis.result.record.pinpoint_record": "“pinpoint” of trace.json",
+    "harness.diagnosis.result.record.ranking_record": "“pinpoint” of trace.json",
 }
 
 
@@ -134,10 +135,10 @@ def test_an_estimator_that_fails_leaves_the_others(outcome, tmp_path, monkeypatc
 
 def test_where_the_filter_leaves_the_range_no_curve_is_sought(trace):
     """Its states are NaN from there, which no spline has a value for."""
-    pinpoint = Pinpoint(trace.fitting, trace.final.point)
+    ranking = DisturbanceRanking(trace.fitting, trace.final.point)
     lost = dataclasses.replace(trace.after.point, values=np.full_like(trace.after.point.values, np.nan))
     before = dataclasses.replace(trace.after, point=lost)
-    assert find_unnamed(trace.fitting, trace.held_out, trace.final, before, pinpoint) is None
+    assert find_unmodelled(trace.fitting, trace.held_out, trace.final, before, ranking) is None
 
 
 def test_what_was_dropped_and_left_no_stand_in_is_told():

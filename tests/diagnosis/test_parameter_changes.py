@@ -14,19 +14,19 @@ from support.driven_car import CAR, SIGNALS, driven
 
 
 @pytest.fixture(scope="module")
-def whole():
+def augmented():
     return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
-def changes_of(whole, **values) -> Changes:
-    fitted, held_out = (whole.drive(driven(seed, duration=30.0, **values), f"drive {seed}") for seed in (60, 61))
-    return single_changes(whole, [fitted], [held_out], stated_noise=False)
+def changes_of(augmented, **values) -> Changes:
+    fitted, held_out = (augmented.drive(driven(seed, duration=30.0, **values), f"drive {seed}") for seed in (60, 61))
+    return single_changes(augmented, [fitted], [held_out], stated_noise=False)
 
 
 @pytest.fixture(scope="module")
-def geared(whole):
+def geared(augmented):
     """A steering three times as slow: far beyond what a step from the stated value would find."""
-    return changes_of(whole, steering_ratio=3.0)
+    return changes_of(augmented, steering_ratio=3.0)
 
 
 def test_a_large_change_is_found_with_its_value(geared):
@@ -34,17 +34,19 @@ def test_a_large_change_is_found_with_its_value(geared):
     assert geared.found.parameter.name == "steering_ratio"
     assert geared.found.stated == 1.0
     assert geared.found.value == pytest.approx(3.0, abs=max(4 * geared.found.std, 0.003))
-    assert geared.found.held_out.excess < 0.05 < 10 < geared.before.excess
+    assert geared.found.held_out.normalised_excess_mse < 0.05 < 10 < geared.before.normalised_excess_mse
 
 
-def test_where_nothing_changed_nothing_is_found(whole):
-    changes = changes_of(whole)
+def test_where_nothing_changed_nothing_is_found(augmented):
+    changes = changes_of(augmented)
     assert changes.found is None
     assert all(c.bic < 10 for c in changes.tried)
 
 
 def test_a_change_that_does_not_carry_over_is_none(geared):
-    worse = dataclasses.replace(geared.tried[0].held_out, excesses=0.9 * geared.before.excesses)
+    worse = dataclasses.replace(
+        geared.tried[0].held_out, normalised_excess_mses=0.9 * geared.before.normalised_excess_mses
+    )
     first = dataclasses.replace(geared.tried[0], held_out=worse)
     assert dataclasses.replace(geared, tried=(first, *geared.tried[1:])).found is None
 
@@ -56,7 +58,7 @@ def test_numbers_of_the_integration_are_not_tried(geared):
     assert record(geared)["found"] == "steering_ratio"
 
 
-def test_the_answer_names_parameter_and_both_values(whole, geared):
-    said = answer(geared, SimpleNamespace(trace=SimpleNamespace(added=())), whole.spec)
+def test_the_answer_names_parameter_and_both_values(augmented, geared):
+    said = answer(geared, SimpleNamespace(trace=SimpleNamespace(added=())), augmented.spec)
     assert re.match(r"Steering ratio changed from 1.00 to 3.0[01] ± 0.0\d+\. ", said)
     assert "falls by " in said

@@ -10,13 +10,13 @@ from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
-from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.random_process import (
     EXPLAINED,
     NEXT_TO_WHITE,
     _left,
     expected_excess,
-    find_wandering,
+    find_random_process,
 )
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -30,24 +30,26 @@ WANDER, MEMORY = 0.02, 5.0
 
 
 @pytest.fixture(scope="module")
-def whole():
+def augmented():
     return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
-def search(whole, recordings):
+def search(augmented, recordings):
     """Return what is found in the last of some drives, fitted to the others with nothing named."""
-    drives = [whole.drive(r, f"drive {i}") for i, r in enumerate(recordings)]
-    variances = first_variances(whole, drives)
-    fitting = Fitting(whole, drives[:-1], variances)
-    fit = fitting.fit(coordinates(whole, FREE, (), len(drives) - 1), fitting.first(), 10)
-    held_out = HeldOut(whole, drives[-1:], variances)
+    drives = [augmented.drive(r, f"drive {i}") for i, r in enumerate(recordings)]
+    variances = first_variances(augmented, drives)
+    fitting = Fitting(augmented, drives[:-1], variances)
+    fit = fitting.fit(coordinates(augmented, FREE, (), len(drives) - 1), fitting.first(), 10)
+    held_out = HeldOut(augmented, drives[-1:], variances)
     trace = SimpleNamespace(fitting=fitting, held_out=held_out, free=FREE, after=held_out.judge((), fit.point))
-    return find_wandering(trace, fitted_model(trace, whole.spec, fit.point), Pinpoint(fitting, fit.point))
+    return find_random_process(
+        trace, fitted_model(trace, augmented.spec, fit.point), DisturbanceRanking(fitting, fit.point)
+    )
 
 
-def test_a_bank_that_wanders_is_found_and_leaves_nothing(whole):
+def test_a_bank_that_wanders_is_found_and_leaves_nothing(augmented):
     values = {"bank_wander": WANDER, "bank_memory": MEMORY}
-    found = search(whole, [driven(seed, ["road_bank_varying"], **values) for seed in (81, 82, 83)])
+    found = search(augmented, [driven(seed, ["road_bank_varying"], **values) for seed in (81, 82, 83)])
     assert found is not None
     assert found.hypothesis.name == "road_bank_varying"
     assert found.hypothesis.amplitudes == ("bank_wander",)
@@ -79,16 +81,16 @@ def _squares(share, terms):
     return sum((c / (1 + terms * share**2)) ** 2 for c in covariance)
 
 
-def test_a_gust_is_no_bank(whole):
+def test_a_gust_is_no_bank(augmented):
     times = ((20.0, 31.0), (35.0, 44.0), (25.0, 40.0))
     gusts = [
         driven(i, ["crosswind"], crosswind_force=400.0, crosswind_onset=a, crosswind_end=b)
         for i, (a, b) in enumerate(times)
     ]
-    assert search(whole, gusts) is None
+    assert search(augmented, gusts) is None
 
 
-def test_a_process_explains_as_much_straying_as_it_makes(whole):
+def test_a_process_explains_as_much_straying_as_it_makes(augmented):
     """The variance without measurements against drives in which the process is the only thing that is missing."""
     values = {"bank_wander": WANDER, "bank_memory": MEMORY}
     spec = resolve_single({**CAR, "integrator": "rk4", "effects": ["road_bank_varying"], "values": values}, "test")
@@ -101,10 +103,12 @@ def test_a_process_explains_as_much_straying_as_it_makes(whole):
     variances = np.array([1e-4, 1e-2, 1e-3])
     expected = expected_excess(filters, drives, Candidates.of(spec), variances)
     free = [filters.free_run(d, filters.stated()).outputs for d in drives]
-    clean = [whole.free_run(whole.drive(driven(seed), "clean"), whole.stated()).outputs for seed in range(90, 96)]
+    clean = [
+        augmented.free_run(augmented.drive(driven(seed), "clean"), augmented.stated()).outputs for seed in range(90, 96)
+    ]
     apart = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
     silent = np.concatenate(
-        [whole.drive(driven(seed), "clean").measurements - c for seed, c in zip(range(90, 96), clean, strict=True)]
+        [augmented.drive(driven(seed), "clean").measurements - c for seed, c in zip(range(90, 96), clean, strict=True)]
     )
     made = np.sum((np.nanmean(apart**2, axis=0) - np.nanmean(silent**2, axis=0)) / variances)
     assert expected == pytest.approx(made, rel=0.35)  # six drives of a dozen independent stretches each

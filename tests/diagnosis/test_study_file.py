@@ -53,8 +53,8 @@ def test_spans_start_at_zero_and_keep_their_length(written):
     drives = load_loop(written()).drives()
     assert [float(d["time"][0]) for d in (*drives["train"], *drives["test"])] == [0.0, 0.0]
     assert float(drives["train"][0]["time"][-1]) == pytest.approx(30.0)
-    whole = drives["test"][0]["speed"].to_numpy()
-    assert whole[0] == pytest.approx(np.sin(0.5 * 31 + 1) + 20, abs=1e-6)
+    augmented = drives["test"][0]["speed"].to_numpy()
+    assert augmented[0] == pytest.approx(np.sin(0.5 * 31 + 1) + 20, abs=1e-6)
 
 
 def test_the_step_is_that_of_the_file(written):

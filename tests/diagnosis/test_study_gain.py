@@ -13,7 +13,7 @@ from harness.config import resolve_single
 from harness.config.parameter_set import set_text
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.result import study_gain as stage
-from harness.diagnosis.result.study_gain import Worth
+from harness.diagnosis.result.study_gain import StudyGain
 from harness.reporting.document import Picture, Sheet
 from harness.study.results import read
 from harness.study.scores import OK
@@ -47,7 +47,7 @@ def studies(tmp_path, models, monkeypatch):
         synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
     monkeypatch.setattr(stage, "run_study", score)
-    found = stage.worth(MASS, tmp_path, models, ("ekf", "particle", "st_cdkf"), repeats=2)
+    found = stage.study_gain(MASS, tmp_path, models, ("ekf", "particle", "st_cdkf"), repeats=2)
     return seen, found
 
 
@@ -69,9 +69,9 @@ def test_both_studies_have_the_amended_plant_and_differ_in_the_belief_alone(stud
 
 def test_changes_are_put_inside_the_shortest_drive_in_their_order(studies):
     amended, found = studies[0]["amended"], studies[1]
-    assert found.moments == {"crosswind_onset": 26.7, "crosswind_end": 53.3}  # the sine sweep lasts 80 s
+    assert found.change_times == {"crosswind_onset": 26.7, "crosswind_end": 53.3}  # the sine sweep lasts 80 s
     for spec in (amended.plant, amended.belief):
-        assert {n: spec.values[n] for n in found.moments} == found.moments
+        assert {n: spec.values[n] for n in found.change_times} == found.change_times
 
 
 def test_points_that_depend_on_the_belief_are_those_of_the_amended_one_in_both(tmp_path, models, monkeypatch):
@@ -87,7 +87,7 @@ def test_points_that_depend_on_the_belief_are_those_of_the_amended_one_in_both(t
         synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
     monkeypatch.setattr(stage, "run_study", score)
-    stage.worth(tmp_path / "shift.toml", tmp_path, models, ("ekf",))
+    stage.study_gain(tmp_path / "shift.toml", tmp_path, models, ("ekf",))
     assert [s.designs[0].factors[0].levels for s in seen] == [(27e3,), (27e3,)]
 
 
@@ -102,13 +102,13 @@ def test_a_study_of_another_vehicle_or_tyre_is_refused(what, value, models):
 def made(tmp_path):
     """Return a function that compares two synthetic studies, the second with errors smaller by a factor."""
 
-    def make(factor=0.5, **options) -> Worth:
+    def make(factor=0.5, **options) -> StudyGain:
         designs = []
         for name, share in (("nominal", 1.0), ("amended", factor)):
             data = synthetic.design(repeats=8, **options)
             data["rmse"] = share * data["rmse"]
             designs.append(read(synthetic.write(tmp_path / name, {"level": data})).designs[0])
-        return Worth(Path("studies/mass.toml"), "How wrong?", *designs, 1, {"crosswind_onset": 26.7})
+        return StudyGain(Path("studies/mass.toml"), "How wrong?", *designs, 1, {"crosswind_onset": 26.7})
 
     return make
 

@@ -16,7 +16,7 @@ from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.fitting.noise_search import climb
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
-from harness.diagnosis.recording_checks import oddities
+from harness.diagnosis.recording_checks import recording_warnings
 from harness.diagnosis.result.verdict import verdict_of
 from harness.diagnosis.selection.acceptance import Candidate, objections
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -33,62 +33,66 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def whole():
+def augmented():
     return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 @pytest.fixture(scope="module")
-def gusty(whole):
+def gusty(augmented):
     """Two drives with a gust of 400 N at different times, with a fit that does not know of it."""
     times = ((20.0, 31.0), (35.0, 44.0))
     drives = [
-        whole.drive(driven(i, ["crosswind"], crosswind_force=400.0, crosswind_onset=a, crosswind_end=b), f"drive {i}")
+        augmented.drive(
+            driven(i, ["crosswind"], crosswind_force=400.0, crosswind_onset=a, crosswind_end=b), f"drive {i}"
+        )
         for i, (a, b) in enumerate(times)
     ]
-    fitting = Fitting(whole, drives, first_variances(whole, drives))
-    return fitting, fitting.fit(coordinates(whole, FREE, (), 2), fitting.first(), 10)
+    fitting = Fitting(augmented, drives, first_variances(augmented, drives))
+    return fitting, fitting.fit(coordinates(augmented, FREE, (), 2), fitting.first(), 10)
 
 
 def test_at_the_neutral_values_it_is_the_extended_kalman_filter_of_the_nominal_model():
-    """With Euler steps in both, and held inputs, the filter around the whole model is the filter itself."""
+    """With Euler steps in both, and held inputs, the filter around the augmented model is the filter itself."""
     spec = resolve_single(CAR, "test")
-    whole, alone = AugmentedModel(spec, SIGNALS, jobs=1), Innovations(spec, jobs=1)
+    augmented, alone = AugmentedModel(spec, SIGNALS, jobs=1), Innovations(spec, jobs=1)
     recording = driven(3, duration=25.0)
-    drive = whole.drive(recording, "drive")
+    drive = augmented.drive(recording, "drive")
     drive = dataclasses.replace(drive, between=drive.inputs)
     own = dataclasses.replace(alone.drive(recording, "drive"), first_variance=drive.first_variance)
-    found = whole.log_likelihoods([drive], dataclasses.replace(Candidates.of(spec), values=whole.stated()[:, None]))[0]
+    found = augmented.log_likelihoods(
+        [drive], dataclasses.replace(Candidates.of(spec), values=augmented.stated()[:, None])
+    )[0]
     assert found == pytest.approx(alone.log_likelihoods([own], Candidates.of(spec))[0], rel=1e-7)
     assert np.isfinite(found)
 
 
-def test_a_fit_without_anything_missing_finds_the_stiffness_and_no_score(whole):
-    drives = [whole.drive(driven(i + 10, stiffness_peak_front=2.7e5), f"drive {i}") for i in range(2)]
-    fitting = Fitting(whole, drives, first_variances(whole, drives))
-    fitted = fitting.fit(coordinates(whole, FREE, (), 2), fitting.first(), 10)
-    assert fitted.point.values[whole.row("stiffness_peak_front"), 0] == pytest.approx(2.7e5, rel=0.01)
-    tried = hypotheses(whole, FREE)
-    scores = ScoreTest(fitting, fitted).of([h for h in tried if not h.moments])
+def test_a_fit_without_anything_missing_finds_the_stiffness_and_no_score(augmented):
+    drives = [augmented.drive(driven(i + 10, stiffness_peak_front=2.7e5), f"drive {i}") for i in range(2)]
+    fitting = Fitting(augmented, drives, first_variances(augmented, drives))
+    fitted = fitting.fit(coordinates(augmented, FREE, (), 2), fitting.first(), 10)
+    assert fitted.point.values[augmented.row("stiffness_peak_front"), 0] == pytest.approx(2.7e5, rel=0.01)
+    tried = hypotheses(augmented, FREE)
+    scores = ScoreTest(fitting, fitted).of([h for h in tried if not h.change_times])
     worst = max(scores, key=lambda s: s.gain - 0.5 * s.freedom * np.log(fitting.samples))
     assert 2 * worst.gain - worst.freedom * np.log(fitting.samples) < 20, worst.hypothesis.name
 
 
-def test_the_score_promises_what_a_refit_gains(whole):
-    drives = [whole.drive(driven(20, ["steering_offset"], steering_offset=2e-4), "drive")]
-    fitting = Fitting(whole, drives, first_variances(whole, drives))
-    fitted = fitting.fit(coordinates(whole, FREE, (), 1), fitting.first(), 10)
-    offset = next(h for h in hypotheses(whole, FREE) if h.name == "steering_offset")
+def test_the_score_promises_what_a_refit_gains(augmented):
+    drives = [augmented.drive(driven(20, ["steering_offset"], steering_offset=2e-4), "drive")]
+    fitting = Fitting(augmented, drives, first_variances(augmented, drives))
+    fitted = fitting.fit(coordinates(augmented, FREE, (), 1), fitting.first(), 10)
+    offset = next(h for h in hypotheses(augmented, FREE) if h.name == "steering_offset")
     score = ScoreTest(fitting, fitted).of([offset])[0]
-    refitted = fitting.only(coordinates(whole, FREE, (offset,), 1), fitted.point, 10)
+    refitted = fitting.only(coordinates(augmented, FREE, (offset,), 1), fitted.point, 10)
     gained = refitted.log_likelihood - fitted.log_likelihood
     assert score.gain > 20
     assert gained == pytest.approx(score.gain, rel=0.1)
-    found = refitted.point.values[whole.row("steering_offset"), 0]
+    found = refitted.point.values[augmented.row("steering_offset"), 0]
     assert found == pytest.approx(score.amplitudes[0], abs=score.error[0])
     assert abs(score.amplitudes[0] - 2e-4) < 4 * score.error[0]
 
 
-def test_the_noise_of_a_fit_does_not_depend_on_where_it_started(whole, gusty):
+def test_the_noise_of_a_fit_does_not_depend_on_where_it_started(augmented, gusty):
     """Process noise fifty times too large hides what is missing; a search along the axes alone ended there."""
     fitting, fitted = gusty
     point = dataclasses.replace(fitted.point, process=fitted.point.process + np.log(50.0))
@@ -113,9 +117,9 @@ def test_variances_climb_to_those_of_the_samples():
     assert curvature.values == pytest.approx(50.0, rel=0.1)
 
 
-def test_a_fault_of_one_sensor_knows_its_signal(whole):
-    columns = {h.name: h.output for h in hypotheses(whole, FREE)}
-    outputs = list(whole.model.outputs)
+def test_a_fault_of_one_sensor_knows_its_signal(augmented):
+    columns = {h.name: h.output for h in hypotheses(augmented, FREE)}
+    outputs = list(augmented.model.outputs)
     for fault, signal in (("sensor_gain@yaw_rate", "yaw_rate"), ("accelerometer_roll", "lateral_acceleration")):
         assert outputs[columns[fault]] == signal
     lever_arms = [outputs[c] for name, c in columns.items() if name.startswith("sensor_lever_arm")]
@@ -123,23 +127,23 @@ def test_a_fault_of_one_sensor_knows_its_signal(whole):
     assert columns["steering_lag"] is columns["mass"] is None
 
 
-def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole):
+def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(augmented):
     """Each moves within three deviations of its prior, a factor of 1.8; one fitted alone is free of that.
 
     Where they leave nothing they stay, for nothing else explains as much, but the verdict does not believe them.
     """
-    many = next(h for h in hypotheses(whole, FREE) if h.name == ALL_PARAMETERS)
+    many = next(h for h in hypotheses(augmented, FREE) if h.name == ALL_PARAMETERS)
     before = Judgement(0.0, np.zeros(1), np.array([10.0]), (), None)
 
     def fit(hypothesis, **factors):
-        values = whole.stated()[:, None]
+        values = augmented.stated()[:, None]
         for name, factor in factors.items():
-            values[whole.row(name)] *= factor
-        return Fitted(coordinates(whole, FREE, (hypothesis,), 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+            values[augmented.row(name)] *= factor
+        return Fitted(coordinates(augmented, FREE, (hypothesis,), 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
 
-    def found(hypothesis, excess=1.0, **factors):
+    def found(hypothesis, normalised_excess_mse=1.0, **factors):
         fitted = fit(hypothesis, **factors)
-        held_out = Judgement(1.0, np.zeros(1), np.array([excess]), (), fitted.point)
+        held_out = Judgement(1.0, np.zeros(1), np.array([normalised_excess_mse]), (), fitted.point)
         return objections(Candidate(SimpleNamespace(hypothesis=hypothesis), fitted, 1e3, held_out), before)
 
     assert found(many, mass=1.75, yaw_inertia=0.57) == []
@@ -147,53 +151,53 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(whole)
     assert found(many, **wrong) == [
         "stated values would be wrong by implausible factors: CoG to front axle 2.5, yaw inertia 0.5"
     ]
-    mass = next(h for h in hypotheses(whole, FREE) if h.name == "mass")
+    mass = next(h for h in hypotheses(augmented, FREE) if h.name == "mass")
     assert found(mass, mass=2.5) == []
-    assert found(many, excess=0.01, **wrong) == []
+    assert found(many, normalised_excess_mse=0.01, **wrong) == []
 
     def verdict(**factors):
-        after, last = SimpleNamespace(excess=0.01), SimpleNamespace(added=None, candidates=())
+        after, last = SimpleNamespace(normalised_excess_mse=0.01), SimpleNamespace(added=None, candidates=())
         trace = SimpleNamespace(effects=(), rounds=(last,), after=after, final=fit(many, **factors))
-        return verdict_of(trace, SimpleNamespace(unnamed=None, wandering=None), coloured=False)
+        return verdict_of(trace, SimpleNamespace(unmodelled=None, random_process=None), coloured=False)
 
     assert [verdict(mass=1.1), verdict(**wrong)] == ["adequate", "unresolved"]
 
 
-def test_a_change_is_found_at_its_own_time_in_every_drive(whole, gusty):
+def test_a_change_is_found_at_its_own_time_in_every_drive(augmented, gusty):
     fitting, fitted = gusty
     test = ScoreTest(fitting, fitted)
-    gust = next(h for h in hypotheses(whole, FREE) if h.name == "crosswind")
+    gust = next(h for h in hypotheses(augmented, FREE) if h.name == "crosswind")
     score = test.of([gust])[0]
-    assert np.abs(score.moments - [[20.0, 31.0], [35.0, 44.0]]).max() <= 2.0
+    assert np.abs(score.change_times - [[20.0, 31.0], [35.0, 44.0]]).max() <= 2.0
     assert score.gain > 100
 
 
 @pytest.mark.parametrize("moment", [3, 14])
-def test_the_response_to_a_change_is_that_of_the_whole_model(whole, gusty, moment):
+def test_the_response_to_a_change_is_that_of_the_whole_model(augmented, gusty, moment):
     """Onsets are led through the linearised innovations; here through the filter's mean with derivatives."""
     fitting, fitted = gusty
     test = ScoreTest(fitting, fitted)
-    gust = next(h for h in hypotheses(whole, FREE) if h.name == "crosswind")
+    gust = next(h for h in hypotheses(augmented, FREE) if h.name == "crosswind")
     values = fitted.point.values[:, [1]].copy()
-    values[[whole.row(n) for n in gust.moments], 0] = SPACING * (moment + 1), 1e5
+    values[[augmented.row(n) for n in gust.change_times], 0] = SPACING * (moment + 1), 1e5
     for amplitude in gust.amplitudes:
         direction = np.zeros_like(values)
-        direction[whole.row(amplitude)] = 1.0
-        exact = whole.sensitivities(fitting.drives[1], values, direction, test.kept[1]).reshape(-1)
+        direction[augmented.row(amplitude)] = 1.0
+        exact = augmented.sensitivities(fitting.drives[1], values, direction, test.kept[1]).reshape(-1)
         found = test._steps(gust, amplitude, 1)[:, moment]
         assert np.linalg.norm(exact) > 0
         assert np.linalg.norm(found - exact) < 5e-3 * np.linalg.norm(exact), amplitude
 
 
-def test_an_effect_without_slope_is_told_from_one_that_is_there(whole, gusty):
+def test_an_effect_without_slope_is_told_from_one_that_is_there(augmented, gusty):
     """The speed is prescribed, so a grade shows nowhere: the gate of excitation says so."""
-    scores = ScoreTest(*gusty).of([h for h in hypotheses(whole, FREE) if h.name in ("road_grade", "road_bank")])
+    scores = ScoreTest(*gusty).of([h for h in hypotheses(augmented, FREE) if h.name in ("road_grade", "road_bank")])
     excited = {s.hypothesis.name: s.excited for s in scores}
     assert excited == {"road_grade": False, "road_bank": True}
 
 
-def test_an_effect_that_is_a_parameter_in_other_words_has_its_response(whole, gusty):
-    scores = ScoreTest(*gusty).of([h for h in hypotheses(whole, FREE) if h.name == "steering_ratio"])
+def test_an_effect_that_is_a_parameter_in_other_words_has_its_response(augmented, gusty):
+    scores = ScoreTest(*gusty).of([h for h in hypotheses(augmented, FREE) if h.name == "steering_ratio"])
     assert [s.hypothesis.kind for s in scores] == ["parameter", "effect"]
     assert cosine(*scores) == pytest.approx(1.0, abs=1e-4)
 
@@ -290,12 +294,12 @@ def test_a_wrong_sign_and_spikes_are_reported_with_the_evidence(tmp_path):
     names = {n: recording[n].to_numpy() for n in ("time", *SIGNALS)}
     table = pd.DataFrame({**names, "yaw_rate": rate})
     table.to_csv(tmp_path / "drive.csv", index=False)
-    notes = oddities([load_recording(tmp_path / "drive.csv").assign_attrs(name="drive")])
+    notes = recording_warnings([load_recording(tmp_path / "drive.csv").assign_attrs(name="drive")])
     assert any("wrong sign" in n and "R²" in n for n in notes), notes
     assert any("yaw_rate: single samples that jump out and back: 2 (t = 3.00, 9.00 s)" in n for n in notes), notes
     names["yaw_rate"] = recording["yaw_rate"].to_numpy()
     pd.DataFrame(names).to_csv(tmp_path / "right.csv", index=False)
-    assert not oddities([load_recording(tmp_path / "right.csv").assign_attrs(name="right")])
+    assert not recording_warnings([load_recording(tmp_path / "right.csv").assign_attrs(name="right")])
 
 
 def test_the_same_drive_under_another_name_is_refused(tmp_path):

@@ -46,10 +46,10 @@ def driven(seed, effects=(), duration=60.0, **values):
 
 
 @pytest.fixture(scope="module")
-def whole():
+def augmented():
     return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
-def fitted(whole, drives):
-    fitting = Fitting(whole, drives, first_variances(whole, drives))
-    return fitting, fitting.fit(coordinates(whole, FREE, (), len(drives)), fitting.first(), 10)
+def fitted(augmented, drives):
+    fitting = Fitting(augmented, drives, first_variances(augmented, drives))
+    return fitting, fitting.fit(coordinates(augmented, FREE, (), len(drives)), fitting.first(), 10)

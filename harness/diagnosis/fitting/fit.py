@@ -89,7 +89,7 @@ class Fitting:
     def __init__(
         self, model: AugmentedModel, drives: Sequence[Drive], variances: Floats, noise_held: bool = False
     ) -> None:
-        self.whole, self.drives, self.noise_held = model, tuple(drives), noise_held
+        self.augmented, self.drives, self.noise_held = model, tuple(drives), noise_held
         spec = model.spec
         process = process_coordinates(spec)
         self._groups = len(process)
@@ -110,7 +110,7 @@ class Fitting:
 
     def noise(self, points: Sequence[Point]) -> Candidates:
         """Return the nominal model with the variances of points."""
-        noise = Coordinates(self.whole.spec, self.whole.names, self._noise, [self._first])
+        noise = Coordinates(self.augmented.spec, self.augmented.names, self._noise, [self._first])
         return noise.candidates(np.column_stack([np.concatenate([p.process, p.measurement]) for p in points]))
 
     def candidates(self, points: Sequence[Point]) -> list[Candidates]:
@@ -120,7 +120,7 @@ class Fitting:
 
     def runs(self, point: Point) -> list[FilterRun]:
         """Run the filter over every drive."""
-        return self.whole.runs(self.drives, self.candidates([point]))
+        return self.augmented.runs(self.drives, self.candidates([point]))
 
     @property
     def _range(self) -> range:
@@ -159,13 +159,13 @@ class Fitting:
 
     def log_likelihood(self, point: Point) -> float:
         """Return the log-likelihood of all drives at a point."""
-        return float(self.whole.log_likelihoods(self.drives, self.candidates([point]))[0])
+        return float(self.augmented.log_likelihoods(self.drives, self.candidates([point]))[0])
 
     def best(self, points: Sequence[Point]) -> Point:
         """Return the likeliest of several points."""
         if len(points) == 1:
             return points[0]
-        return points[int(np.argmax(self.whole.log_likelihoods(self.drives, self.candidates(points))))]
+        return points[int(np.argmax(self.augmented.log_likelihoods(self.drives, self.candidates(points))))]
 
     def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[LogPosterior, Floats, Mask]:
         """Return what a fit maximises, its first point, and which of its coordinates are no noise."""
@@ -174,10 +174,10 @@ class Fitting:
             for c in coordinates
         ]  # a moment lies within its drive
         base = [replace(self._first, values=start.values[:, [i]]) for i in self._range]
-        space = Coordinates(self.whole.spec, self.whole.names, (*moved, *self._noise), base)
+        space = Coordinates(self.augmented.spec, self.augmented.names, (*moved, *self._noise), base)
         z = np.array([c.coordinate(start.value(c)) for c in coordinates])
         z = np.clip(np.concatenate([z, start.process, start.measurement]), space.lower, space.upper)
-        return LogPosterior(self.whole, self.drives, space), z, space.kind("parameter")
+        return LogPosterior(self.augmented, self.drives, space), z, space.kind("parameter")
 
     def standard_errors(self, fitted: Fitted) -> Floats:
         """Return the standard error of every parameter that a fit moved, in its unit ``(n,)``; infinite if unknown."""
@@ -195,9 +195,9 @@ class Fitting:
 
         def of_drive(i: int) -> Floats:
             directions = objective.coordinates.directions(z, parameters, i).values
-            return in_rows(self.whole.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i]))
+            return in_rows(self.augmented.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i]))
 
-        return self.whole.share(of_drive, self._range)
+        return self.augmented.share(of_drive, self._range)
 
 
 def in_rows(columns: Floats) -> Floats:

@@ -29,7 +29,7 @@ _COUPLING = "coupling_moment"
 
 
 @dataclass(frozen=True)
-class Channel:
+class DisturbanceInput:
     """A way into a model.
 
     Attributes:
@@ -57,34 +57,36 @@ class Channel:
     def __hash__(self) -> int:
         return hash(self.name)
 
-    def values(self, whole: AugmentedModel, at: Floats) -> Floats:
+    def values(self, augmented: AugmentedModel, at: Floats) -> Floats:
         """Return parameters ``(np,)`` at which the channel is open over the whole drive, else as they are."""
         opened = at.copy()
         for name in self.begins:
-            opened[whole.row(name)] = whole.model.parameters[whole.row(name)].lower
+            opened[augmented.row(name)] = augmented.model.parameters[augmented.row(name)].lower
         for name in self.never:
-            opened[whole.row(name)] = whole.model.parameters[whole.row(name)].upper
+            opened[augmented.row(name)] = augmented.model.parameters[augmented.row(name)].upper
         for name, value in self.shapes.items():
-            opened[whole.row(name)] = value
+            opened[augmented.row(name)] = value
         return opened
 
-    def direction(self, whole: AugmentedModel) -> Floats:
+    def direction(self, augmented: AugmentedModel) -> Floats:
         """Return the direction in the space of parameters ``(np,)``."""
-        found = np.zeros(len(whole.names))
+        found = np.zeros(len(augmented.names))
         for name, share in self.parameters.items():
-            found[whole.row(name)] = share
+            found[augmented.row(name)] = share
         return found
 
 
-def channels_of(whole: AugmentedModel) -> tuple[Channel, ...]:
+def disturbance_inputs_of(augmented: AugmentedModel) -> tuple[DisturbanceInput, ...]:
     """Return every way into a model: its state equations first, then what it publishes."""
-    found = [Channel(f"d/dt {s}", "equation", _per_second(SIGNALS[s].unit), (s,)) for s in whole.nominal.states]
-    ports: dict[tuple[str, ...], Channel] = {}
-    for h in hypotheses(whole, ()):
-        if h.kind == "effect" and h.name in whole.placements:
-            for channel in _of_effect(whole, h):
-                ports.setdefault(channel.ports, channel)
-    coupling = _coupling(whole, ports)
+    found = [
+        DisturbanceInput(f"d/dt {s}", "equation", _per_second(SIGNALS[s].unit), (s,)) for s in augmented.nominal.states
+    ]
+    ports: dict[tuple[str, ...], DisturbanceInput] = {}
+    for h in hypotheses(augmented, ()):
+        if h.kind == "effect" and h.name in augmented.placements:
+            for disturbance_input in _of_effect(augmented, h):
+                ports.setdefault(disturbance_input.ports, disturbance_input)
+    coupling = _coupling(augmented, ports)
     if coupling is not None:
         ports[coupling.ports] = coupling
     return (*found, *ports.values())
@@ -94,8 +96,8 @@ def _per_second(unit: str) -> str:
     return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
 
 
-def _of_effect(whole: AugmentedModel, h: Hypothesis) -> list[Channel]:
-    spec = whole.spec
+def _of_effect(augmented: AugmentedModel, h: Hypothesis) -> list[DisturbanceInput]:
+    spec = augmented.spec
     model = assembled(spec.vehicle, spec.tyre, (*spec.effects, h.name), spec.sensors)
     known = {p.name: p for p in model.parameters}
     found = []
@@ -103,16 +105,16 @@ def _of_effect(whole: AugmentedModel, h: Hypothesis) -> list[Channel]:
         ports = _changed_by(model, name)
         if ports:
             sensor = all(p.startswith("sensor_") for p in ports)
-            shapes = {s: float(whole.stated()[whole.row(s)]) for s in h.shapes}
+            shapes = {s: float(augmented.stated()[augmented.row(s)]) for s in h.shapes}
             found.append(
-                Channel(
+                DisturbanceInput(
                     _joined([p.removeprefix("sensor_") for p in ports]) if sensor else _joined(ports),
                     "sensor" if sensor else "port",
                     known[name].unit,
                     ports,
                     {name: 1.0},
-                    h.moments[:1],
-                    h.moments[1:],
+                    h.change_times[:1],
+                    h.change_times[1:],
                     shapes,
                     max(abs(known[name].lower), abs(known[name].upper)),
                 )
@@ -144,10 +146,10 @@ def _joined(ports: list[str] | tuple[str, ...]) -> str:
     return "_".join([*parts[0][:same], "+".join("_".join(p[same:]) for p in parts)])
 
 
-def _coupling(whole: AugmentedModel, ports: Mapping[tuple[str, ...], Channel]) -> Channel | None:
+def _coupling(augmented: AugmentedModel, ports: Mapping[tuple[str, ...], DisturbanceInput]) -> DisturbanceInput | None:
     """Return the moment between the first two bodies, which acts on both with opposite sign."""
-    bodies = list(Layout.of(registry.load("harness.models.vehicles", whole.spec.vehicle)).bodies)
-    if _COUPLING not in whole.nominal.ports or len(bodies) < 2:
+    bodies = list(Layout.of(registry.load("harness.models.vehicles", augmented.spec.vehicle)).bodies)
+    if _COUPLING not in augmented.nominal.ports or len(bodies) < 2:
         return None
     leader, follower = (ports.get((f"external_yaw_moment{suffix(body)}",)) for body in bodies[:2])
     if leader is None or follower is None:
@@ -157,4 +159,4 @@ def _coupling(whole: AugmentedModel, ports: Mapping[tuple[str, ...], Channel]) -
         tuple(dict.fromkeys((*getattr(leader, when), *getattr(follower, when)))) for when in ("begins", "never")
     )
     parameters, limit = {**reaction, **follower.parameters}, min(leader.limit, follower.limit)
-    return Channel(_COUPLING, "port", follower.unit, (_COUPLING,), parameters, begins, never, limit=limit)
+    return DisturbanceInput(_COUPLING, "port", follower.unit, (_COUPLING,), parameters, begins, never, limit=limit)

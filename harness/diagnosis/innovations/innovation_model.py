@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.diagnosis.innovations import time_loops as kernels
-from harness.diagnosis.innovations.disturbance_inputs import Channel
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.engine.compile import load_source, paste
 from harness.engine.kernel_source import kernel_source
@@ -30,7 +30,7 @@ _PROBED = 200
 
 
 @dataclass(frozen=True)
-class Inlet:
+class InputDirection:
     """How a disturbance enters the innovations.
 
     Attributes:
@@ -60,7 +60,7 @@ class InnovationModel:
     residual: Floats
     step: float
 
-    def responses(self, inlet: Inlet, disturbances: Floats) -> Floats:
+    def responses(self, input_direction: InputDirection, disturbances: Floats) -> Floats:
         """Return how disturbances ``(samples, n)`` move the whitened innovations ``(samples, ny, n)``."""
         samples, n = disturbances.shape
         found = np.zeros((*self.residual.shape, n))
@@ -69,7 +69,7 @@ class InnovationModel:
             width = min(LANES, n - s)
             part[:, :width] = disturbances[:, s : s + width]
             moved = np.zeros((*self.residual.shape, LANES))
-            _loops().respond(self.transition, self.output, inlet.entry, inlet.direct, part, moved)
+            _loops().respond(self.transition, self.output, input_direction.entry, input_direction.direct, part, moved)
             found[:, :, s : s + width] = moved[:, :, :width]
         return found
 
@@ -83,29 +83,33 @@ class InnovationModel:
         _loops().pull_back(self.transition, self.output, residual, found)
         return found
 
-    def gains(self, inlet: Inlet, time_constant: float, deviations: Floats) -> Floats:
+    def gains(self, input_direction: InputDirection, time_constant: float, deviations: Floats) -> Floats:
         """Return what a Gauss-Markov disturbance gains in log-likelihood for standard deviations ``(LANES,)``."""
         ny, n = self.output.shape[1:]
         nothing = _notes(0, ny, n)
-        return self._track(inlet, self._decay(time_constant), deviations**2, nothing)
+        return self._track(input_direction, self._decay(time_constant), deviations**2, nothing)
 
-    def smoothed(self, inlet: Inlet, time_constant: float, deviation: float) -> tuple[Floats, Floats]:
+    def smoothed(
+        self, input_direction: InputDirection, time_constant: float, deviation: float
+    ) -> tuple[Floats, Floats]:
         """Return such a disturbance given all samples, and its standard error, each ``(samples,)``."""
         samples, ny = self.residual.shape
         notes = _notes(samples, ny, self.output.shape[2])
         decay = self._decay(time_constant)
-        self._track(inlet, decay, np.full(LANES, deviation**2), notes)
+        self._track(input_direction, decay, np.full(LANES, deviation**2), notes)
         found, error = np.empty(samples), np.empty(samples)
-        parts = (self.transition, self.output, inlet.entry, inlet.direct)
+        parts = (self.transition, self.output, input_direction.entry, input_direction.direct)
         _loops().smooth(*parts, decay, notes, found, error)
         return found, error
 
     def _decay(self, time_constant: float) -> float:
         return float(np.exp(-self.step / time_constant))
 
-    def _track(self, inlet: Inlet, decay: float, variances: Floats, notes: tuple[Floats, ...]) -> Floats:
+    def _track(
+        self, input_direction: InputDirection, decay: float, variances: Floats, notes: tuple[Floats, ...]
+    ) -> Floats:
         gain = np.empty((1, LANES))
-        parts = (self.transition, self.output, inlet.entry, inlet.direct, self.residual)
+        parts = (self.transition, self.output, input_direction.entry, input_direction.direct, self.residual)
         _loops().track(*parts, decay, variances.reshape(1, LANES), gain, notes)
         return gain[0]
 
@@ -133,10 +137,10 @@ def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
 
 
 class Linearisation:
-    """The compiled derivatives of a whole model, loaded before threads share it."""
+    """The compiled derivatives of an augmented model, loaded before threads share it."""
 
-    def __init__(self, whole: AugmentedModel) -> None:
-        self.whole, self._compiled = whole, whole.duals
+    def __init__(self, augmented: AugmentedModel) -> None:
+        self.augmented, self._compiled = augmented, augmented.duals
         source = paste(self._compiled, "tangents", [kernels.tangents])
         self._tangents = load_source("tangents", source).tangents
         _loops()
@@ -160,7 +164,7 @@ class Linearisation:
             moved: Directions of the state ``(nx, n)``.
             rows: States whose derivatives are wanted.
         """
-        n, shape = len(values), (len(self.whole.model.states), len(self.whole.model.outputs))
+        n, shape = len(values), (len(self.augmented.model.states), len(self.augmented.model.outputs))
         ahead, outputs = np.empty((len(states), len(rows), n)), np.empty((len(states), shape[1], n))
         for s in range(0, n, LANES):
             columns = [min(j, n - 1) for j in range(s, s + LANES)]
@@ -175,7 +179,7 @@ class Linearisation:
 
 
 class Linearised:
-    """The whole model linearised along a pass of its filter over one recording.
+    """The augmented model linearised along a pass of its filter over one recording.
 
     Args:
         linearisation: Of the model.
@@ -191,7 +195,12 @@ class Linearised:
     """
 
     def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun) -> None:
-        self._linearisation, self.whole, self.drive, self.values = linearisation, linearisation.whole, drive, values
+        self._linearisation, self.augmented, self.drive, self.values = (
+            linearisation,
+            linearisation.augmented,
+            drive,
+            values,
+        )
         self.whitened, self.states = kept.whitened, kept.state.copy()
         self.states[0] = drive.first_mean
         self.active = self._active()
@@ -205,24 +214,27 @@ class Linearised:
             np.ascontiguousarray(self._ahead @ corrected),
             np.ascontiguousarray(self._whitening @ H),
             np.nan_to_num(kept.whitened),
-            self.whole.spec.step,
+            self.augmented.spec.step,
         )
 
-    def raw(self, channels: Sequence[Channel]) -> tuple[Floats, Floats]:
+    def raw(self, disturbance_inputs: Sequence[DisturbanceInput]) -> tuple[Floats, Floats]:
         """Return how channels move the next state ``(samples, nx, n)`` and the outputs ``(samples, ny, n)``."""
-        return self._moved(channels, np.arange(len(self.whole.model.states)))
+        return self._moved(disturbance_inputs, np.arange(len(self.augmented.model.states)))
 
-    def _moved(self, channels: Sequence[Channel], rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        samples, ny = len(self.states), len(self.whole.model.outputs)
-        ahead, outputs = np.zeros((samples, len(rows), len(channels))), np.zeros((samples, ny, len(channels)))
-        step = 1.0 if self.whole.model.discrete else self.whole.spec.step
-        for j, c in enumerate(channels):
+    def _moved(self, disturbance_inputs: Sequence[DisturbanceInput], rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        samples, ny = len(self.states), len(self.augmented.model.outputs)
+        ahead, outputs = (
+            np.zeros((samples, len(rows), len(disturbance_inputs))),
+            np.zeros((samples, ny, len(disturbance_inputs))),
+        )
+        step = 1.0 if self.augmented.model.discrete else self.augmented.spec.step
+        for j, c in enumerate(disturbance_inputs):
             if c.kind == "equation":
-                ahead[:, rows == self.whole.model.states.index(c.ports[0]), j] = step
-        open_ = [j for j, c in enumerate(channels) if c.kind != "equation"]
+                ahead[:, rows == self.augmented.model.states.index(c.ports[0]), j] = step
+        open_ = [j for j, c in enumerate(disturbance_inputs) if c.kind != "equation"]
         ahead[:, :, open_], outputs[:, :, open_] = self._along_parameters(
-            [channels[j].values(self.whole, self.values) for j in open_],
-            [channels[j].direction(self.whole) for j in open_],
+            [disturbance_inputs[j].values(self.augmented, self.values) for j in open_],
+            [disturbance_inputs[j].direction(self.augmented) for j in open_],
             rows,
         )
         return ahead, outputs
@@ -239,26 +251,26 @@ class Linearised:
     def _along_parameters(
         self, values: Sequence[Floats], parameters: Sequence[Floats], rows: NDArray[np.intp]
     ) -> tuple[Floats, Floats]:
-        held = np.zeros((len(self.whole.model.states), len(values)))
+        held = np.zeros((len(self.augmented.model.states), len(values)))
         return self._linearisation.along(self.drive, self.states, values, parameters, held, rows)
 
-    def inlets(self, channels: Sequence[Channel]) -> list[Inlet]:
+    def input_directions(self, disturbance_inputs: Sequence[DisturbanceInput]) -> list[InputDirection]:
         """Return how channels enter the innovations."""
-        return self.entering(*self._moved(channels, self.active))
+        return self.entering(*self._moved(disturbance_inputs, self.active))
 
-    def entering(self, ahead: Floats, outputs: Floats) -> list[Inlet]:
+    def entering(self, ahead: Floats, outputs: Floats) -> list[InputDirection]:
         """Return how what moves active states ``(samples, rows, n)`` and outputs ``(samples, ny, n)`` enters them."""
         through = -self._ahead @ (self._gain @ outputs)
         entry = ahead + through
         direct = self._whitening @ outputs
         return [
-            Inlet(*(np.ascontiguousarray(part[:, :, j]) for part in (entry, direct, through)))
+            InputDirection(*(np.ascontiguousarray(part[:, :, j]) for part in (entry, direct, through)))
             for j in range(entry.shape[2])
         ]
 
     def _active(self) -> NDArray[np.intp]:
         """Return the states of the nominal model and those of effects that act on it, from some of the samples."""
-        nx, count = self.whole.nx, len(self.whole.model.states)
+        nx, count = self.augmented.nx, len(self.augmented.model.states)
         every = slice(1, None, max(1, len(self.states) // _PROBED))
         A, H = (np.abs(m).max(axis=0) for m in self._along_states(every, np.arange(count)))
         chosen = set(range(nx)) | {j for j in range(nx, count) if H[:, j].any()}
@@ -268,8 +280,8 @@ class Linearised:
 
     def _along_states(self, samples: slice, rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """Return the Jacobians of the next state and of the outputs in some states."""
-        n, nothing = len(rows), np.zeros(len(self.whole.names))
+        n, nothing = len(rows), np.zeros(len(self.augmented.names))
         drive = replace(self.drive, inputs=self.drive.inputs[samples], between=self.drive.between[samples])
         states = np.ascontiguousarray(self.states[samples])
-        unit = np.eye(len(self.whole.model.states))[:, rows]
+        unit = np.eye(len(self.augmented.model.states))[:, rows]
         return self._linearisation.along(drive, states, [self.values] * n, [nothing] * n, unit, rows)

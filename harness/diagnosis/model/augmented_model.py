@@ -99,8 +99,8 @@ class AugmentedModel(FilteredModel):
 def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:
     """Return the effects of the library that a model may lack, place by place.
 
-    Left out are effects that are a random process (``wandering`` finds those), effects whose inputs the recordings do
-    not hold, and those that the model has or the user excludes.
+    Left out are effects that are a random process (``random_process`` finds those), effects whose inputs the recordings
+    do not hold, and those that the model has or the user excludes.
     """
     found, without = [], excluded | {split(e)[0] for e in spec.effects}
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):

@@ -35,7 +35,7 @@ class Hypothesis:
         kind: Whether it is an effect or a parameter of the model that was held fixed.
         amplitudes: Parameters that say how much of it there is; at their neutral value it is absent.
         shapes: Parameters that mean nothing while it is absent.
-        moments: Parameters of which every drive has its own.
+        change_times: Parameters of which every drive has its own.
         output: Column of the only output that it acts on, if it is a fault of one sensor.
     """
 
@@ -43,7 +43,7 @@ class Hypothesis:
     kind: Literal["effect", "parameter"]
     amplitudes: tuple[str, ...]
     shapes: tuple[str, ...] = ()
-    moments: tuple[str, ...] = ()
+    change_times: tuple[str, ...] = ()
     output: int | None = None
 
     @property
@@ -53,21 +53,21 @@ class Hypothesis:
 
     def count(self, drives: int) -> int:
         """Return how many numbers it adds to a fit of several drives."""
-        return len(self.shared) + drives * len(self.moments)
+        return len(self.shared) + drives * len(self.change_times)
 
 
-def hypotheses(whole: AugmentedModel, free: Sequence[str]) -> tuple[Hypothesis, ...]:
+def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothesis, ...]:
     """Return everything to be tried on a model whose ``free`` parameters are fitted anyway.
 
     An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at
     once are those that cannot be negative: each moves by a share of its value.
     """
-    fixed = [p for p in whole.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
+    fixed = [p for p in augmented.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
     found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
     found.append(Hypothesis(ALL_PARAMETERS, "parameter", tuple(p.name for p in fixed if p.lower > 0)))
     everywhere: dict[str, list[Hypothesis]] = {}
-    for name in whole.placements:
-        one = _effect(whole, name)
+    for name in augmented.placements:
+        one = _effect(augmented, name)
         found.append(one)
         if place_of(load_effect(name)) in ("tyre", "body"):
             everywhere.setdefault(split(name)[0], []).append(one)
@@ -75,28 +75,28 @@ def hypotheses(whole: AugmentedModel, free: Sequence[str]) -> tuple[Hypothesis, 
     return tuple(found)
 
 
-def _effect(whole: AugmentedModel, name: str) -> Hypothesis:
+def _effect(augmented: AugmentedModel, name: str) -> Hypothesis:
     place = split(name)[1] or ""
     declared = [parameter_at(p, place) for p in load_effect(name).PARAMETERS]
-    known = [p for p in declared if p.name in whole.names]
+    known = [p for p in declared if p.name in augmented.names]
     return Hypothesis(
         name,
         "effect",
         tuple(p.name for p in known if p.neutral is not None),
         tuple(p.name for p in known if p.neutral is None and not p.per_drive),
         tuple(p.name for p in known if p.per_drive),
-        _only_output(whole, name),
+        _only_output(augmented, name),
     )
 
 
-def _only_output(whole: AugmentedModel, name: str) -> int | None:
+def _only_output(augmented: AugmentedModel, name: str) -> int | None:
     """Return the column of the only output that an effect acts on, if it changes what one sensor reads."""
     effect, place = load_effect(name), split(name)[1] or ""
     if not all(port.startswith("sensor_") for port in ports_of(effect)):
         return None
     read = {port.removeprefix("sensor_").replace("{body}", suffix(place)) for port in ports_of(effect)}
     read = {place} if place_of(effect) == "output" else read
-    columns = [i for i, output in enumerate(whole.nominal.outputs) if output in read]
+    columns = [i for i, output in enumerate(augmented.nominal.outputs) if output in read]
     return columns[0] if len(columns) == 1 else None
 
 
@@ -104,7 +104,7 @@ def _together(file: str, parts: Sequence[Hypothesis]) -> Hypothesis:
     def union(attribute: str) -> tuple[str, ...]:
         return tuple(dict.fromkeys(itertools.chain.from_iterable(getattr(p, attribute) for p in parts)))
 
-    return Hypothesis(file, "effect", union("amplitudes"), union("shapes"), union("moments"))
+    return Hypothesis(file, "effect", union("amplitudes"), union("shapes"), union("change_times"))
 
 
 def coordinates(
@@ -113,11 +113,11 @@ def coordinates(
     """Return what a fit moves: the free parameters of the nominal model and those of the hypotheses added to it."""
     alone = dict.fromkeys([*free, *(n for h in added if h.name != ALL_PARAMETERS for n in h.shared)])
     many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
-    moments = dict.fromkeys(n for h in added for n in h.moments)
+    change_times = dict.fromkeys(n for h in added for n in h.change_times)
     return (
         *(_coordinate(model, name) for name in alone),
         *(_coordinate(model, name, PRIOR) for name in many),
-        *(_coordinate(model, name, drives=(i,)) for name in moments for i in range(drives)),
+        *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
     )
 
 

@@ -1,6 +1,6 @@
-"""The filter of a nominal model around the mean of a whole one, pasted behind the kernels of the nominal model.
+"""The filter of a nominal model around the mean of an augmented one, pasted behind the kernels of the nominal model.
 
-The whole model is the nominal one with every effect it may lack. Its first ``NX`` states are those of the nominal
+The augmented model is the nominal one with every effect it may lack. Its first ``NX`` states are those of the nominal
 model; the effects' own states come behind and are not corrected. Covariances and gains are the nominal model's: at
 the neutral value of all effects they are those of its extended Kalman filter, and near it almost.
 """
@@ -37,17 +37,17 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
-        u: Inputs of the whole model ``(samples, nu)``.
+        u: Inputs of the augmented model ``(samples, nu)``.
         between: The same during the step behind each sample.
         nominal: Columns of ``u`` that are the inputs of the nominal model.
         y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
-        constants: Of the whole model ``(nc, LANES)``.
+        constants: Of the augmented model ``(nc, LANES)``.
         nominal_constants: Of the nominal model.
         Q: Process-noise variances per step ``(nx, LANES)``.
         R: Measurement-noise variances ``(ny, LANES)``.
-        x0: First mean of the whole model ``(nx, LANES)``.
+        x0: First mean of the augmented model ``(nx, LANES)``.
         P0: First variances of the nominal model ``(nx, LANES)``.
-        limited: States of the whole model that have a limit.
+        limited: States of the augmented model that have a limit.
         limits: Their largest magnitudes.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
         notes: What ``keep_first_lane`` writes to; of no samples if nothing is kept.
@@ -107,9 +107,9 @@ def beyond(x, limited, limits):
 
 @StandIn
 def next_state_whole(x, u, c, xn, w):
-    """Stand in for the whole model's ``next_state``."""
+    """Stand in for the augmented model's ``next_state``."""
 
 
 @StandIn
 def output_whole(x, u, c, y):
-    """Stand in for the whole model's ``output``."""
+    """Stand in for the augmented model's ``output``."""

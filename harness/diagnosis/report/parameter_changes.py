@@ -62,7 +62,8 @@ def table(changes: Changes) -> Sheet:
     caption = (
         "Every parameter refitted alone, the likeliest first. Held-out excess: mean square of the simulation "
         "error over the variance of the sensor noise, less one, summed over the outputs; "
-        f"{style.number(changes.before.excess)} as it was before. The trace starts from the first if that meets the "
+        f"{style.number(changes.before.normalised_excess_mse)} as it was before. "
+        "The trace starts from the first if that meets the "
         "criteria of an addition, otherwise from the model as it was before."
     )
     return Sheet(header, [_row(c) for c in changes.tried[:_SHOWN]], caption, left=2)
@@ -71,15 +72,19 @@ def table(changes: Changes) -> Sheet:
 def _row(c: Change) -> list[str]:
     numbers = (c.stated, c.value, c.std)
     shown = [style.number(n) for n in numbers]
-    excess = style.number(c.held_out.excess) if math.isfinite(c.held_out.excess) else "leaves its range"
-    return [words(c.parameter.name), print_unit(c.parameter.unit), *shown, f"{c.bic:.0f}", excess]
+    normalised_excess_mse = (
+        style.number(c.held_out.normalised_excess_mse)
+        if math.isfinite(c.held_out.normalised_excess_mse)
+        else "leaves its range"
+    )
+    return [words(c.parameter.name), print_unit(c.parameter.unit), *shown, f"{c.bic:.0f}", normalised_excess_mse]
 
 
 def record(changes: Changes) -> dict[str, Any]:
     """Return the content of ``changed.json`` in SI units."""
     return {
         "found": changes.found.parameter.name if changes.found else None,
-        "held_out_excess_before": changes.before.excess,
+        "held_out_excess_before": changes.before.normalised_excess_mse,
         "tried": [
             {
                 "name": c.parameter.name,
@@ -89,7 +94,7 @@ def record(changes: Changes) -> dict[str, Any]:
                 "std": c.std,
                 "bic_gain": c.bic,
                 "held_out_log_likelihood": c.held_out.log_likelihood,
-                "held_out_excess": c.held_out.excess,
+                "held_out_excess": c.held_out.normalised_excess_mse,
             }
             for c in changes.tried
         ],

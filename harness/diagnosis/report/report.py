@@ -57,8 +57,8 @@ def document(
         Section(lambda: _estimators(outcome), "How large are the errors of the estimators?"),
         *evidence,
         Section(lambda: _found(outcome), "How large is it?"),
-        Section(lambda: residual_sections.unnamed(outcome), "Which disturbance is not in the library?"),
-        Section(lambda: study_gain.blocks(outcome.worth), "What does the amendment gain in a study?"),
+        Section(lambda: residual_sections.unmodelled(outcome), "Which disturbance is not in the library?"),
+        Section(lambda: study_gain.blocks(outcome.study_gain), "What does the amendment gain in a study?"),
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
         Section(lambda: _rounds(outcome), "What else was tried?"),
         _SETTLED,
@@ -70,14 +70,14 @@ def document(
         Section(lambda: _excitation(outcome), "Which effects could these drives have shown?"),
         Section(lambda: _made(outcome, command), "How was it made?"),
     ]
-    vehicle = words(outcome.trace.fitting.whole.spec.vehicle)
+    vehicle = words(outcome.trace.fitting.augmented.spec.vehicle)
     return Document(title or f"What does the model of the {vehicle} lack?", blocks)
 
 
 def _errors(outcome: Outcome) -> list[Block]:
     before, after, rows = outcome.trace.before, outcome.after, []
     noise = outcome.trace.held_out.variances**0.5
-    for a, name in enumerate(outcome.trace.fitting.whole.model.outputs):
+    for a, name in enumerate(outcome.trace.fitting.augmented.model.outputs):
         q = quantity(name)
         numbers = (noise[a], before.error[a], after.error[a])
         rows.append([q.words, q.unit, *(style.number(q.scale * v) for v in numbers)])
@@ -93,7 +93,7 @@ def _estimators(outcome: Outcome) -> list[Block]:
         return []
     rows = []
     for e in outcome.estimators:
-        for a, name in enumerate(outcome.trace.fitting.whole.model.outputs):
+        for a, name in enumerate(outcome.trace.fitting.augmented.model.outputs):
             q = quantity(name)
             numbers = (style.number(q.scale * v) for v in (e.before[a], e.after[a]))
             rows.append([e.kind.upper(), q.words, q.unit, *numbers])
@@ -113,7 +113,7 @@ def _found(outcome: Outcome) -> list[Block]:
     rows = []
     for h in outcome.added:
         for v in outcome.values[h.name]:
-            stated = trace.fitting.whole.spec.values.get(v.name, math.nan)
+            stated = trace.fitting.augmented.spec.values.get(v.name, math.nan)
             moved = abs(v.value - stated) > 3 * v.std if math.isfinite(stated) else True
             if h.name == ALL_PARAMETERS and not moved:
                 continue
@@ -156,18 +156,18 @@ def _rounds(outcome: Outcome) -> list[Block]:
             blocks.append(Drawing(partial(figures.ranking, r, number), title, title))
         fitted = [c for c in r.candidates if c.fitted is not None]
         if fitted:
-            blocks.append(_fitted(fitted, r.before.log_likelihood, r.before.excess, number))
+            blocks.append(_fitted(fitted, r.before.log_likelihood, r.before.normalised_excess_mse, number))
     return blocks
 
 
-def _fitted(fitted: list[Candidate], likelihood: float, excess: float, number: int) -> Sheet:
+def _fitted(fitted: list[Candidate], likelihood: float, normalised_excess_mse: float, number: int) -> Sheet:
     rows = [
         [
             called(c.hypothesis.name),
             style.number(c.bic),
             style.number(c.held_out.log_likelihood - likelihood),
-            style.number(excess),
-            style.number(c.held_out.excess),
+            style.number(normalised_excess_mse),
+            style.number(c.held_out.normalised_excess_mse),
         ]
         for c in fitted
         if c.held_out is not None
@@ -183,7 +183,7 @@ def _fitted(fitted: list[Candidate], likelihood: float, excess: float, number: i
 def _excitation(outcome: Outcome) -> list[Block]:
     """Return the detection limit of every effect by its Fisher information, three standard errors."""
     rows, hidden = [], []
-    parameters = {p.name: p for p in outcome.trace.fitting.whole.model.parameters}
+    parameters = {p.name: p for p in outcome.trace.fitting.augmented.model.parameters}
     for c in sorted(outcome.trace.rounds[0].candidates, key=lambda c: c.hypothesis.name):
         if c.hypothesis.kind != "effect" or ("@" not in c.hypothesis.name and len(c.hypothesis.amplitudes) > 1):
             continue
@@ -203,7 +203,7 @@ def _excitation(outcome: Outcome) -> list[Block]:
 
 
 def _residual(outcome: Outcome) -> list[Block]:
-    outputs = list(outcome.trace.fitting.whole.model.outputs)
+    outputs = list(outcome.trace.fitting.augmented.model.outputs)
     rows, coloured = [], []
     if not outcome.judged:
         return [Heading("Are the innovations white?"), Prose(plain("It could not be tested."))]
@@ -233,7 +233,7 @@ def _residual(outcome: Outcome) -> list[Block]:
 
 
 def _over_time(outcome: Outcome) -> list[Block]:
-    outputs = list(outcome.trace.fitting.whole.model.outputs)
+    outputs = list(outcome.trace.fitting.augmented.model.outputs)
     return [
         Heading("Does the simulation follow the drives?"),
         *(

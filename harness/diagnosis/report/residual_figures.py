@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
-from harness.diagnosis.residuals.disturbance_ranking import History, Pinpoint, Suspect
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking, History, RankedInput
 from harness.diagnosis.residuals.innovation_tests import Consistency, CrossCorrelation
-from harness.diagnosis.residuals.order_analysis import WAVELENGTHS, Turning
-from harness.diagnosis.residuals.regressors import Driver
+from harness.diagnosis.residuals.order_analysis import WAVELENGTHS, PeriodicDisturbance
+from harness.diagnosis.residuals.regressors import Regressor
 from harness.diagnosis.residuals.spline_curves import Curve
 from harness.diagnosis.result.wording import entry, shown
 from harness.identification.data import Drive
@@ -29,11 +29,11 @@ _BINS = 30
 _BEFORE, _AFTER = style.looks(["before", "after"]).values()
 
 
-def ranking(nominal: Sequence[Suspect], final: Sequence[Suspect]) -> bytes:
+def ranking(nominal: Sequence[RankedInput], final: Sequence[RankedInput]) -> bytes:
     """Return what a disturbance at each of the most suspect entries gains, before and after what was added, if any."""
     drawn = [s for s in nominal[:SHOWN] if s.gain > 0]
     rankings = {"nominal model": nominal} if nominal is final else {"nominal model": nominal, "final model": final}
-    gains = [{s.channel.name: s.gain for s in suspects} for suspects in rankings.values()]
+    gains = [{s.disturbance_input.name: s.gain for s in ranked_inputs} for ranked_inputs in rankings.values()]
     height = 0.72 / len(gains)
     with style.drawing():
         fig = style.figure(1.2 + 0.26 * len(drawn))
@@ -41,9 +41,9 @@ def ranking(nominal: Sequence[Suspect], final: Sequence[Suspect]) -> bytes:
         at = np.arange(len(drawn))[::-1]
         for j, (known, look) in enumerate(zip(gains, (_BEFORE, _AFTER), strict=False)):
             places = at + 0.36 - height * (j + 0.5)
-            widths = [known[s.channel.name] for s in drawn]
+            widths = [known[s.disturbance_input.name] for s in drawn]
             axes.barh(places, widths, 0.9 * height, facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
-        axes.set_yticks(at, [f"{entry(s.channel)}  {rank}" for rank, s in enumerate(drawn, 1)])
+        axes.set_yticks(at, [f"{entry(s.disturbance_input)}  {rank}" for rank, s in enumerate(drawn, 1)])
         axes.set_xlabel("gain in log-likelihood")
         axes.grid(True, axis="x")
         names = list(rankings)
@@ -52,19 +52,19 @@ def ranking(nominal: Sequence[Suspect], final: Sequence[Suspect]) -> bytes:
         return style.svg(fig)
 
 
-def histories(drive: Drive, suspects: Sequence[Suspect], found: Sequence[History]) -> bytes:
+def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], found: Sequence[History]) -> bytes:
     """Return the disturbance over one drive at the most suspect entries, each with its 95 % band."""
     with style.drawing():
-        fig = style.figure(0.8 + 1.5 * len(suspects))
-        panels = fig.subplots(len(suspects), 1, sharex=True, squeeze=False)[:, 0]
+        fig = style.figure(0.8 + 1.5 * len(ranked_inputs))
+        panels = fig.subplots(len(ranked_inputs), 1, sharex=True, squeeze=False)[:, 0]
         some = slice(None, None, max(1, len(drive.time) // _POINTS))
-        for axes, s, h in zip(panels, suspects, found, strict=True):
-            unit, scale = shown(s.channel)
+        for axes, s, h in zip(panels, ranked_inputs, found, strict=True):
+            unit, scale = shown(s.disturbance_input)
             mean, half = scale * h.mean[some], 1.96 * scale * h.error[some]
             axes.fill_between(drive.time[some], mean - half, mean + half, color=_BEFORE.tint, lw=0)
             axes.plot(drive.time[some], mean, color=_BEFORE.line)
             axes.axhline(0.0, color=style.TRUTH, lw=0.5)
-            axes.set_title(entry(s.channel), loc="left")
+            axes.set_title(entry(s.disturbance_input), loc="left")
             axes.set_ylabel(style.in_unit(unit).strip())
             axes.grid(True)
         panels[-1].set_xlabel("time in s")
@@ -90,18 +90,18 @@ def nis(names: Sequence[str], found: Sequence[Consistency]) -> bytes:
         return style.svg(fig)
 
 
-def correlations(found: CrossCorrelation, outputs: Sequence[str], drivers: Sequence[Driver]) -> bytes:
+def correlations(found: CrossCorrelation, outputs: Sequence[str], regressors: Sequence[Regressor]) -> bytes:
     """Return the correlation of every innovation with the past of the signals of the largest correlations."""
     strength = np.abs(found.values / found.band[:, None]).max(axis=(0, 1))
     drawn = np.argsort(-strength)[:DRAWN]
-    chosen = style.looks([drivers[j].name for j in drawn])
+    chosen = style.looks([regressors[j].name for j in drawn])
     with style.drawing():
         fig = style.figure(1.2 + 1.3 * len(outputs))
         panels = fig.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]
         for a, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
             axes.axhspan(-found.band[a], found.band[a], color=style.SHADE, lw=0)
             for j in drawn:
-                look = chosen[drivers[j].name]
+                look = chosen[regressors[j].name]
                 axes.plot(found.lag, found.values[:, a, j], color=look.line, ls=look.dashes)
             reach = 1.15 * max(float(np.abs(found.values[:, a]).max()), 2.0 * float(found.band[a]))
             axes.set_ylim(-reach, reach)
@@ -110,28 +110,28 @@ def correlations(found: CrossCorrelation, outputs: Sequence[str], drivers: Seque
         panels[-1].set_xlabel("lag of the innovation behind the signal in s")
         handles = [
             Line2D([], [], color=chosen[d.name].line, ls=chosen[d.name].dashes, label=d.words)
-            for d in (drivers[j] for j in drawn)
+            for d in (regressors[j] for j in drawn)
         ]
         style.head(fig, "Are the innovations correlated with the past?", handles)
         return style.svg(fig)
 
 
-def curves(pinpoint: Pinpoint, found: Sequence[Curve]) -> bytes:
+def curves(ranking: DisturbanceRanking, found: Sequence[Curve]) -> bytes:
     """Return each curve with its 95 % band, over the disturbance that the smoother finds in the fitted drives."""
     with style.drawing():
         fig = style.figure(0.9 + 2.1 * len(found))
         panels = fig.subplots(len(found), 1, squeeze=False)[:, 0]
         for axes, c in zip(panels, found, strict=True):
-            unit, scale = shown(c.channel)
-            across, along = shown_driver(c.driver)
+            unit, scale = shown(c.disturbance_input)
+            across, along = shown_regressor(c.regressor)
             grid = np.linspace(*c.basis.ends, 300)
             value, half = scale * c.at(grid), 1.96 * scale * c.error(grid)
-            places, means = _binned(pinpoint, c)
+            places, means = _binned(ranking, c)
             axes.plot(along * places, scale * means, ls="", marker="o", ms=3.5, color=style.MEASURED)
             axes.fill_between(along * grid, value - half, value + half, color=_AFTER.tint, lw=0)
             axes.plot(along * grid, value, color=_AFTER.line)
-            axes.set_xlabel(f"{c.driver.words}{style.in_unit(across)}")
-            axes.set_ylabel(f"{entry(c.channel)}{style.in_unit(unit)}".replace(" ", "\n", 1))
+            axes.set_xlabel(f"{c.regressor.words}{style.in_unit(across)}")
+            axes.set_ylabel(f"{entry(c.disturbance_input)}{style.in_unit(unit)}".replace(" ", "\n", 1))
             axes.grid(True)
         handles = [
             Line2D([], [], color=_AFTER.line, label="curve with 95 % band"),
@@ -141,7 +141,7 @@ def curves(pinpoint: Pinpoint, found: Sequence[Curve]) -> bytes:
         return style.svg(fig)
 
 
-def spectra(found: Sequence[Turning]) -> bytes:
+def spectra(found: Sequence[PeriodicDisturbance]) -> bytes:
     """Return the gain of disturbances that are periodic in the distance driven, over the wavelength, a panel each."""
     with style.drawing():
         fig = style.figure(0.9 + 1.9 * len(found))
@@ -152,7 +152,7 @@ def spectra(found: Sequence[Turning]) -> bytes:
             axes.annotate(
                 style.with_unit(t.wavelength, "m"), (t.wavelength, t.gain), (8, -3), textcoords="offset points"
             )
-            axes.set_title(entry(t.channel), loc="left")
+            axes.set_title(entry(t.disturbance_input), loc="left")
             axes.set_ylabel("gain in log-\nlikelihood")
             axes.set_ylim(0.0, 1.15 * t.gain)
             axes.set_xscale("log")
@@ -166,17 +166,17 @@ def spectra(found: Sequence[Turning]) -> bytes:
         return style.svg(fig)
 
 
-def shown_driver(driver: Driver) -> tuple[str, float]:
+def shown_regressor(regressor: Regressor) -> tuple[str, float]:
     """Return the unit in which reports show a driver, and how many of it make an SI unit."""
-    q = quantity(driver.name, driver.unit)
-    return (q.unit, q.scale) if q.meaning else (print_unit(driver.unit), 1.0)
+    q = quantity(regressor.name, regressor.unit)
+    return (q.unit, q.scale) if q.meaning else (print_unit(regressor.unit), 1.0)
 
 
-def _binned(pinpoint: Pinpoint, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
+def _binned(ranking: DisturbanceRanking, curve: Curve) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean of the smoothed disturbance over bins of the signal: where the bins are, and the means."""
-    suspect = next(s for s in pinpoint.suspects if s.channel == curve.channel)
-    signal = np.concatenate([curve.driver.over(p.states, p.drive) for p in pinpoint.linear])
-    smoothed = np.concatenate([h.mean for h in pinpoint.history(suspect)])
+    ranked_input = next(s for s in ranking.ranked_inputs if s.disturbance_input == curve.disturbance_input)
+    signal = np.concatenate([curve.regressor.over(p.states, p.drive) for p in ranking.linear])
+    smoothed = np.concatenate([h.mean for h in ranking.history(ranked_input)])
     edges = np.linspace(*curve.basis.ends, _BINS + 1)
     which = np.digitize(signal, edges) - 1
     kept = [b for b in range(_BINS) if np.sum(which == b) >= 50]

@@ -10,10 +10,10 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.report import residual_figures, vehicle_picture
 from harness.diagnosis.residuals.innovation_tests import LARGEST_LAG, consistency, cross_correlation
 from harness.diagnosis.residuals.localisation import Where
-from harness.diagnosis.residuals.regressors import drivers_of
-from harness.diagnosis.residuals.unmodelled import Unnamed
+from harness.diagnosis.residuals.regressors import regressors_of
+from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.outcome import Outcome
-from harness.diagnosis.result.wording import amount, entry, unnamed_words
+from harness.diagnosis.result.wording import amount, entry, unmodelled_words
 from harness.models.quantities import words
 from harness.reporting import style
 from harness.reporting.document import (
@@ -31,7 +31,7 @@ from harness.reporting.document import (
 
 def where(outcome: Outcome) -> list[Block]:
     """Return where an unknown disturbance would explain most, and its smoothed course."""
-    found, whole = outcome.where, outcome.trace.fitting.whole
+    found, augmented = outcome.where, outcome.trace.fitting.augmented
     blocks: list[Block] = [Heading("Where is something missing?")]
     if found.nominal is None or found.final is None:
         return [*blocks, Prose(plain("It could not be looked for."))]
@@ -40,8 +40,9 @@ def where(outcome: Outcome) -> list[Block]:
         return [*blocks, Prose(strong(said))]
     first = found.shown[0]
     said = (
-        f"A disturbance of the {entry(first.channel)} would explain most, with a standard deviation of "
-        f"{amount(first.deviation, first.channel)} and a time constant of {style.number(first.time_constant)} s."
+        f"A disturbance of the {entry(first.disturbance_input)} would explain most, with a standard deviation of "
+        f"{amount(first.deviation, first.disturbance_input)} "
+        f"and a time constant of {style.number(first.time_constant)} s."
     )
     caveat = (
         "An unknown Gauss-Markov disturbance is put into each equation, each published force, moment or angle and each "
@@ -52,24 +53,26 @@ def where(outcome: Outcome) -> list[Block]:
     blocks += [
         Prose(strong(said)),
         Prose(plain(caveat)),
-        Drawing(partial(residual_figures.ranking, found.nominal.suspects, found.final.suspects), title, title),
-        Section(lambda: _from_above(whole, found), "Where on the vehicle?"),
+        Drawing(
+            partial(residual_figures.ranking, found.nominal.ranked_inputs, found.final.ranked_inputs), title, title
+        ),
+        Section(lambda: _from_above(augmented, found), "Where on the vehicle?"),
         Section(lambda: _histories(found), "How would the disturbance look?"),
     ]
     return blocks
 
 
-def _from_above(whole: AugmentedModel, found: Where) -> list[Block]:
+def _from_above(augmented: AugmentedModel, found: Where) -> list[Block]:
     """Return the vehicle from above; nothing if its equations do not say where its axles stand."""
     assert found.nominal is not None
-    plan = vehicle_picture.plan_of(whole)
+    plan = vehicle_picture.plan_of(augmented)
     if plan is None:
         return []
     caption = (
         "The vehicle from above, not to scale across. The area of a mark is the gain in log-likelihood of the "
         "nominal model; numbers are ranks. Inputs at the same place are drawn side by side."
     )
-    draw = partial(vehicle_picture.picture, plan, found.nominal.suspects)
+    draw = partial(vehicle_picture.picture, plan, found.nominal.ranked_inputs)
     return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
 
 
@@ -85,32 +88,32 @@ def _histories(found: Where) -> list[Block]:
     return [Drawing(draw, caption, f"Disturbances over time in {drive.name} with bands.")]
 
 
-def unnamed(outcome: Outcome) -> list[Block]:
+def unmodelled(outcome: Outcome) -> list[Block]:
     """Return the disturbance that no effect of the library explains, if one was found."""
-    found = outcome.where.unnamed
+    found = outcome.where.unmodelled
     if found is None:
         return []
     blocks: list[Block] = [
         Heading("Which disturbance is not in the library?"),
-        Bullets([strong(_sentence(text)) for text in unnamed_words(found)]),
-        Prose(plain(_worth(outcome, found))),
+        Bullets([strong(_sentence(text)) for text in unmodelled_words(found)]),
+        Prose(plain(_study_gain(outcome, found))),
     ]
-    return [*blocks, *_turning(found), *_curves(outcome, found)]
+    return [*blocks, *_periodic(found), *_curves(outcome, found)]
 
 
-def _turning(found: Unnamed) -> list[Block]:
-    if not found.turning:
+def _periodic(found: UnmodelledDisturbance) -> list[Block]:
+    if not found.periodic:
         return []
     caption = (
         "Gain in log-likelihood of the fitted drives by a disturbance that is periodic in the distance driven, at "
         "the input where it gains most; each drive has its own phase. Mark: what was taken. A wheel turns once per "
         "circumference; a half or a third of that is one of its orders."
     )
-    draw = partial(residual_figures.spectra, found.turning)
+    draw = partial(residual_figures.spectra, found.periodic)
     return [Drawing(draw, caption, "Gain over the wavelength.")]
 
 
-def _curves(outcome: Outcome, found: Unnamed) -> list[Block]:
+def _curves(outcome: Outcome, found: UnmodelledDisturbance) -> list[Block]:
     if not found.curves or outcome.where.final is None:
         return []
     return [
@@ -123,7 +126,7 @@ def _curves(outcome: Outcome, found: Unnamed) -> list[Block]:
         Sheet(
             ["input", "depends on", "stability", "predicted gain"],
             [
-                [entry(c.channel), c.driver.words, style.percent(c.stability), style.number(c.predicted)]
+                [entry(c.disturbance_input), c.regressor.words, style.percent(c.stability), style.number(c.predicted)]
                 for c in found.curves
             ],
             "Stability: share of the halves of the fitted drives in which the lasso selected the pair. "
@@ -137,14 +140,14 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _worth(outcome: Outcome, found: Unnamed) -> str:
-    before, after = outcome.trace.after.excess, found.judgement.excess
+def _study_gain(outcome: Outcome, found: UnmodelledDisturbance) -> str:
+    before, after = outcome.trace.after.normalised_excess_mse, found.judgement.normalised_excess_mse
     moved = f"The log-likelihood of the held-out drives rises by {style.number(found.held_out_gain)}."
     parts = []
     if found.curves:
         parts.append("the curves are functions of the simulated motion and the recorded inputs, not of the measured "
                      "motion")  # fmt: skip
-    if found.turning:
+    if found.periodic:
         parts.append("what is periodic has the phase that fits the drive best")
     fed = f"In the simulation, {', and '.join(parts)}."
     if after < before:
@@ -156,18 +159,18 @@ def innovations(outcome: Outcome) -> list[Block]:
     """Return whether the innovations are as large as the filter states, and which signals they depend on."""
     if outcome.where.final is None:
         return []
-    whole, linear = outcome.trace.fitting.whole, outcome.where.final.linear
-    drivers = drivers_of(whole)
+    augmented, linear = outcome.trace.fitting.augmented, outcome.where.final.linear
+    regressors = regressors_of(augmented)
     whitened = [p.whitened for p in linear]
     checks = [consistency(p.drive.time[1:], w[1:]) for p, w in zip(linear, whitened, strict=True)]
-    signals = [np.column_stack([d.over(p.states, p.drive) for d in drivers]) for p in linear]
-    found = cross_correlation([w[1:] for w in whitened], [s[1:] for s in signals], whole.spec.step)
-    outputs = list(whole.model.outputs)
+    signals = [np.column_stack([d.over(p.states, p.drive) for d in regressors]) for p in linear]
+    found = cross_correlation([w[1:] for w in whitened], [s[1:] for s in signals], augmented.spec.step)
+    outputs = list(augmented.model.outputs)
     share = np.abs(found.values / found.band[:, None])
     _, a, j = np.unravel_index(int(np.argmax(share)), share.shape)
     said = (
         f"The largest correlation is that of the innovation of the {words(outputs[a])} with the past of the "
-        f"{drivers[j].words}: {style.number(share.max())} times the 95 % band of white innovations."
+        f"{regressors[j].words}: {style.number(share.max())} times the 95 % band of white innovations."
         if share.max() > 2.0
         else "No innovation is correlated with the past of a signal by more than twice the band of white innovations."
     )
@@ -180,7 +183,7 @@ def innovations(outcome: Outcome) -> list[Block]:
             "Normalised innovation squared over time with its band.",
         ),
         Drawing(
-            partial(residual_figures.correlations, found, outputs, drivers),
+            partial(residual_figures.correlations, found, outputs, regressors),
             f"Correlation of the whitened innovations of the final model with signals up to {LARGEST_LAG:g} s before, "
             "all fitted drives; grey: the 95 % band of white innovations. Drawn are the signals with the largest "
             "correlations.",

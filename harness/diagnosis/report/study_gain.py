@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from harness.diagnosis.result.study_gain import Worth
+from harness.diagnosis.result.study_gain import StudyGain
 from harness.models.quantities import listed, words
 from harness.reporting import style
 from harness.reporting.document import Block, Heading, Prose, Sheet, plain, strong
@@ -16,45 +16,45 @@ from harness.study.results import Design, Store
 BELIEFS = ("nominal", "amended")
 
 
-def blocks(worth: Worth | str | None) -> list[Block]:
+def blocks(study_gain: StudyGain | str | None) -> list[Block]:
     """Return the section: in a sentence, as box plots and as a table; nothing where no study was asked for."""
-    if worth is None:
+    if study_gain is None:
         return []
     heading = Heading("What does the amendment gain in a study?")
-    if isinstance(worth, str):
-        return [heading, Prose(plain(worth))]
-    analysis = _analysis(worth)
+    if isinstance(study_gain, str):
+        return [heading, Prose(plain(study_gain))]
+    analysis = _analysis(study_gain)
     return [
         heading,
-        Prose(strong(answer(worth))),
-        Prose(plain(_explain(worth))),
+        Prose(strong(answer(study_gain))),
+        Prose(plain(_explain(study_gain))),
         *boxes.pictures(analysis, analysis.main),
-        _table(worth),
+        _table(study_gain),
     ]
 
 
-def answer(worth: Worth) -> str:
+def answer(study_gain: StudyGain) -> str:
     """Return what believing the amended model does to the median errors, in a sentence."""
-    matched = worth.amended.matched
-    parts = [] if matched is None else [f"{_shares(worth, matched)}{_at(worth, matched)}"]
-    if len(worth.amended.bands) > 1:
-        parts.append(f"{_shares(worth, None)} over all levels")
+    matched = study_gain.amended.matched
+    parts = [] if matched is None else [f"{_shares(study_gain, matched)}{_at(study_gain, matched)}"]
+    if len(study_gain.amended.bands) > 1:
+        parts.append(f"{_shares(study_gain, None)} over all levels")
     elif matched is None:
-        parts.append(_shares(worth, None))
+        parts.append(_shares(study_gain, None))
     return f"Of the median error with the nominal model believed, the amended one leaves {'; '.join(parts)}."
 
 
-def _at(worth: Worth, band: int) -> str:
-    design = worth.amended
+def _at(study_gain: StudyGain, band: int) -> str:
+    design = study_gain.amended
     names = listed([f.words for f in design.factors]) if design.factors else ""
     return f" with the {names} {design.matched_is} ({design.bands[band]})" if names else ""
 
 
-def _shares(worth: Worth, band: int | None) -> str:
+def _shares(study_gain: StudyGain, band: int | None) -> str:
     """Return the ratios of all targets at a level as shares, each from the best to the worst estimator."""
     found = []
-    for t, target in enumerate(worth.nominal.targets):
-        ratios = [worth.gain(e, t, band).ratio for e in range(len(worth.nominal.estimators))]
+    for t, target in enumerate(study_gain.nominal.targets):
+        ratios = [study_gain.gain(e, t, band).ratio for e in range(len(study_gain.nominal.estimators))]
         known = sorted(r.value for r in ratios if np.isfinite(r.value))
         if not known:
             found.append(f"nothing to compare in {target.words}")
@@ -66,28 +66,29 @@ def _shares(worth: Worth, band: int | None) -> str:
     return listed(found)
 
 
-def _explain(worth: Worth) -> str:
-    design = worth.nominal
+def _explain(study_gain: StudyGain) -> str:
+    design = study_gain.nominal
     text = (
-        f"“{worth.title}” ({worth.study}, design “{design.name}”), run again with the amended model as the plant: "
+        f"“{study_gain.title}” ({study_gain.study}, design “{design.name}”), "
+        "run again with the amended model as the plant: "
         f"{len(design.drives)} drives, {design.planned} runs per level and estimator. Both beliefs are run on the same "
         "drives and noise, each with the noise variances that were fitted with it."
     )
-    if worth.moments:
-        begins = listed([f"{words(n)} {t:g} s" for n, t in worth.moments.items()])
+    if study_gain.change_times:
+        begins = listed([f"{words(n)} {t:g} s" for n, t in study_gain.change_times.items()])
         text += f" Changes begin at the same time in every drive, known to the amended belief: {begins}."
     return text
 
 
-def _analysis(worth: Worth) -> Analysis:
+def _analysis(study_gain: StudyGain) -> Analysis:
     """Return both runs of the study as one whose estimators are pairs of estimator and belief."""
-    names = [f"{e}, {belief}" for e in worth.nominal.estimators for belief in BELIEFS]
+    names = [f"{e}, {belief}" for e in study_gain.nominal.estimators for belief in BELIEFS]
     parts = [
         design.data[["rmse", "status"]].isel(estimator=[e])
-        for e in range(len(worth.nominal.estimators))
-        for design in (worth.nominal, worth.amended)
+        for e in range(len(study_gain.nominal.estimators))
+        for design in (study_gain.nominal, study_gain.amended)
     ]
-    like = worth.amended
+    like = study_gain.amended
     both = Design(
         name=like.name,
         data=xr.concat(parts, dim="estimator").assign_coords(estimator=names),
@@ -99,8 +100,8 @@ def _analysis(worth: Worth) -> Analysis:
         state_dimension=like.state_dimension,
         output_dimension=like.output_dimension,
     )
-    analysis = Analysis(Store(worth.study, {"seed": worth.seed}, [both], []))
-    own = style.looks(worth.nominal.estimators)
+    analysis = Analysis(Store(study_gain.study, {"seed": study_gain.seed}, [both], []))
+    own = style.looks(study_gain.nominal.estimators)
     for name, belief in ((n, b) for n in own for b in BELIEFS):
         look = own[name]
         colour = style.MEASURED if belief == "nominal" else look.colour
@@ -108,15 +109,15 @@ def _analysis(worth: Worth) -> Analysis:
     return analysis
 
 
-def _table(worth: Worth) -> Sheet:
+def _table(study_gain: StudyGain) -> Sheet:
     levels: list[int | None] = [None]
-    if worth.amended.matched is not None and len(worth.amended.bands) > 1:
-        levels.insert(0, worth.amended.matched)
+    if study_gain.amended.matched is not None and len(study_gain.amended.bands) > 1:
+        levels.insert(0, study_gain.amended.matched)
     rows = []
-    for t, target in enumerate(worth.nominal.targets):
-        for e in range(len(worth.nominal.estimators)):
-            for g in (worth.gain(e, t, band) for band in levels):
-                level = "all" if g.band is None else worth.amended.bands[g.band]
+    for t, target in enumerate(study_gain.nominal.targets):
+        for e in range(len(study_gain.nominal.estimators)):
+            for g in (study_gain.gain(e, t, band) for band in levels):
+                level = "all" if g.band is None else study_gain.amended.bands[g.band]
                 numbers = map(style.number, (g.before, g.after, *g.ratio))
                 rows.append([target.words, g.estimator, level, target.unit, *numbers, f"{g.lost[0]}, {g.lost[1]}"])
     header = ["target", "estimator", "level", "unit", "nominal", "amended", "ratio", "from", "to", "lost"]

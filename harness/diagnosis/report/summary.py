@@ -11,8 +11,8 @@ from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.report.figures import called
 from harness.diagnosis.result.outcome import Outcome, Value
-from harness.diagnosis.result.study_gain import Worth
-from harness.diagnosis.result.wording import unnamed_words
+from harness.diagnosis.result.study_gain import StudyGain
+from harness.diagnosis.result.wording import unmodelled_words
 from harness.diagnosis.selection.acceptance import BIC_NEEDED
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.models.quantities import listed, print_unit, quantity, words
@@ -60,20 +60,20 @@ def _table(outcome: Outcome) -> Sheet:
     nameless = outcome.verdict == "amended" and not outcome.added
     rows = [["verdict", _NAMELESS if nameless else _MEANING[outcome.verdict]]]
     rows += [["what", called(h.name)] for h in outcome.added]
-    if outcome.where.unnamed is not None:
-        rows += [["what", f"not in the library: {text}"] for text in unnamed_words(outcome.where.unnamed)]
+    if outcome.where.unmodelled is not None:
+        rows += [["what", f"not in the library: {text}"] for text in unmodelled_words(outcome.where.unmodelled)]
     rows += [["how large", line] for line in _sizes(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]
-    if isinstance(outcome.worth, Worth):
-        rows.append(["in a study", study_gain.answer(outcome.worth)])
+    if isinstance(outcome.study_gain, StudyGain):
+        rows.append(["in a study", study_gain.answer(outcome.study_gain)])
     shown = [[label if i == 0 or rows[i - 1][0] != label else "", text] for i, (label, text) in enumerate(rows)]
     return Sheet(["", ""], shown, "The answer at a glance; the sections below give the evidence.", left=2)
 
 
 def _sizes(outcome: Outcome) -> list[str]:
     """Return the parameters of what was added, largest in standard errors first where they are many."""
-    stated, found = outcome.trace.fitting.whole.spec.values, []
+    stated, found = outcome.trace.fitting.augmented.spec.values, []
     for h in outcome.added:
         values = outcome.values[h.name]
         if h.name == ALL_PARAMETERS:
@@ -122,7 +122,7 @@ def _certainty(outcome: Outcome) -> list[str]:
             "and takes its place; these drives hardly distinguish them"
             for h in instead
         ]
-    if (process := outcome.where.wandering) is not None:
+    if (process := outcome.where.random_process) is not None:
         found.append(
             f"{called(process.hypothesis.name)}: log-likelihood of a filter with it {style.number(process.gain)} "
             f"higher on the fitted drives, {style.number(process.held_out_gain)} on the held-out drives, where it "
@@ -134,11 +134,11 @@ def _certainty(outcome: Outcome) -> list[str]:
 def _improvements(outcome: Outcome) -> list[str]:
     """Return how far the errors of simulation and estimators fall on the held-out drives."""
     trace, found = outcome.trace, []
-    if not outcome.added and outcome.where.unnamed is None:
+    if not outcome.added and outcome.where.unmodelled is None:
         return []
-    outputs, after_all = list(trace.fitting.whole.model.outputs), outcome.after.error
+    outputs, after_all = list(trace.fitting.augmented.model.outputs), outcome.after.error
     fall = _fall(trace.before.error, after_all)
-    foretold = trace.added or outcome.where.unnamed is not None  # no simulation predicts a random process
+    foretold = trace.added or outcome.where.unmodelled is not None  # no simulation predicts a random process
     for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2] if foretold else ():
         q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
         before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], after_all[a], noise))

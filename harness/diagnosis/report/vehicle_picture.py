@@ -15,9 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from harness.common import registry
-from harness.diagnosis.innovations.disturbance_inputs import Channel
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.residuals.disturbance_ranking import Suspect
+from harness.diagnosis.residuals.disturbance_ranking import RankedInput
 from harness.models.assembly.assemble import symbol
 from harness.models.assembly.placement import Layout, suffix
 from harness.reporting import style
@@ -53,9 +53,9 @@ class Plan:
     kingpin: float | None
     layout: Layout
 
-    def of(self, channel: Channel) -> float:
+    def of(self, disturbance_input: DisturbanceInput) -> float:
         """Return where an input acts; what acts on all bodies is drawn in the middle of them."""
-        places = [self._place(p.removeprefix("sensor_")) for p in channel.ports]
+        places = [self._place(p.removeprefix("sensor_")) for p in disturbance_input.ports]
         return float(np.mean(places))
 
     def _place(self, name: str) -> float:
@@ -70,11 +70,11 @@ class Plan:
         return float(np.mean(list(self.cogs.values()))) if body is None else self.cogs[body]
 
 
-def plan_of(whole: AugmentedModel) -> Plan | None:
+def plan_of(augmented: AugmentedModel) -> Plan | None:
     """Return where axles and kingpin of a vehicle stand; ``None`` if its equations do not say."""
-    model, layout = whole.nominal, Layout.of(registry.load("harness.models.vehicles", whole.spec.vehicle))
+    model, layout = augmented.nominal, Layout.of(registry.load("harness.models.vehicles", augmented.spec.vehicle))
     numbers = {symbol(n): 0.0 for n in (*model.states, *model.inputs)}
-    numbers |= {symbol(n): float(v) for n, v in whole.spec.values.items()}
+    numbers |= {symbol(n): float(v) for n, v in augmented.spec.values.items()}
     numbers |= {symbol(n): _SPEED for n in ("speed", "longitudinal_velocity") if symbol(n) in numbers}
 
     def ahead(port: str, body: str) -> float | None:
@@ -102,16 +102,16 @@ def plan_of(whole: AugmentedModel) -> Plan | None:
     return Plan(cogs, axles, kingpin, layout) if axles else None
 
 
-def row_of(channel: Channel) -> str:
+def row_of(disturbance_input: DisturbanceInput) -> str:
     """Return the row of the picture in which an input is drawn."""
-    if channel.kind != "port":
-        return channel.kind
-    if "_axle_" in channel.ports[0] or channel.name == "road_wheel_angle":
+    if disturbance_input.kind != "port":
+        return disturbance_input.kind
+    if "_axle_" in disturbance_input.ports[0] or disturbance_input.name == "road_wheel_angle":
         return "tyres and steering"
-    return {"N": "force", "N*m": "yaw moment"}.get(channel.unit, "other")
+    return {"N": "force", "N*m": "yaw moment"}.get(disturbance_input.unit, "other")
 
 
-def picture(plan: Plan, suspects: Sequence[Suspect]) -> bytes:
+def picture(plan: Plan, ranked_inputs: Sequence[RankedInput]) -> bytes:
     """Return the vehicle from above with a mark per input, its area proportional to the gain in likelihood."""
     look = style.looks(["gain"])["gain"]
     with style.drawing():
@@ -120,11 +120,11 @@ def picture(plan: Plan, suspects: Sequence[Suspect]) -> bytes:
         ends = _bodies(axes, plan)
         width = ends[1] - ends[0]
         taken: dict[tuple[str, float], int] = {}
-        most = max(s.gain for s in suspects)
-        for rank, s in enumerate(suspects, 1):
+        most = max(s.gain for s in ranked_inputs)
+        for rank, s in enumerate(ranked_inputs, 1):
             if s.gain <= 0:
                 continue
-            row, x = row_of(s.channel), plan.of(s.channel)
+            row, x = row_of(s.disturbance_input), plan.of(s.disturbance_input)
             beside = taken.get((row, round(x, 1)), 0)
             taken[row, round(x, 1)] = beside + 1
             x += 0.055 * width * ((beside + 1) // 2) * (-1) ** beside

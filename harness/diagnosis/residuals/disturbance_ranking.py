@@ -15,8 +15,8 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitting, Point
-from harness.diagnosis.innovations.disturbance_inputs import Channel, channels_of
-from harness.diagnosis.innovations.innovation_model import Inlet, Linearisation, Linearised
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, disturbance_inputs_of
+from harness.diagnosis.innovations.innovation_model import InputDirection, Linearisation, Linearised
 from harness.engine.simd.lanes import LANES
 
 FIRST = 3.0
@@ -33,17 +33,17 @@ _DEVIATIONS = np.geomspace(0.3, 1e3, LANES)
 
 
 @dataclass(frozen=True)
-class Suspect:
+class RankedInput:
     """An input with what a disturbance there explains.
 
     Attributes:
-        channel: The input.
+        disturbance_input: The input.
         gain: In log-likelihood over all drives, at the best of the grid; 0 if none gains.
         time_constant: In s, of the best.
         deviation: Standard deviation of the best, in the unit of the channel.
     """
 
-    channel: Channel
+    disturbance_input: DisturbanceInput
     gain: float
     time_constant: float
     deviation: float
@@ -62,73 +62,85 @@ class History:
     error: Floats
 
 
-class Pinpoint:
+class DisturbanceRanking:
     """The ranking of inputs at one point of one model.
 
     Args:
         fitting: The recordings.
         point: Where the model was fitted.
-        channels: The inputs; all of them by default.
+        disturbance_inputs: The inputs; all of them by default.
         ranked: Whether to rank them, besides linearising the filter along the drives.
     """
 
     def __init__(
-        self, fitting: Fitting, point: Point, channels: Sequence[Channel] | None = None, ranked: bool = True
+        self,
+        fitting: Fitting,
+        point: Point,
+        disturbance_inputs: Sequence[DisturbanceInput] | None = None,
+        ranked: bool = True,
     ) -> None:
-        whole, numbers = fitting.whole, range(len(fitting.drives))
-        self.whole = whole
-        self.channels = tuple(channels_of(whole) if channels is None else channels)
+        augmented, numbers = fitting.augmented, range(len(fitting.drives))
+        self.augmented = augmented
+        self.disturbance_inputs = tuple(
+            disturbance_inputs_of(augmented) if disturbance_inputs is None else disturbance_inputs
+        )
         self.drives = fitting.drives
-        kept, compiled = fitting.runs(point), Linearisation(whole)
+        kept, compiled = fitting.runs(point), Linearisation(augmented)
 
         def linearised(i: int) -> Linearised:
             return Linearised(compiled, fitting.drives[i], point.values[:, i], kept[i])
 
-        self.linear = whole.share(linearised, numbers)
-        self._inlets = whole.share(lambda i: self.linear[i].inlets(self.channels), numbers)
-        self.suspects = self._ranked() if ranked else ()
+        self.linear = augmented.share(linearised, numbers)
+        self._input_directions = augmented.share(
+            lambda i: self.linear[i].input_directions(self.disturbance_inputs), numbers
+        )
+        self.ranked_inputs = self._ranked() if ranked else ()
 
-    def inlets(self, channel: Channel) -> list[Inlet]:
+    def input_directions(self, disturbance_input: DisturbanceInput) -> list[InputDirection]:
         """Return how an input acts in each drive."""
-        j = self.channels.index(channel)
-        return [inlets[j] for inlets in self._inlets]
+        j = self.disturbance_inputs.index(disturbance_input)
+        return [input_directions[j] for input_directions in self._input_directions]
 
-    def history(self, suspect: Suspect) -> tuple[History, ...]:
+    def history(self, ranked_input: RankedInput) -> tuple[History, ...]:
         """Return the disturbance at an input over every drive."""
         return tuple(
-            History(*linear.innovations.smoothed(inlet, suspect.time_constant, suspect.deviation))
-            for linear, inlet in zip(self.linear, self.inlets(suspect.channel), strict=True)
+            History(*linear.innovations.smoothed(input_direction, ranked_input.time_constant, ranked_input.deviation))
+            for linear, input_direction in zip(
+                self.linear, self.input_directions(ranked_input.disturbance_input), strict=True
+            )
         )
 
-    def _ranked(self) -> tuple[Suspect, ...]:
-        found = self.whole.share(lambda c: self._suspect(c, (FIRST,)), self.channels)
+    def _ranked(self) -> tuple[RankedInput, ...]:
+        found = self.augmented.share(lambda c: self._suspect(c, (FIRST,)), self.disturbance_inputs)
         found.sort(key=_gain, reverse=True)
-        first = self.whole.share(lambda s: max(s, self._suspect(s.channel, FURTHER), key=_gain), found[:_REFINED])
+        first = self.augmented.share(
+            lambda s: max(s, self._suspect(s.disturbance_input, FURTHER), key=_gain), found[:_REFINED]
+        )
         return tuple(sorted([*first, *found[_REFINED:]], key=_gain, reverse=True))
 
-    def _suspect(self, channel: Channel, time_constants: Sequence[float]) -> Suspect:
-        inlets = self.inlets(channel)
+    def _suspect(self, disturbance_input: DisturbanceInput, time_constants: Sequence[float]) -> RankedInput:
+        input_directions = self.input_directions(disturbance_input)
         power, duration = 0.0, 0.0  # of the response to a constant one
-        for linear, inlet in zip(self.linear, inlets, strict=True):
+        for linear, input_direction in zip(self.linear, input_directions, strict=True):
             ones = np.ones((len(linear.innovations.residual), 1))
-            power += float(np.sum(linear.innovations.responses(inlet, ones) ** 2))
+            power += float(np.sum(linear.innovations.responses(input_direction, ones) ** 2))
             duration += len(ones) * linear.innovations.step
-        best = Suspect(channel, 0.0, time_constants[0], 0.0)
+        best = RankedInput(disturbance_input, 0.0, time_constants[0], 0.0)
         for time_constant in time_constants if power > 0 else ():
             tried = _DEVIATIONS / np.sqrt(power / duration * time_constant)
             gains = np.sum(
                 [
-                    linear.innovations.gains(inlet, time_constant, tried)
-                    for linear, inlet in zip(self.linear, inlets, strict=True)
+                    linear.innovations.gains(input_direction, time_constant, tried)
+                    for linear, input_direction in zip(self.linear, input_directions, strict=True)
                 ],
                 axis=0,
             )
             gains = np.where(np.isfinite(gains), gains, -np.inf)
             most = int(np.argmax(gains))
             if gains[most] > best.gain:
-                best = Suspect(channel, float(gains[most]), time_constant, float(tried[most]))
+                best = RankedInput(disturbance_input, float(gains[most]), time_constant, float(tried[most]))
         return best
 
 
-def _gain(suspect: Suspect) -> float:
-    return suspect.gain
+def _gain(ranked_input: RankedInput) -> float:
+    return ranked_input.gain

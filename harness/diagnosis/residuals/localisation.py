@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
-from harness.diagnosis.residuals.disturbance_ranking import History, Pinpoint, Suspect
-from harness.diagnosis.residuals.random_process import Wandering, find_wandering
-from harness.diagnosis.residuals.unmodelled import Unnamed, find_unnamed
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking, History, RankedInput
+from harness.diagnosis.residuals.random_process import RandomProcess, find_random_process
+from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance, find_unmodelled
 from harness.diagnosis.selection.forward_selection import Trace
 
 SHOWN = 3
@@ -23,20 +23,20 @@ class Where:
         nominal: The nominal model, refitted; ``None`` if it could not be pinpointed.
         final: With everything added; the same if nothing was.
         histories: Disturbances at the inputs of the largest gain of the nominal model, each over every fitted drive.
-        unnamed: What is left, as curves; ``None`` if it was not sought or nothing improves the held-out drives.
-        wandering: What is left, as a random process of the library; then no curve is looked for.
+        unmodelled: What is left, as curves; ``None`` if it was not sought or nothing improves the held-out drives.
+        random_process: What is left, as a random process of the library; then no curve is looked for.
     """
 
-    nominal: Pinpoint | None
-    final: Pinpoint | None
+    nominal: DisturbanceRanking | None
+    final: DisturbanceRanking | None
     histories: tuple[tuple[History, ...], ...]
-    unnamed: Unnamed | None
-    wandering: Wandering | None = None
+    unmodelled: UnmodelledDisturbance | None
+    random_process: RandomProcess | None = None
 
     @property
-    def shown(self) -> tuple[Suspect, ...]:
+    def shown(self) -> tuple[RankedInput, ...]:
         """The inputs of the largest gain of the nominal model, where a disturbance gains anything."""
-        return tuple(s for s in self.nominal.suspects[:SHOWN] if s.gain > 0) if self.nominal else ()
+        return tuple(s for s in self.nominal.ranked_inputs[:SHOWN] if s.gain > 0) if self.nominal else ()
 
 
 NOWHERE = Where(None, None, (), None)
@@ -44,7 +44,7 @@ NOWHERE = Where(None, None, (), None)
 
 
 def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failures = RAISED) -> Where:
-    """Pinpoint what the nominal model and the final one lack.
+    """Rank where the nominal model and the final one lack.
 
     Args:
         trace: What was found.
@@ -52,19 +52,19 @@ def where(trace: Trace, amended: ModelSpec, unexplained: bool, failures: Failure
         unexplained: Whether anything is left to explain.
         failures: Takes what cannot be computed; by default it is raised.
     """
-    nominal = final = Pinpoint(trace.fitting, trace.nominal.point)
+    nominal = final = DisturbanceRanking(trace.fitting, trace.nominal.point)
     if trace.added:
-        final = Pinpoint(trace.fitting, trace.final.point, nominal.channels)
-    histories = tuple(nominal.history(s) for s in nominal.suspects[:SHOWN] if s.gain > 0)
-    wandering = unnamed = None
+        final = DisturbanceRanking(trace.fitting, trace.final.point, nominal.disturbance_inputs)
+    histories = tuple(nominal.history(s) for s in nominal.ranked_inputs[:SHOWN] if s.gain > 0)
+    random_process = unmodelled = None
     if unexplained:
-        wandering = failures.attempt(
-            "the search for a random process", lambda: find_wandering(trace, amended, final), lambda _: None
+        random_process = failures.attempt(
+            "the search for a random process", lambda: find_random_process(trace, amended, final), lambda _: None
         )
-    if unexplained and wandering is None:
-        unnamed = failures.attempt(
+    if unexplained and random_process is None:
+        unmodelled = failures.attempt(
             "the search for an unmodelled disturbance",
-            lambda: find_unnamed(trace.fitting, trace.held_out, trace.final, trace.after, final),
+            lambda: find_unmodelled(trace.fitting, trace.held_out, trace.final, trace.after, final),
             lambda _: None,
         )
-    return Where(nominal, final, histories, unnamed, wandering)
+    return Where(nominal, final, histories, unmodelled, random_process)

@@ -16,9 +16,9 @@ import numpy as np
 from scipy import ndimage, optimize
 
 from harness.common.arrays import Floats
-from harness.diagnosis.innovations.disturbance_inputs import Channel
-from harness.diagnosis.innovations.innovation_model import Inlet, InnovationModel
-from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
+from harness.diagnosis.innovations.innovation_model import InnovationModel, InputDirection
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 
 WAVELENGTHS = (0.5, 10.0)
 """m; from the second order of a small wheel to a slow shaft."""
@@ -60,11 +60,11 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
-class Turning:
+class PeriodicDisturbance:
     """A disturbance that is periodic in the distance driven.
 
     Attributes:
-        channel: The entry.
+        disturbance_input: The entry.
         wavelength: m.
         growth: Power of the speed with which it grows.
         speed: At which it has its amplitude, in m/s.
@@ -74,7 +74,7 @@ class Turning:
         spectrum: From which it was taken.
     """
 
-    channel: Channel
+    disturbance_input: DisturbanceInput
     wavelength: float
     growth: int
     speed: float
@@ -83,9 +83,9 @@ class Turning:
     clarity: float
     spectrum: Spectrum
 
-    def waves(self, ride: Ride) -> Waves:
+    def waves(self, distance_drive: DistanceDomainDrive) -> Waves:
         """Return its two waves over a drive, a quarter of a turn apart."""
-        s, v = ride.distance, ride.speed
+        s, v = distance_drive.distance, distance_drive.speed
         now, middle = self._at(s, v), self._at(0.5 * (s[:-1] + s[1:]), 0.5 * (v[:-1] + v[1:]))
         during = now.copy()
         during[:-1] = (now[:-1] + 4.0 * middle + now[1:]) / 6.0
@@ -113,7 +113,7 @@ class Waves:
 
 
 @dataclass(frozen=True)
-class Ride:
+class DistanceDomainDrive:
     """A drive in which a periodic disturbance is sought.
 
     Attributes:
@@ -128,22 +128,24 @@ class Ride:
     distance: Floats
     speed: Floats
 
-    def pull(self, inlet: Inlet, adjoint: Floats) -> Floats:
+    def pull(self, input_direction: InputDirection, adjoint: Floats) -> Floats:
         """Return the derivative of the log-likelihood to a disturbance at every sample ``(samples,)``."""
         later = np.concatenate([adjoint[1:], np.zeros((1, adjoint.shape[1]))])
-        found = np.einsum("ka,ka->k", inlet.direct, self.residual) + np.einsum("ki,ki->k", inlet.entry, later)
+        found = np.einsum("ka,ka->k", input_direction.direct, self.residual) + np.einsum(
+            "ki,ki->k", input_direction.entry, later
+        )
         found[0] = 0.0  # the first sample is not used
         return found
 
-    def response(self, inlet: Inlet, waves: Waves) -> Floats:
+    def response(self, input_direction: InputDirection, waves: Waves) -> Floats:
         """Return how disturbances move the whitened innovations ``(samples, ny, n)``."""
-        during = Inlet(inlet.entry - inlet.through, np.zeros_like(inlet.direct))
-        now = Inlet(inlet.entry - during.entry, inlet.direct)
+        during = InputDirection(input_direction.entry - input_direction.through, np.zeros_like(input_direction.direct))
+        now = InputDirection(input_direction.entry - during.entry, input_direction.direct)
         return self.model.responses(during, waves.during) + self.model.responses(now, waves.now)
 
-    def phase(self, inlet: Inlet, waves: Waves) -> tuple[Floats, float, Floats]:
+    def phase(self, input_direction: InputDirection, waves: Waves) -> tuple[Floats, float, Floats]:
         """Return the best phase of waves a quarter of a turn apart: its shares of both, gain, and what it explains."""
-        X = self.response(inlet, waves)
+        X = self.response(input_direction, waves)
         b = np.tensordot(X, self.residual, ((0, 1), (0, 1)))
         G = np.tensordot(X, X, ((0, 1), (0, 1)))
         # Along the circle the gain has two maxima at most; a grid of degrees finds the higher one.
@@ -154,53 +156,64 @@ class Ride:
         return best, float(gains.max()), X @ best
 
 
-def ridden(pinpoint: Pinpoint, speeds: Sequence[Floats]) -> list[Ride]:
+def in_distance_domain(ranking: DisturbanceRanking, speeds: Sequence[Floats]) -> list[DistanceDomainDrive]:
     """Return the drives of a pinpointed model with the speed of each ``(samples,)``."""
     found = []
-    for linear, v in zip(pinpoint.linear, speeds, strict=True):
+    for linear, v in zip(ranking.linear, speeds, strict=True):
         model = linear.innovations
         distance = np.concatenate([[0.0], np.cumsum(0.5 * model.step * (v[1:] + v[:-1]))])
-        found.append(Ride(model, model.residual, distance, v))
+        found.append(DistanceDomainDrive(model, model.residual, distance, v))
     return found
 
 
-def find_turning(
-    pinpoint: Pinpoint, channels: Sequence[Channel], rides: Sequence[Ride], needed: float
-) -> Turning | None:
+def find_periodic(
+    ranking: DisturbanceRanking,
+    disturbance_inputs: Sequence[DisturbanceInput],
+    distance_drives: Sequence[DistanceDomainDrive],
+    needed: float,
+) -> PeriodicDisturbance | None:
     """Return the periodic disturbance of the largest gain in log-likelihood; ``None`` if none gains what is needed.
 
     Args:
-        pinpoint: Of the fitted drives.
-        channels: Entries at which it may act.
-        rides: The same drives.
+        ranking: Of the fitted drives.
+        disturbance_inputs: Entries at which it may act.
+        distance_drives: The same drives.
         needed: Gain over the background, beyond what the best of as many tries as there are lines reaches by chance.
     """
-    mean = float(np.concatenate([r.speed for r in rides]).mean())
-    lines = _lines(rides, mean)
+    mean = float(np.concatenate([r.speed for r in distance_drives]).mean())
+    lines = _lines(distance_drives, mean)
     if len(lines) < _KNOTS:
         return None
-    adjoints = [r.model.adjoint(r.residual) for r in rides]
-    best: Turning | None = None
-    for channel in channels:
-        inlets = pinpoint.inlets(channel)
-        pulls = [r.pull(inlet, z) for r, inlet, z in zip(rides, inlets, adjoints, strict=True)]
-        power = np.array([_power(r, inlet, lines) for r, inlet in zip(rides, inlets, strict=True)])
+    adjoints = [r.model.adjoint(r.residual) for r in distance_drives]
+    best: PeriodicDisturbance | None = None
+    for disturbance_input in disturbance_inputs:
+        input_directions = ranking.input_directions(disturbance_input)
+        pulls = [
+            r.pull(input_direction, z)
+            for r, input_direction, z in zip(distance_drives, input_directions, adjoints, strict=True)
+        ]
+        power = np.array(
+            [
+                _power(r, input_direction, lines)
+                for r, input_direction in zip(distance_drives, input_directions, strict=True)
+            ]
+        )
         if not power.any():
             continue
-        spectrum = _spectrum(pulls, power, rides, lines)
+        spectrum = _spectrum(pulls, power, distance_drives, lines)
         for growth in GROWTH:
-            found = _taken(channel, inlets, pulls, rides, spectrum, growth, mean)
+            found = _taken(disturbance_input, input_directions, pulls, distance_drives, spectrum, growth, mean)
             if best is None or found.clarity > best.clarity:
                 best = found
-    if best is None or best.clarity < needed + np.log(len(lines) * len(channels)):
+    if best is None or best.clarity < needed + np.log(len(lines) * len(disturbance_inputs)):
         return None
     return best
 
 
-def _lines(rides: Sequence[Ride], mean: float) -> Floats:
+def _lines(distance_drives: Sequence[DistanceDomainDrive], mean: float) -> Floats:
     """Return the wave numbers of the spectrum in 1/m, ascending."""
-    longest = max(float(r.distance[-1]) for r in rides)
-    shortest = max(WAVELENGTHS[0], _SAMPLES * mean * rides[0].model.step)
+    longest = max(float(r.distance[-1]) for r in distance_drives)
+    shortest = max(WAVELENGTHS[0], _SAMPLES * mean * distance_drives[0].model.step)
     if longest < 10 * WAVELENGTHS[1]:
         return np.zeros(0)
     size = _transformed(longest)
@@ -217,58 +230,62 @@ def _waves(number: float, distance: Floats, size: Floats) -> Floats:
     return size[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
-def _power(ride: Ride, inlet: Inlet, lines: Floats) -> Floats:
+def _power(distance_drive: DistanceDomainDrive, input_direction: InputDirection, lines: Floats) -> Floats:
     """Return the power of the response to a wave of each wave number ``(lines,)``."""
     knots = np.geomspace(lines[0], lines[-1], _KNOTS)
-    ones = np.ones_like(ride.distance)
-    waves = np.concatenate([_waves(k, ride.distance, ones) for k in knots], axis=1)
-    squares = np.einsum("kan,kan->n", *2 * [ride.model.responses(inlet, waves)])
+    ones = np.ones_like(distance_drive.distance)
+    waves = np.concatenate([_waves(k, distance_drive.distance, ones) for k in knots], axis=1)
+    squares = np.einsum("kan,kan->n", *2 * [distance_drive.model.responses(input_direction, waves)])
     return np.interp(lines, knots, 0.5 * (squares[::2] + squares[1::2]))
 
 
-def _spectrum(pulls: Sequence[Floats], power: Floats, rides: Sequence[Ride], lines: Floats) -> Spectrum:
+def _spectrum(
+    pulls: Sequence[Floats], power: Floats, distance_drives: Sequence[DistanceDomainDrive], lines: Floats
+) -> Spectrum:
     """Return the gain at every line: the sum over drives, each at its best phase, of one amplitude."""
-    size = _transformed(max(float(r.distance[-1]) for r in rides))
+    size = _transformed(max(float(r.distance[-1]) for r in distance_drives))
     first = round(float(lines[0]) * size * _BIN)
     total = np.zeros(len(lines))
-    for pull, ride in zip(pulls, rides, strict=True):
-        binned = np.bincount(np.round(ride.distance / _BIN).astype(int), pull, size)[:size]
+    for pull, distance_drive in zip(pulls, distance_drives, strict=True):
+        binned = np.bincount(np.round(distance_drive.distance / _BIN).astype(int), pull, size)[:size]
         total += np.abs(np.fft.rfft(binned))[first : first + len(lines)]
     return Spectrum(1.0 / lines, 0.5 * total**2 / np.maximum(power.sum(axis=0), 1e-300))
 
 
 def _taken(
-    channel: Channel,
-    inlets: Sequence[Inlet],
+    disturbance_input: DisturbanceInput,
+    input_directions: Sequence[InputDirection],
     pulls: Sequence[Floats],
-    rides: Sequence[Ride],
+    distance_drives: Sequence[DistanceDomainDrive],
     spectrum: Spectrum,
     growth: int,
     mean: float,
-) -> Turning:
+) -> PeriodicDisturbance:
     """Return the highest line of a spectrum at its exact wavelength, with its size."""
     background = spectrum.background()
     top = int(np.argmax(spectrum.gain / background))
-    numbers, sizes = 1.0 / spectrum.wavelength, [(r.speed / mean) ** growth for r in rides]
+    numbers, sizes = 1.0 / spectrum.wavelength, [(r.speed / mean) ** growth for r in distance_drives]
     width = numbers[1] - numbers[0]
 
     def less(number: float) -> float:
         return -sum(
             float(np.hypot(*(pull @ _waves(number, r.distance, size))))
-            for pull, r, size in zip(pulls, rides, sizes, strict=True)
+            for pull, r, size in zip(pulls, distance_drives, sizes, strict=True)
         )
 
     near = (numbers[top] - width, numbers[top] + width)
     number = float(
         optimize.minimize_scalar(less, near, bounds=near, method="bounded", options={"xatol": 1e-3 * width}).x
     )
-    first = Turning(channel, 1.0 / number, growth, mean, 1.0, 0.0, 0.0, spectrum)
+    first = PeriodicDisturbance(disturbance_input, 1.0 / number, growth, mean, 1.0, 0.0, 0.0, spectrum)
     push = power = 0.0
-    for r, inlet in zip(rides, inlets, strict=True):
-        X = r.response(inlet, first.waves(r))
+    for r, input_direction in zip(distance_drives, input_directions, strict=True):
+        X = r.response(input_direction, first.waves(r))
         b = np.tensordot(X, r.residual, ((0, 1), (0, 1)))
         push += float(np.hypot(*b))
         power += float(np.sum((X @ (b / max(float(np.hypot(*b)), 1e-300))) ** 2))
     amplitude = push / max(power, 1e-300)
     gain = 0.5 * push * amplitude
-    return Turning(channel, 1.0 / number, growth, mean, amplitude, gain, gain / background[top], spectrum)
+    return PeriodicDisturbance(
+        disturbance_input, 1.0 / number, growth, mean, amplitude, gain, gain / background[top], spectrum
+    )

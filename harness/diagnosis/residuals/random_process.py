@@ -20,7 +20,7 @@ from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
-from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.selection.acceptance import AHEAD, BIC_NEEDED
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import EXCESS
@@ -52,7 +52,7 @@ _SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
 
 
 @dataclass(frozen=True)
-class Wandering:
+class RandomProcess:
     """A random process that a model lacks.
 
     Attributes:
@@ -72,7 +72,7 @@ class Wandering:
     white: bool
 
 
-def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wandering | None:
+def find_random_process(trace: Trace, final: ModelSpec, ranking: DisturbanceRanking) -> RandomProcess | None:
     """Return the random process that explains what a model lacks; ``None`` if none does.
 
     Where the noise is held as stated none is sought: like process noise, it would absorb what is missing.
@@ -80,22 +80,22 @@ def find_wandering(trace: Trace, final: ModelSpec, pinpoint: Pinpoint) -> Wander
     Args:
         trace: What was found.
         final: The final model.
-        pinpoint: Of it.
+        ranking: Of it.
     """
-    if trace.fitting.noise_held or not pinpoint.suspects or 2 * pinpoint.suspects[0].gain < BIC_NEEDED:
+    if trace.fitting.noise_held or not ranking.ranked_inputs or 2 * ranking.ranked_inputs[0].gain < BIC_NEEDED:
         return None
-    most = pinpoint.suspects[0].gain
-    suspected = [set(s.channel.ports) for s in pinpoint.suspects if 2 * (most - s.gain) < AHEAD]
-    for name in _processes(final, trace.fitting.whole):
+    most = ranking.ranked_inputs[0].gain
+    suspected = [set(s.disturbance_input.ports) for s in ranking.ranked_inputs if 2 * (most - s.gain) < AHEAD]
+    for name in _processes(final, trace.fitting.augmented):
         found = _fitted(trace, final, name) if _changed(final, name) in suspected else None
         if found is not None:
             return found
     return None
 
 
-def _processes(spec: ModelSpec, whole: AugmentedModel) -> list[str]:
+def _processes(spec: ModelSpec, augmented: AugmentedModel) -> list[str]:
     """Return the random processes of the library that a model may lack, without those that the user excludes."""
-    out = whole.excluded | {split(e)[0] for e in spec.effects}
+    out = augmented.excluded | {split(e)[0] for e in spec.effects}
     every = placements(spec.vehicle, spec.tyre, spec.sensors)
     return [n for n in every if getattr(load_effect(n), "NOISE", None) and split(n)[0] not in out]
 
@@ -106,13 +106,13 @@ def _changed(spec: ModelSpec, name: str) -> set[str]:
     return {port for port in before if before[port] != after[port]}
 
 
-def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
+def _fitted(trace: Trace, final: ModelSpec, name: str) -> RandomProcess | None:
     """Return a process, fitted with the free parameters and all noise variances, if it is accepted."""
     parameters = load_effect(name).PARAMETERS
     names = tuple(p.name for p in parameters)
-    filters = Innovations(_with(trace, final, name), jobs=trace.fitting.whole.jobs)
+    filters = Innovations(_with(trace, final, name), jobs=trace.fitting.augmented.jobs)
     here, there = (
-        tuple(_own(d, trace.fitting.whole, filters) for d in drives)
+        tuple(_own(d, trace.fitting.augmented, filters) for d in drives)
         for drives in (trace.fitting.drives, trace.held_out.drives)
     )
     filters.spec = _first(filters, here, parameters)
@@ -134,11 +134,13 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> Wandering | None:
     left = [_left(b, a) for b, a in zip(*tests, strict=True)]
     if max(left) > NEXT_TO_WHITE:
         return None
-    if trace.after.excess > max(EXCESS, FARTHER * expected_excess(filters, there, with_it, trace.held_out.variances)):
+    if trace.after.normalised_excess_mse > max(
+        EXCESS, FARTHER * expected_excess(filters, there, with_it, trace.held_out.variances)
+    ):
         return None
     hypothesis = Hypothesis(name, "effect", tuple(absent), tuple(n for n in names if n not in absent))
     errors = {n: fit.estimate(n).error for n in names}
-    return Wandering(hypothesis, fit.spec, errors, gain, held_out_gain, white=max(left) == 0)
+    return RandomProcess(hypothesis, fit.spec, errors, gain, held_out_gain, white=max(left) == 0)
 
 
 def _left(before: Whiteness, after: Whiteness) -> float:
@@ -152,7 +154,7 @@ def _left(before: Whiteness, after: Whiteness) -> float:
 
 
 def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candidates, variances: Floats) -> float:
-    """Return the excess of the simulation error that the random processes of a model cause (``Judgement.excess``).
+    """Return the ``normalised_excess_mse`` of a simulation that the random processes of a model cause.
 
     A filter without measurements and without other noise states the variances of the outputs.
 
@@ -186,20 +188,20 @@ def _first(filters: Innovations, drives: Sequence[Drive], parameters: Sequence[P
 
 def _with(trace: Trace, final: ModelSpec, name: str) -> ModelSpec:
     """Return the final model with a random process and the first noise, which nothing missing has made larger yet."""
-    larger, first = replace(final, effects=(*final.effects, name)), trace.fitting.whole.spec.process_noise
+    larger, first = replace(final, effects=(*final.effects, name)), trace.fitting.augmented.spec.process_noise
     model = larger.model()
     process = {s: first.get(s, model.noise.get(s, 0.0) * final.step) for s in model.states}
     values = {**final.values, **{p.name: p.grid[0] for p in load_effect(name).PARAMETERS}}
     return replace(larger, values={n: values[n] for n in model.parameter_names}, process_noise=process)
 
 
-def _own(drive: Drive, whole: AugmentedModel, filters: Innovations) -> Drive:
-    """Return a drive of the whole model in terms of a filter's; what has noise alone starts at its mean."""
-    columns = [whole.model.inputs.index(n) for n in filters.model.inputs]
+def _own(drive: Drive, augmented: AugmentedModel, filters: Innovations) -> Drive:
+    """Return a drive of the augmented model in terms of a filter's; what has noise alone starts at its mean."""
+    columns = [augmented.model.inputs.index(n) for n in filters.model.inputs]
     states = filters.model.states
-    known = {s: i for i, s in enumerate(whole.model.states)}
+    known = {s: i for i, s in enumerate(augmented.model.states)}
     mean = np.array([drive.first_mean[known[s]] if s in known else 0.0 for s in states])
-    nominal = {s: i for i, s in enumerate(whole.nominal.states)}
+    nominal = {s: i for i, s in enumerate(augmented.nominal.states)}
     variance = [drive.first_variance[nominal[s]] if s in nominal else filters.spec.process_noise[s] for s in states]
     inputs, between = drive.inputs[:, columns], drive.between[:, columns]
     return replace(drive, inputs=inputs, between=between, first_mean=mean, first_variance=np.array(variance))

@@ -34,7 +34,7 @@ _WINDOW = 0.1
 
 
 @dataclass(frozen=True)
-class Driver:
+class Regressor:
     """A signal that a disturbance may depend on.
 
     Attributes:
@@ -65,9 +65,9 @@ class Driver:
         return -math.expm1(-step / self.within)
 
 
-def drivers_of(whole: AugmentedModel) -> tuple[Driver, ...]:
-    """Return the drivers that a nominal model has, as functions of states and inputs of the whole one."""
-    model, column = whole.nominal, whole.model.inputs.index
+def regressors_of(augmented: AugmentedModel) -> tuple[Regressor, ...]:
+    """Return the drivers that a nominal model has, as functions of states and inputs of the augmented one."""
+    model, column = augmented.nominal, augmented.model.inputs.index
     inputs = [n for n in model.inputs if n != "time"]
     measured = [s for s in model.states if _measured(model, s) and SIGNALS[s].unit != "N"]
     found = [_column(n, column(n), 1) for n in inputs]
@@ -80,14 +80,14 @@ def drivers_of(whole: AugmentedModel) -> tuple[Driver, ...]:
         speed = column("speed")
         for s in measured:
             if SIGNALS[s].unit == "rad/s":
-                found += _turning(s, model.states.index(s), speed)
+                found += _periodic(s, model.states.index(s), speed)
     return tuple(found)
 
 
-def with_quick(drivers: Sequence[Driver]) -> tuple[Driver, ...]:
+def with_quick(regressors: Sequence[Regressor]) -> tuple[Regressor, ...]:
     """Return drivers and the quick parts of those that are angles or rates of turn."""
-    found = list(drivers)
-    for d in drivers:
+    found = list(regressors)
+    for d in regressors:
         if d.name in SIGNALS and d.unit in ("rad", "rad/s"):
             for within in WITHIN:
                 found.append(replace(d, words=f"quick part of the {d.words} (within {within:g} s)", within=within))
@@ -109,16 +109,16 @@ def _measured(model: Model, state: str) -> bool:
     )
 
 
-def _column(name: str, i: int, source: int) -> Driver:
-    return Driver(name, name.replace("_", " "), SIGNALS[name].unit, lambda *tables: tables[source][:, i])
+def _column(name: str, i: int, source: int) -> Regressor:
+    return Regressor(name, name.replace("_", " "), SIGNALS[name].unit, lambda *tables: tables[source][:, i])
 
 
-def _rate_of_input(name: str, i: int) -> Driver:
+def _rate_of_input(name: str, i: int) -> Regressor:
     words = f"rate of the {name.replace('_', ' ')}"
-    return Driver(f"{name}_rate", words, f"{SIGNALS[name].unit}/s", lambda x, u, du: du[:, i])
+    return Regressor(f"{name}_rate", words, f"{SIGNALS[name].unit}/s", lambda x, u, du: du[:, i])
 
 
-def _rate_of_state(model: Model, state: str, measured: list[str]) -> Driver | None:
+def _rate_of_state(model: Model, state: str, measured: list[str]) -> Regressor | None:
     """Return the rate of a state that follows from measured ones alone."""
     rate = model.derivatives[model.states.index(state)]
     reads = {s.name for s in rate.free_symbols}
@@ -131,19 +131,19 @@ def _rate_of_state(model: Model, state: str, measured: list[str]) -> Driver | No
             return None
         slopes[model.states.index(name)] = float(slope)
     words = f"rate of the {state.replace('_', ' ')}"
-    return Driver(f"{state}_rate", words, f"{SIGNALS[state].unit}/s", lambda x, u, du: x[:, : len(slopes)] @ slopes)
+    return Regressor(f"{state}_rate", words, f"{SIGNALS[state].unit}/s", lambda x, u, du: x[:, : len(slopes)] @ slopes)
 
 
-def _turning(state: str, i: int, speed: int) -> list[Driver]:
+def _periodic(state: str, i: int, speed: int) -> list[Regressor]:
     of = state.removeprefix("yaw_rate").replace("_", " ")
     return [
-        Driver(
+        Regressor(
             f"{state}*speed",
             f"yaw rate{of} times speed",
             "m/s^2",
             lambda x, u, du: x[:, i] * u[:, speed],
         ),
-        Driver(
+        Regressor(
             f"{state}/speed",
             f"curvature{' of the path of the' + of if of else ''}",
             "1/m",

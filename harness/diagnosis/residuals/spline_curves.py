@@ -11,8 +11,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from harness.common.arrays import Floats
-from harness.diagnosis.innovations.disturbance_inputs import Channel
-from harness.diagnosis.residuals.regressors import Driver
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
+from harness.diagnosis.residuals.regressors import Regressor
 
 DEGREE = 3
 FUNCTIONS = 9
@@ -60,8 +60,8 @@ class Curve:
     """A disturbance at an input as a function of a signal.
 
     Attributes:
-        channel: The input.
-        driver: The signal.
+        disturbance_input: The input.
+        regressor: The signal.
         basis: Its functions.
         weights: Of the functions ``(FUNCTIONS,)``.
         covariance: Of the weights.
@@ -69,8 +69,8 @@ class Curve:
         predicted: Gain in log-likelihood of drives from which it was not fitted, in cross-validation.
     """
 
-    channel: Channel
-    driver: Driver
+    disturbance_input: DisturbanceInput
+    regressor: Regressor
     basis: Basis
     weights: Floats
     covariance: Floats

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.innovations.disturbance_inputs import Channel
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.innovations.innovation_model import lasso
-from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
-from harness.diagnosis.residuals.regressors import Driver
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
+from harness.diagnosis.residuals.regressors import Regressor
 
 PIECE = 10.0
 """s; pieces of a drive that are drawn together."""
@@ -42,15 +42,15 @@ _SHAPES = (
 class Proposal:
     """A pair of input and regressor with the share of halves in which one of its terms was selected."""
 
-    channel: Channel
-    driver: Driver
+    disturbance_input: DisturbanceInput
+    regressor: Regressor
     stability: float
 
 
 def proposals(
-    pinpoint: Pinpoint,
-    channels: Sequence[Channel],
-    drivers: Sequence[Driver],
+    ranking: DisturbanceRanking,
+    disturbance_inputs: Sequence[DisturbanceInput],
+    regressors: Sequence[Regressor],
     signals: Sequence[Floats],
     moved: Sequence[Floats],
     residuals: Sequence[Floats],
@@ -58,22 +58,24 @@ def proposals(
     """Return pairs of input and regressor, the most stable first.
 
     Args:
-        pinpoint: At the fit.
-        channels: Inputs to be tried.
-        drivers: Signals to be tried.
-        signals: Their values by drive ``(samples, drivers)``.
+        ranking: At the fit.
+        disturbance_inputs: Inputs to be tried.
+        regressors: Signals to be tried.
+        signals: Their values by drive ``(samples, regressors)``.
         moved: What the fitted parameters do to the innovations, by drive ``(samples * ny, parameters)``.
         residuals: Whitened innovations that are to be explained, by drive ``(samples, ny)``.
     """
     scale = 2.0 * np.std(np.concatenate(signals), axis=0)
-    pieces = pinpoint.whole.share(
-        lambda i: _pieces(pinpoint, channels, signals[i] / np.where(scale > 0, scale, 1.0), moved[i], residuals[i], i),
+    pieces = ranking.augmented.share(
+        lambda i: _pieces(
+            ranking, disturbance_inputs, signals[i] / np.where(scale > 0, scale, 1.0), moved[i], residuals[i], i
+        ),
         range(len(signals)),
     )
     gram, pull = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     rng = np.random.default_rng(0)
     count, fixed = len(gram), moved[0].shape[1]
-    taken = np.zeros(len(channels) * len(drivers))
+    taken = np.zeros(len(disturbance_inputs) * len(regressors))
     for _ in range(PAIRS):
         order = rng.permutation(count)
         for half in (order[: count // 2], order[count // 2 :]):
@@ -81,24 +83,29 @@ def proposals(
             taken += np.any(weights.reshape(len(taken), len(_SHAPES)) != 0.0, axis=1)
     stability = taken / (2 * PAIRS)
     found = [
-        Proposal(channels[j // len(drivers)], drivers[j % len(drivers)], float(stability[j]))
+        Proposal(disturbance_inputs[j // len(regressors)], regressors[j % len(regressors)], float(stability[j]))
         for j in np.argsort(-stability, kind="stable")
     ]
     return [p for p in found if p.stability > 0]
 
 
 def _pieces(
-    pinpoint: Pinpoint, channels: Sequence[Channel], signals: Floats, moved: Floats, residual: Floats, drive: int
+    ranking: DisturbanceRanking,
+    disturbance_inputs: Sequence[DisturbanceInput],
+    signals: Floats,
+    moved: Floats,
+    residual: Floats,
+    drive: int,
 ) -> tuple[Floats, Floats]:
     """Return Gram matrix and pull of all terms, behind those of the parameters, for each piece of a drive."""
     shapes = np.stack([shape(signals) for shape in _SHAPES], axis=2)
     shapes -= shapes.mean(axis=0)
     terms = shapes.reshape(len(signals), -1)
-    model = pinpoint.linear[drive].innovations
+    model = ranking.linear[drive].innovations
     ny = residual.shape[1]
     columns = [moved.astype(np.float32)]
-    for channel in channels:
-        response = model.responses(pinpoint.inlets(channel)[drive], terms)
+    for disturbance_input in disturbance_inputs:
+        response = model.responses(ranking.input_directions(disturbance_input)[drive], terms)
         columns.append(response.reshape(len(signals) * ny, -1).astype(np.float32))
     X, r = np.concatenate(columns, axis=1), residual.reshape(-1).astype(np.float32)
     length = round(PIECE / model.step) * ny

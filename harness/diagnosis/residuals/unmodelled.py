@@ -1,6 +1,6 @@
 """An unmodelled disturbance that no effect of the library explains: a function of a signal, or periodic in distance.
 
-What is periodic in the distance driven is sought first (``turning``), because no function of a signal explains it. The
+What is periodic in the distance driven is sought first (``periodic``), because no function of a signal explains it. The
 dictionary proposes pairs of an input and a signal. For each pair a smooth curve is fitted to the innovations together
 with the fitted parameters of the model, and assessed by cross-validation over the drives. Forward selection takes the
 best, then the best beside it, as long as the cross-validated likelihood rises. The likelihood of the held-out drives
@@ -21,14 +21,20 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
-from harness.diagnosis.innovations.disturbance_inputs import Channel
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.residuals.disturbance_ranking import Pinpoint
-from harness.diagnosis.residuals.order_analysis import Ride, Turning, Waves, find_turning, ridden
-from harness.diagnosis.residuals.regressors import Driver, drivers_of, rates, with_quick
+from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
+from harness.diagnosis.residuals.order_analysis import (
+    DistanceDomainDrive,
+    PeriodicDisturbance,
+    Waves,
+    find_periodic,
+    in_distance_domain,
+)
+from harness.diagnosis.residuals.regressors import Regressor, rates, regressors_of, with_quick
 from harness.diagnosis.residuals.spline_curves import FUNCTIONS, Basis, Curve
 from harness.diagnosis.residuals.stability_selection import Proposal, proposals
-from harness.diagnosis.selection.validation import HeldOut, Judgement, strayed
+from harness.diagnosis.selection.validation import HeldOut, Judgement, simulation_error
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.identification.coordinates import Coordinate
@@ -61,7 +67,7 @@ _STIFFNESS = (1e-4, 1e-2, 1.0)
 
 
 @dataclass(frozen=True)
-class Unnamed:
+class UnmodelledDisturbance:
     """An unmodelled disturbance.
 
     Attributes:
@@ -69,14 +75,14 @@ class Unnamed:
         shift: Parameters that move with them: value by name.
         held_out_gain: In log-likelihood of the held-out drives, predicted by the linearised innovations.
         judgement: The model with the curves, simulated on the held-out drives.
-        turning: What is periodic in the distance driven, in the order it was taken.
+        periodic: What is periodic in the distance driven, in the order it was taken.
     """
 
     curves: tuple[Curve, ...]
     shift: dict[str, float]
     held_out_gain: float
     judgement: Judgement
-    turning: tuple[Turning, ...] = ()
+    periodic: tuple[PeriodicDisturbance, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,16 +105,18 @@ class _Sums:
 class _Drives:
     """Drives with a pinpointed model: signals, and the innovations' response to curves and to parameters."""
 
-    def __init__(self, pinpoint: Pinpoint, fitting: Fitting, point: Point, moved: Sequence[Coordinate]) -> None:
-        self.pinpoint, self.drives = pinpoint, fitting.drives
-        self.drivers = with_quick(drivers_of(fitting.whole))
+    def __init__(
+        self, ranking: DisturbanceRanking, fitting: Fitting, point: Point, moved: Sequence[Coordinate]
+    ) -> None:
+        self.ranking, self.drives = ranking, fitting.drives
+        self.regressors = with_quick(regressors_of(fitting.augmented))
         self.moved = [-columns for columns in fitting.columns(moved, point)]
-        states = [linear.states for linear in pinpoint.linear]
+        states = [linear.states for linear in ranking.linear]
         self.signals = [
-            np.column_stack([d.over(x, drive) for d in self.drivers])
+            np.column_stack([d.over(x, drive) for d in self.regressors])
             for x, drive in zip(states, self.drives, strict=True)
         ]
-        self.rides = ridden(pinpoint, self._speeds())
+        self.distance_drives = in_distance_domain(ranking, self._speeds())
 
     @property
     def followed(self) -> bool:
@@ -117,40 +125,42 @@ class _Drives:
 
     def _speeds(self) -> list[Floats]:
         """Return the speed by drive; zero if the model has none, so that no distance is driven."""
-        for driver in self.drivers:
-            if driver.name in _SPEED:
-                return self.signal(driver)
+        for regressor in self.regressors:
+            if regressor.name in _SPEED:
+                return self.signal(regressor)
         return [np.zeros(len(s)) for s in self.signals]
 
-    def turned(self, turning: Turning) -> tuple[list[Ride], float, list[Waves]]:
+    def turned(self, periodic: PeriodicDisturbance) -> tuple[list[DistanceDomainDrive], float, list[Waves]]:
         """Give each drive its phase of a disturbance.
 
         Returns:
             The drives with what it leaves of their innovations, the gain in log-likelihood, and the disturbance by
             drive.
         """
-        rides, total, disturbances = [], 0.0, []
-        for ride, inlet in zip(self.rides, self.pinpoint.inlets(turning.channel), strict=True):
-            waves = turning.waves(ride)
-            shares, gain, explained = ride.phase(inlet, waves)
-            rides.append(replace(ride, residual=ride.residual - explained))
+        distance_drives, total, disturbances = [], 0.0, []
+        for distance_drive, input_direction in zip(
+            self.distance_drives, self.ranking.input_directions(periodic.disturbance_input), strict=True
+        ):
+            waves = periodic.waves(distance_drive)
+            shares, gain, explained = distance_drive.phase(input_direction, waves)
+            distance_drives.append(replace(distance_drive, residual=distance_drive.residual - explained))
             disturbances.append(waves.of(shares))
             total += gain
-        return rides, total, disturbances
+        return distance_drives, total, disturbances
 
-    def signal(self, driver: Driver) -> list[Floats]:
+    def signal(self, regressor: Regressor) -> list[Floats]:
         """Return a signal by drive."""
-        j = self.drivers.index(driver)
+        j = self.regressors.index(regressor)
         return [s[:, j] for s in self.signals]
 
     def responses(self, proposal: Proposal, basis: Basis) -> list[Floats]:
         """Return what the functions of a curve do to the innovations, by drive ``(samples * ny, FUNCTIONS)``."""
         return [
-            linear.innovations.responses(inlet, basis.of(s)).reshape(-1, FUNCTIONS)
-            for linear, inlet, s in zip(
-                self.pinpoint.linear,
-                self.pinpoint.inlets(proposal.channel),
-                self.signal(proposal.driver),
+            linear.innovations.responses(input_direction, basis.of(s)).reshape(-1, FUNCTIONS)
+            for linear, input_direction, s in zip(
+                self.ranking.linear,
+                self.ranking.input_directions(proposal.disturbance_input),
+                self.signal(proposal.regressor),
                 strict=True,
             )
         ]
@@ -158,17 +168,17 @@ class _Drives:
     def sums(self, columns: Sequence[Sequence[Floats]]) -> list[_Sums]:
         """Return the sums by fold: a drive each, or halves of the only one."""
         found = []
-        for i, r in enumerate(ride.residual.reshape(-1) for ride in self.rides):
+        for i, r in enumerate(distance_drive.residual.reshape(-1) for distance_drive in self.distance_drives):
             X = np.concatenate([self.moved[i], *(c[i] for c in columns)], axis=1)
-            cuts = (0, len(r)) if len(self.rides) > 1 else (0, len(r) // 2, len(r))
+            cuts = (0, len(r)) if len(self.distance_drives) > 1 else (0, len(r) // 2, len(r))
             for a, b in itertools.pairwise(cuts):
                 found.append(_Sums(X[a:b].T @ X[a:b], X[a:b].T @ r[a:b]))
         return found
 
 
-def find_unnamed(
-    fitting: Fitting, held_out: HeldOut, final: Fitted, before: Judgement, pinpoint: Pinpoint
-) -> Unnamed | None:
+def find_unmodelled(
+    fitting: Fitting, held_out: HeldOut, final: Fitted, before: Judgement, ranking: DisturbanceRanking
+) -> UnmodelledDisturbance | None:
     """Return what no effect of the library explains; ``None`` if nothing improves the held-out drives.
 
     Where the filter itself leaves the model's range there are no innovations to explain, and nothing is sought.
@@ -178,41 +188,41 @@ def find_unnamed(
         held_out: The held-out drives.
         final: Where the model was fitted.
         before: The model on the held-out drives.
-        pinpoint: At ``final``.
+        ranking: At ``final``.
     """
-    whole = fitting.whole
+    augmented = fitting.augmented
     moved = [c for c in final.coordinates if not c.drives]
-    here = _Drives(pinpoint, fitting, final.point, moved)
-    suspects = [s.channel for s in pinpoint.suspects if s.gain > NEEDED][:_ENTRIES]
-    there = Pinpoint(held_out.fitting, before.point, pinpoint.channels, ranked=False)
+    here = _Drives(ranking, fitting, final.point, moved)
+    ranked_inputs = [s.disturbance_input for s in ranking.ranked_inputs if s.gain > NEEDED][:_ENTRIES]
+    there = DisturbanceRanking(held_out.fitting, before.point, ranking.disturbance_inputs, ranked=False)
     kept_aside = _Drives(there, held_out.fitting, before.point, moved)
     if not (here.followed and kept_aside.followed):
         return None
-    turnings, disturbances, gain = _turning(here, kept_aside, held_out.fitting.samples)
+    turnings, disturbances, gain = _periodic(here, kept_aside, held_out.fitting.samples)
     pairs: list[Proposal] = []
-    if suspects:
-        residuals = [r.residual for r in here.rides]
-        pairs = proposals(pinpoint, suspects, here.drivers, here.signals, here.moved, residuals)
+    if ranked_inputs:
+        residuals = [r.residual for r in here.distance_drives]
+        pairs = proposals(ranking, ranked_inputs, here.regressors, here.signals, here.moved, residuals)
         pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
     prior = np.array([min(c.prior, TRUSTED) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
     alone = _solved(here.sums([]), prior, 0, _STIFFNESS[0])[0]
     curves, weights = _selected(here, pairs, prior)
-    columns = [kept_aside.responses(Proposal(c.channel, c.driver, 0.0), c.basis) for c in curves]
+    columns = [kept_aside.responses(Proposal(c.disturbance_input, c.regressor, 0.0), c.basis) for c in curves]
     by_curves = sum(_gain(s, weights) for s in kept_aside.sums(columns)) if curves else 0.0
 
-    def judged(curves: Sequence[Curve], weights: Floats, by_curves: float) -> Unnamed:
+    def judged(curves: Sequence[Curve], weights: Floats, by_curves: float) -> UnmodelledDisturbance:
         """Return the periodic disturbances with these curves, simulated on the held-out drives."""
         point = _shifted(before.point, moved, weights[: len(moved)])
 
         def run(i: int) -> Floats:
-            turned = [(t.channel, d[i]) for t, d in zip(turnings, disturbances, strict=True)]
-            return _run(whole, held_out.drives[i], point.values[:, i], there, i, curves, turned)
+            turned = [(t.disturbance_input, d[i]) for t, d in zip(turnings, disturbances, strict=True)]
+            return _run(augmented, held_out.drives[i], point.values[:, i], there, i, curves, turned)
 
-        free = tuple(whole.share(run, range(len(held_out.drives))))
-        error, excesses = strayed(held_out.drives, free, held_out.variances)
-        judgement = Judgement(before.log_likelihood + gain + by_curves, error, excesses, (), point)
+        free = tuple(augmented.share(run, range(len(held_out.drives))))
+        error, normalised_excess_mses = simulation_error(held_out.drives, free, held_out.variances)
+        judgement = Judgement(before.log_likelihood + gain + by_curves, error, normalised_excess_mses, (), point)
         shift = {c.name: point.value(c) for c in moved}
-        return Unnamed(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
+        return UnmodelledDisturbance(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
 
     found = []
     if turnings:
@@ -220,28 +230,30 @@ def find_unnamed(
     if by_curves > 0:
         found.append(judged(curves, weights, by_curves))
     # The gains of the filter were fitted with the periodic part as noise, and curves may explain them.
-    return min(found, key=lambda u: u.judgement.excess, default=None)
+    return min(found, key=lambda u: u.judgement.normalised_excess_mse, default=None)
 
 
-def _turning(here: _Drives, there: _Drives, samples: int) -> tuple[list[Turning], list[list[Waves]], float]:
+def _periodic(
+    here: _Drives, there: _Drives, samples: int
+) -> tuple[list[PeriodicDisturbance], list[list[Waves]], float]:
     """Take one periodic disturbance after the other, as long as the likelihood of the held-out drives rises.
 
     Returns:
         The disturbances; each over the held-out drives, by drive; and the gain there, less the penalty of the
         phases that were fitted to them.
     """
-    found: list[Turning] = []
+    found: list[PeriodicDisturbance] = []
     disturbances: list[list[Waves]] = []
     total = 0.0
     while len(found) < TURNS:
-        best = find_turning(here.pinpoint, there.pinpoint.channels, here.rides, NEEDED)
+        best = find_periodic(here.ranking, there.ranking.disturbance_inputs, here.distance_drives, NEEDED)
         if best is None:
             break
-        rides, gain, disturbance = there.turned(best)
-        gain -= 0.5 * len(rides) * np.log(samples)
+        distance_drives, gain, disturbance = there.turned(best)
+        gain -= 0.5 * len(distance_drives) * np.log(samples)
         if gain <= 0:
             break
-        here.rides, there.rides = here.turned(best)[0], rides
+        here.distance_drives, there.distance_drives = here.turned(best)[0], distance_drives
         found.append(best)
         disturbances.append(disturbance)
         total += gain
@@ -262,7 +274,7 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[
     """
     tried = []
     for pair in pairs:
-        basis = Basis.over(np.concatenate(here.signal(pair.driver)))
+        basis = Basis.over(np.concatenate(here.signal(pair.regressor)))
         tried.append(_Term(pair, basis, here.responses(pair, basis)))
     chosen: list[_Term] = []
     predicted: list[float] = []
@@ -289,7 +301,7 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[
     for j, (term, gain) in enumerate(zip(chosen, predicted, strict=True)):
         rows = _rows(prior, j)
         pair, own = term.proposal, (weights[rows], covariance[rows, rows])
-        curves.append(Curve(pair.channel, pair.driver, term.basis, *own, pair.stability, gain))
+        curves.append(Curve(pair.disturbance_input, pair.regressor, term.basis, *own, pair.stability, gain))
     return curves, weights
 
 
@@ -297,7 +309,7 @@ def _possible(sums: Sequence[_Sums], prior: Floats, terms: Sequence[_Term], tens
     """Whether no curve leaves the range that the library allows at its entry; B-splines lie within their weights."""
     weights, _ = _solved(sums, prior, len(terms), tension)
     sizes = np.abs(weights[len(prior) :]).reshape(len(terms), FUNCTIONS).max(axis=1)
-    return all(size <= term.proposal.channel.limit for size, term in zip(sizes, terms, strict=True))
+    return all(size <= term.proposal.disturbance_input.limit for size, term in zip(sizes, terms, strict=True))
 
 
 def _left_out(sums: Sequence[_Sums], prior: Floats, curves: int, tension: float) -> float:
@@ -336,39 +348,41 @@ def _shifted(point: Point, moved: Sequence[Coordinate], steps: Floats) -> Point:
 
 
 def _run(
-    whole: AugmentedModel,
+    augmented: AugmentedModel,
     drive: Drive,
     values: Floats,
-    pinpoint: Pinpoint,
+    ranking: DisturbanceRanking,
     number: int,
     curves: Sequence[Curve],
-    turned: Sequence[tuple[Channel, Waves]],
+    turned: Sequence[tuple[DisturbanceInput, Waves]],
 ) -> Floats:
     """Simulate the model with the disturbances that its own motion makes; return its outputs ``(samples, ny)``.
 
     Periodic disturbances are given at every sample. How an input moves the next state is taken along the measured
     drive; it hardly depends on the motion.
     """
-    spec = whole.spec
-    compiled = compile_model(whole.model, spec.step, spec.integrator, spec.substeps, duals=False, jacobians=False)
-    ahead, direct = pinpoint.linear[number].raw([*(c.channel for c in curves), *(channel for channel, _ in turned)])
+    spec = augmented.spec
+    compiled = compile_model(augmented.model, spec.step, spec.integrator, spec.substeps, duals=False, jacobians=False)
+    ahead, direct = ranking.linear[number].raw(
+        [*(c.disturbance_input for c in curves), *(disturbance_input for disturbance_input, _ in turned)]
+    )
     nothing = np.zeros((len(drive.time), 0))
     now, during = (np.column_stack([nothing, *p]) for p in ([w.now for _, w in turned], [w.during for _, w in turned]))
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
-    tables = [(c.driver, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
+    tables = [(c.regressor, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
     constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
-    x = np.repeat(whole.first_state(drive, values)[:, None], LANES, axis=1)
+    x = np.repeat(augmented.first_state(drive, values)[:, None], LANES, axis=1)
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
-    limits = np.array([whole.model.valid.get(name, np.inf) for name in whole.model.states])
+    limits = np.array([augmented.model.valid.get(name, np.inf) for name in augmented.model.states])
     outputs = np.full((len(drive.time), compiled.ny), np.nan)
-    slopes, renewed = rates(drive), np.array([c.driver.renewed(spec.step) for c in curves])
+    slopes, renewed = rates(drive), np.array([c.regressor.renewed(spec.step) for c in curves])
     slow, quick = None, np.zeros(len(curves))
     for k in range(len(drive.time)):
         if not np.all(np.abs(x[:, 0]) <= limits):
             break
         read = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])
-        signals = np.array([driver.of(*read)[0] for driver, _, _ in tables])
-        driven = np.where(renewed > 0, quick, signals)  # what is quick, of the sample before: see ``Driver.over``
+        signals = np.array([regressor.of(*read)[0] for regressor, _, _ in tables])
+        driven = np.where(renewed > 0, quick, signals)  # what is quick, of the sample before: see ``Regressor.over``
         slow = signals if slow is None else slow + renewed * (signals - slow)
         quick = signals - slow
         d = [float(np.interp(s, grid, table)) for s, (_, grid, table) in zip(driven, tables, strict=True)]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from harness.diagnosis.residuals.localisation import Where
-from harness.diagnosis.residuals.random_process import Wandering
+from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.result.verdict import Verdict, final_judgement
-from harness.diagnosis.result.wording import unnamed_words
+from harness.diagnosis.result.wording import unmodelled_words
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import Judgement
@@ -17,7 +17,7 @@ from harness.models.quantities import listed, words
 def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     """Return what was found, in sentences."""
     parameters = [h for h in trace.added if h.kind == "parameter"]
-    process = found.wandering
+    process = found.random_process
     effects = trace.effects if process is None else (*trace.effects, process.hypothesis)
     names = [words(h.name.replace("@", " of ")) for h in effects]
     named = listed(names) if names else ""
@@ -30,19 +30,19 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     change = gap(trace.before, after)
     if process is not None:
         change = (change if trace.added else "") + _of_a_process(process)
-    curves = [] if found.unnamed is None else unnamed_words(found.unnamed)
-    unnamed = f" What is missing acts as {'; '.join(curves)}." if curves else ""
+    curves = [] if found.unmodelled is None else unmodelled_words(found.unmodelled)
+    unmodelled = f" What is missing acts as {'; '.join(curves)}." if curves else ""
     if verdict == "adequate":
         return f"The model is adequate: nothing is missing that these drives can show.{also}{change if also else ''}"
     if verdict == "amended":
         lacking = f"The model lacks {named}." if named else "The model lacks something outside the library."
-        return f"{lacking}{unnamed}{also}{change}"
+        return f"{lacking}{unmodelled}{also}{change}"
     part = f" {named[:1].upper()}{named[1:]} explain{'' if len(names) > 1 else 's'} part of it." if named else ""
     closed = change if named or curves else ""
-    return f"Something is missing that no effect of the library explains.{part}{unnamed}{closed}{also}"
+    return f"Something is missing that no effect of the library explains.{part}{unmodelled}{closed}{also}"
 
 
-def _of_a_process(process: Wandering) -> str:
+def _of_a_process(process: RandomProcess) -> str:
     return (
         f" {words(process.hypothesis.name).capitalize()} is a random process: no simulation predicts it. With it "
         f"in the filter, the log-likelihood of the held-out drives rises by {process.held_out_gain:.0f}."
@@ -51,13 +51,13 @@ def _of_a_process(process: Wandering) -> str:
 
 def gap(before: Judgement, after: Judgement) -> str:
     """Return a sentence on what becomes of the simulation error, with a space before it."""
-    if math.isinf(before.excess):
-        now = "does so too" if math.isinf(after.excess) else "stays within it"
+    if math.isinf(before.normalised_excess_mse):
+        now = "does so too" if math.isinf(after.normalised_excess_mse) else "stays within it"
         return (
             " On the held-out drives the free run of the refitted nominal model leaves the model's range; that of the "
             f"final model {now}."
         )
-    if before.excess <= 0 or not after.excess < before.excess:
+    if before.normalised_excess_mse <= 0 or not after.normalised_excess_mse < before.normalised_excess_mse:
         return " The simulation error on the held-out drives does not fall."
-    fall = 100 * (1 - math.sqrt(after.excess / before.excess))
+    fall = 100 * (1 - math.sqrt(after.normalised_excess_mse / before.normalised_excess_mse))
     return f" The simulation error on the held-out drives, beyond the sensor noise, falls by {fall:.0f} %."

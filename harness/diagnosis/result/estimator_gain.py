@@ -64,7 +64,7 @@ def estimators_on(
     Raises:
         ModelError: If there is no such estimator.
     """
-    nominal = trace.fitting.whole.spec
+    nominal = trace.fitting.augmented.spec
     found = []
     for kind in kinds:
         errors = []
@@ -77,15 +77,15 @@ def estimators_on(
 
 def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr.Dataset], kind: str) -> Floats:
     """Return the root mean square errors of all outputs ``(ny,)``."""
-    whole = trace.fitting.whole
-    filters = Innovations(fitted_model(trace, spec, point), kind, whole.jobs)
+    augmented = trace.fitting.augmented
+    filters = Innovations(fitted_model(trace, spec, point), kind, augmented.jobs)
     squares = []
     for i, (drive, recording) in enumerate(zip(trace.held_out.drives, recordings, strict=True)):
-        known = dict(zip(whole.names, point.values[:, i], strict=True))
+        known = dict(zip(augmented.names, point.values[:, i], strict=True))
         values = np.array([[known[n] if n in known else spec.values[n]] for n in filters.model.parameter_names])
         held = replace(Candidates.of(filters.spec), values=values)
         own = joined(filters.drive(recording, drive.name), filters.model)
-        squares.append(whole.share(partial(_unseen, filters, own, held), range(len(held.measurement))))
+        squares.append(augmented.share(partial(_unseen, filters, own, held), range(len(held.measurement))))
     return np.array([np.sqrt(np.nanmean(np.concatenate(parts))) for parts in zip(*squares, strict=True)])
 
 

@@ -15,10 +15,10 @@ def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
     An effect's own states have no noise unless it is a random process, and a change begins when it does in the first
     drive.
     """
-    whole, noise = trace.fitting.whole, trace.fitting.noise([point])
-    process = dict(zip(whole.nominal.states, map(float, noise.process[:, 0]), strict=True))
+    augmented, noise = trace.fitting.augmented, trace.fitting.noise([point])
+    process = dict(zip(augmented.nominal.states, map(float, noise.process[:, 0]), strict=True))
     model = spec.model()
-    known = dict(zip(whole.names, map(float, point.values[:, 0]), strict=True))
+    known = dict(zip(augmented.names, map(float, point.values[:, 0]), strict=True))
     return replace(
         spec,
         values={n: known[n] if n in known else spec.values[n] for n in model.parameter_names},

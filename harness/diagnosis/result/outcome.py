@@ -10,11 +10,11 @@ from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
-from harness.diagnosis.residuals.random_process import EXPLAINED, Wandering
+from harness.diagnosis.residuals.random_process import EXPLAINED, RandomProcess
 from harness.diagnosis.result.answer import answer
 from harness.diagnosis.result.estimator_gain import Estimated
 from harness.diagnosis.result.fitted_model import fitted_model
-from harness.diagnosis.result.study_gain import Worth
+from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.verdict import Verdict, final_judgement, strays, verdict_of
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
@@ -47,7 +47,8 @@ class Outcome:
         amended: The final model, for studies; effects with moments hold those of the first fitted drive.
         where: Where the model lacks something, and the unmodelled disturbance that is left.
         estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
-        worth: A study with the amended plant against both beliefs, where asked for; why it could not be run, in words.
+        study_gain: A study with the amended plant against both beliefs, where asked for; why it could not be run, in
+        words.
         notes: What is odd about the recordings, with the evidence.
         failures: What could not be made after the search.
     """
@@ -61,14 +62,14 @@ class Outcome:
     amended: ModelSpec
     where: Where
     estimators: tuple[Estimated, ...] = ()
-    worth: Worth | str | None = None
+    study_gain: StudyGain | str | None = None
     notes: tuple[str, ...] = ()
     failures: Failures = RAISED
 
     @property
     def added(self) -> tuple[Hypothesis, ...]:
         """Everything that was added, a random process last."""
-        process = self.where.wandering
+        process = self.where.random_process
         return self.trace.added if process is None else (*self.trace.added, process.hypothesis)
 
     @property
@@ -99,11 +100,11 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         lambda: where(trace, amended, coloured or strays(trace), failures),
         lambda _: NOWHERE,
     )
-    if found.wandering is not None:
-        amended = found.wandering.spec
-        values[found.wandering.hypothesis.name] = _of_process(found.wandering)
+    if found.random_process is not None:
+        amended = found.random_process.spec
+        values[found.random_process.hypothesis.name] = _of_process(found.random_process)
     verdict = verdict_of(trace, found, coloured)
-    nominal = fitted_model(trace, trace.fitting.whole.spec, trace.nominal.point)
+    nominal = fitted_model(trace, trace.fitting.augmented.spec, trace.nominal.point)
     said = failures.attempt(
         "the answer in sentences", lambda: answer(trace, verdict, found), lambda _: f"The verdict is: {verdict}."
     )
@@ -112,20 +113,20 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
 
 def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, tuple[Value, ...]]:
     """Return the parameters of every addition with their standard errors, NaN where there is none."""
-    model, found = trace.fitting.whole, {}
+    model, found = trace.fitting.augmented, {}
     for h in trace.added:
         rows = []
-        for name in (*h.shared, *h.moments):
+        for name in (*h.shared, *h.change_times):
             row = model.row(name)
-            for i in range(len(trace.fitting.drives)) if name in h.moments else (0,):
-                label = f"{name}@{trace.fitting.drives[i].name}" if name in h.moments else name
+            for i in range(len(trace.fitting.drives)) if name in h.change_times else (0,):
+                label = f"{name}@{trace.fitting.drives[i].name}" if name in h.change_times else name
                 value = float(trace.final.point.values[row, i])
                 rows.append(Value(label, model.model.parameters[row].unit, value, errors.get((name, i), math.nan)))
         found[h.name] = tuple(rows)
     return found
 
 
-def _of_process(process: Wandering) -> tuple[Value, ...]:
+def _of_process(process: RandomProcess) -> tuple[Value, ...]:
     units = {p.name: p.unit for p in process.spec.model().parameters}
     return tuple(Value(n, units[n], process.spec.values[n], e) for n, e in process.errors.items())
 
@@ -141,7 +142,8 @@ def _judged(trace: Trace) -> tuple[Judged, ...]:
     """Return every drive against the nominal model and the final one."""
     fitting = trace.fitting
     fitted = (
-        judged_on(fitting.whole, fitting.drives, fitting.candidates([f.point])) for f in (trace.nominal, trace.final)
+        judged_on(fitting.augmented, fitting.drives, fitting.candidates([f.point]))
+        for f in (trace.nominal, trace.final)
     )
     return tuple(
         Judged(held_out, before, after)
@@ -152,6 +154,6 @@ def _judged(trace: Trace) -> tuple[Judged, ...]:
 
 def _amended(trace: Trace) -> ModelSpec:
     """Return the final model with its effects at the places where they are in force."""
-    spec = trace.fitting.whole.spec
+    spec = trace.fitting.augmented.spec
     effects = (*spec.effects, *dict.fromkeys(h.name for h in trace.effects))
     return fitted_model(trace, replace(spec, effects=effects), trace.final.point)

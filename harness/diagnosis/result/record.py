@@ -13,11 +13,11 @@ from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.localisation import Where
-from harness.diagnosis.residuals.order_analysis import Turning
+from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.spline_curves import DEGREE, Curve
-from harness.diagnosis.residuals.unmodelled import Unnamed
+from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.outcome import Outcome
-from harness.diagnosis.result.study_gain import Worth
+from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.wording import described
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.validation import Judgement
@@ -37,15 +37,15 @@ def record(outcome: Outcome) -> dict[str, Any]:
 
 def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
     """Return what makes the parts of the record that say what was tried and found."""
-    trace, outputs = outcome.trace, list(outcome.trace.fitting.whole.model.outputs)
+    trace, outputs = outcome.trace, list(outcome.trace.fitting.augmented.model.outputs)
     return {
         "notes": lambda: list(outcome.notes),
         "residual": lambda: _residual(outcome, outputs),
-        "pinpoint": lambda: pinpoint_record(outcome.where),
+        "pinpoint": lambda: ranking_record(outcome.where),
         "candidates": lambda: [_candidate(c, n, outputs) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
         "added": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
         "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
-        "unnamed": lambda: unnamed_record(outcome.where.unnamed),
+        "unnamed": lambda: unmodelled_record(outcome.where.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
         "confusable": lambda: [list(r.confusable) for r in trace.rounds if r.added and len(r.confusable) > 1],
         "not_excited": lambda: [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
@@ -54,16 +54,16 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
 
 def _gains(outcome: Outcome) -> dict[str, Callable[[], Any]]:
     """Return what makes the parts of the record that say how much better the final model is."""
-    trace, outputs = outcome.trace, list(outcome.trace.fitting.whole.model.outputs)
+    trace, outputs = outcome.trace, list(outcome.trace.fitting.augmented.model.outputs)
     return {
         "error": lambda: _before_and_after(outputs, trace.before.error, outcome.after.error),
-        "excess": lambda: {"before": trace.before.excess, "after": outcome.after.excess},
+        "excess": lambda: {"before": trace.before.normalised_excess_mse, "after": outcome.after.normalised_excess_mse},
         "log_likelihood": lambda: {
             "train": {"before": trace.nominal.log_likelihood, "after": trace.final.log_likelihood},
             "test": {"before": trace.before.log_likelihood, "after": trace.after.log_likelihood},
         },
         "estimators": lambda: {e.kind: _before_and_after(outputs, e.before, e.after) for e in outcome.estimators},
-        "worth": lambda: _worth(outcome.worth) if isinstance(outcome.worth, Worth) else None,
+        "worth": lambda: _study_gain(outcome.study_gain) if isinstance(outcome.study_gain, StudyGain) else None,
     }
 
 
@@ -83,10 +83,10 @@ def _round(r: Round, outputs: list[str]) -> dict[str, Any]:
     }
 
 
-def _worth(worth: Worth) -> dict[str, Any]:
+def _study_gain(study_gain: StudyGain) -> dict[str, Any]:
     """Return the median errors of a study over all its levels, in SI units, with the ratio and its interval."""
-    targets = worth.nominal.targets
-    gains = [worth.gain(e, t) for e in range(len(worth.nominal.estimators)) for t in range(len(targets))]
+    targets = study_gain.nominal.targets
+    gains = [study_gain.gain(e, t) for e in range(len(study_gain.nominal.estimators)) for t in range(len(targets))]
     found: dict[str, Any] = {}
     for g in gains:
         t = targets[g.target]
@@ -98,7 +98,7 @@ def _worth(worth: Worth) -> dict[str, Any]:
             "ratio_interval_95": [g.ratio.lower, g.ratio.upper],
             "lost": {"before": g.lost[0], "after": g.lost[1]},
         }
-    return {"study": str(worth.study), "moments": worth.moments, "estimators": found}
+    return {"study": str(study_gain.study), "moments": study_gain.change_times, "estimators": found}
 
 
 def _residual(outcome: Outcome, outputs: list[str]) -> dict[str, Any]:
@@ -127,14 +127,14 @@ def _candidate(c: Candidate, number: int, outputs: list[str]) -> dict[str, Any]:
         "bic_gain": c.bic,
         "fitted": c.fitted is not None,
         "held_out_log_likelihood": c.held_out.log_likelihood if c.held_out else None,
-        "held_out_excess": c.held_out.excess if c.held_out else None,
+        "held_out_excess": c.held_out.normalised_excess_mse if c.held_out else None,
         "held_out_excess_by_output": _by_output(c.held_out, outputs) if c.held_out else None,
         "detectable": {a: 3.0 * e for a, e in zip(h.amplitudes, c.score.error, strict=True)},
     }
 
 
 def _by_output(judged: Judgement, outputs: list[str]) -> dict[str, float]:
-    return dict(zip(outputs, judged.excesses, strict=True))
+    return dict(zip(outputs, judged.normalised_excess_mses, strict=True))
 
 
 def _added(h: Hypothesis, outcome: Outcome) -> dict[str, Any]:
@@ -147,13 +147,13 @@ def _added(h: Hypothesis, outcome: Outcome) -> dict[str, Any]:
         entry["port"] = list(ports_of(load_effect(h.name)))
         entry["equation"] = equation(h, outcome)
     elif h.name != ALL_PARAMETERS:
-        entry["stated"] = outcome.trace.fitting.whole.spec.values[h.name]
+        entry["stated"] = outcome.trace.fitting.augmented.spec.values[h.name]
     return entry
 
 
 def equation(h: Hypothesis, outcome: Outcome) -> dict[str, dict[str, str]]:
     """Return the ports that an effect changes, each before and after, as text over the model's names."""
-    spec = outcome.trace.fitting.whole.spec
+    spec = outcome.trace.fitting.augmented.spec
     before = spec.model().ports
     after = replace(spec, effects=(*spec.effects, h.name)).model().ports
     return {
@@ -186,45 +186,45 @@ def _models(outcome: Outcome) -> dict[str, str]:
     }
 
 
-def pinpoint_record(found: Where) -> list[dict[str, Any]]:
-    """Return ``pinpoint`` of ``trace.json``: every entry, the one that explains most first."""
+def ranking_record(found: Where) -> list[dict[str, Any]]:
+    """Return ``ranking`` of ``trace.json``: every entry, the one that explains most first."""
     if found.nominal is None or found.final is None:
         return []
-    left = {s.channel.name: s.gain for s in found.final.suspects}
+    left = {s.disturbance_input.name: s.gain for s in found.final.ranked_inputs}
     return [
         {
-            "channel": s.channel.name,
-            "kind": s.channel.kind,
-            "ports": list(s.channel.ports),
-            "unit": s.channel.unit,
+            "channel": s.disturbance_input.name,
+            "kind": s.disturbance_input.kind,
+            "ports": list(s.disturbance_input.ports),
+            "unit": s.disturbance_input.unit,
             "log_likelihood_gain": s.gain,
             "time_constant": s.time_constant,
             "deviation": s.deviation,
-            "log_likelihood_gain_after": left[s.channel.name],
+            "log_likelihood_gain_after": left[s.disturbance_input.name],
         }
-        for s in found.nominal.suspects
+        for s in found.nominal.ranked_inputs
     ]
 
 
-def unnamed_record(found: Unnamed | None) -> dict[str, Any] | None:
-    """Return ``unnamed`` of ``trace.json``."""
+def unmodelled_record(found: UnmodelledDisturbance | None) -> dict[str, Any] | None:
+    """Return ``unmodelled`` of ``trace.json``."""
     if found is None:
         return None
     return {
         "curves": [_curve(c) for c in found.curves],
-        "turning": [_turning(t) for t in found.turning],
+        "turning": [_periodic(t) for t in found.periodic],
         "parameters": found.shift,
         "held_out_log_likelihood_gain": found.held_out_gain,
-        "excess": found.judgement.excess,
+        "excess": found.judgement.normalised_excess_mse,
         "driven_by": "the motion of the model itself and the recorded inputs",
     }
 
 
-def _turning(t: Turning) -> dict[str, Any]:
+def _periodic(t: PeriodicDisturbance) -> dict[str, Any]:
     return {
-        "channel": t.channel.name,
-        "ports": list(t.channel.ports),
-        "unit": t.channel.unit,
+        "channel": t.disturbance_input.name,
+        "ports": list(t.disturbance_input.ports),
+        "unit": t.disturbance_input.unit,
         "words": described(t),
         "wavelength": t.wavelength,
         "amplitude": t.amplitude,
@@ -236,12 +236,12 @@ def _turning(t: Turning) -> dict[str, Any]:
 
 def _curve(c: Curve) -> dict[str, Any]:
     return {
-        "channel": c.channel.name,
-        "ports": list(c.channel.ports),
-        "unit": c.channel.unit,
-        "driver": c.driver.name,
-        "driver_unit": c.driver.unit,
-        "driver_within": c.driver.within,
+        "channel": c.disturbance_input.name,
+        "ports": list(c.disturbance_input.ports),
+        "unit": c.disturbance_input.unit,
+        "driver": c.regressor.name,
+        "driver_unit": c.regressor.unit,
+        "driver_within": c.regressor.within,
         "words": described(c),
         "degree": DEGREE,
         "knots": c.basis.knots.tolist(),

@@ -58,7 +58,7 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Worth:
+class StudyGain:
     """A study with the amended plant against both beliefs.
 
     Attributes:
@@ -67,7 +67,7 @@ class Worth:
         nominal: Scores with the nominal belief.
         amended: Scores with the amended belief.
         seed: Of the study.
-        moments: When changes begin in every drive, s, by parameter.
+        change_times: When changes begin in every drive, s, by parameter.
     """
 
     study: Path
@@ -75,7 +75,7 @@ class Worth:
     nominal: Design
     amended: Design
     seed: int
-    moments: dict[str, float]
+    change_times: dict[str, float]
 
     def gain(self, estimator: int, target: int, band: int | None = None) -> Gain:
         """Return what believing the amended model gains, at one level or over all of them."""
@@ -111,7 +111,7 @@ def refuse_study(path: Path, spec: ModelSpec) -> None:
         profile_of(plant, drive)
 
 
-def worth(
+def study_gain(
     path: Path,
     folder: Path,
     models: Mapping[str, ModelSpec],
@@ -119,7 +119,7 @@ def worth(
     repeats: int = REPEATS,
     jobs: int | None = None,
     say: Callable[[str], None] = lambda _: None,
-) -> Worth:
+) -> StudyGain:
     """Run the first design of a study with the amended plant and both beliefs.
 
     Args:
@@ -135,14 +135,14 @@ def worth(
         UserError, ModelError: If the study cannot be run with these models.
     """
     content = read_toml(path)
-    moments = _moments(models["amended"], load_study(path))
+    change_times = _change_times(models["amended"], load_study(path))
 
     def with_belief(name: str) -> Study:
         table = _table(content, estimators, repeats)
         table["name"] += f"-{name}"
         for side, model in (("plant", "amended"), ("belief", name)):
             table[side]["parameters"] = str((folder / f"{model}.toml").resolve())
-            table[side]["values"] = {n: v for n, v in moments.items() if n in models[model].values}
+            table[side]["values"] = {n: v for n, v in change_times.items() if n in models[model].values}
         return build_study(table, path)
 
     study = with_belief("amended")
@@ -154,10 +154,10 @@ def worth(
         shutil.rmtree(out / STORE, ignore_errors=True)  # of an earlier trace into the same folder
         run_study(each, out, jobs, Console(quiet=True))
         found[name] = read(out).designs[0]
-    return Worth(path, study.title or study.name, found["nominal"], found["amended"], study.seed, moments)
+    return StudyGain(path, study.title or study.name, found["nominal"], found["amended"], study.seed, change_times)
 
 
-def _moments(amended: ModelSpec, study: Study) -> dict[str, float]:
+def _change_times(amended: ModelSpec, study: Study) -> dict[str, float]:
     """Return when changes begin: each drive has its own, so here they are spread evenly over the shortest one."""
     names = [p.name for p in amended.model().parameters if p.per_drive]
     shortest = min(profile_of(study.plant, d).time[-1] for d in study.drives)

@@ -26,21 +26,24 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     """
     if beyond_belief(trace.final):
         return "unresolved"
-    if found.wandering is not None:
-        return "amended" if found.wandering.white else "unresolved"
-    if coloured and (trace.effects or found.unnamed is None):
+    if found.random_process is not None:
+        return "amended" if found.random_process.white else "unresolved"
+    if coloured and (trace.effects or found.unmodelled is None):
         return "unresolved"
-    if found.unnamed is not None and final_judgement(trace, found).excess > EXCESS:
+    if found.unmodelled is not None and final_judgement(trace, found).normalised_excess_mse > EXCESS:
         return "unresolved"
-    if found.unnamed is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
+    if found.unmodelled is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
         return "unresolved"
-    return "amended" if trace.effects or found.unnamed is not None else "adequate"
+    return "amended" if trace.effects or found.unmodelled is not None else "adequate"
 
 
 def final_judgement(trace: Trace, found: Where) -> Judgement:
     """Return the final model on the held-out drives, with the unmodelled disturbance if that lowers its error."""
-    if found.unnamed is not None and found.unnamed.judgement.excess < trace.after.excess:
-        return found.unnamed.judgement
+    if (
+        found.unmodelled is not None
+        and found.unmodelled.judgement.normalised_excess_mse < trace.after.normalised_excess_mse
+    ):
+        return found.unmodelled.judgement
     return trace.after
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness.diagnosis.innovations.disturbance_inputs import Channel
-from harness.diagnosis.residuals.order_analysis import Turning
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
+from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
 from harness.diagnosis.residuals.spline_curves import Curve
-from harness.diagnosis.residuals.unmodelled import Unnamed
+from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import SIGNALS
 from harness.reporting import style
@@ -19,20 +19,22 @@ _FLAT = 0.3
 """Slope at the end of a curve over its steepest one, below which it saturates."""
 
 
-def unnamed_words(found: Unnamed) -> list[str]:
+def unmodelled_words(found: UnmodelledDisturbance) -> list[str]:
     """Return what each part of an unmodelled disturbance looks like."""
-    return [*map(described, found.turning), *map(described, found.curves)]
+    return [*map(described, found.periodic), *map(described, found.curves)]
 
 
-def described(found: Curve | Turning) -> str:
+def described(found: Curve | PeriodicDisturbance) -> str:
     """Say what a disturbance looks like."""
-    return _turning(found) if isinstance(found, Turning) else _curve(found)
+    return _periodic(found) if isinstance(found, PeriodicDisturbance) else _curve(found)
 
 
-def _turning(turning: Turning) -> str:
-    grows = f" at {style.number(turning.speed)} m/s and growing with the square of the speed" if turning.growth else ""
-    size = amount(turning.amplitude, turning.channel)
-    return f"{entry(turning.channel)}, once per {style.number(turning.wavelength)} m driven, reaching {size}{grows}"
+def _periodic(found: PeriodicDisturbance) -> str:
+    grows = f" at {style.number(found.speed)} m/s and growing with the square of the speed" if found.growth else ""
+    size = amount(found.amplitude, found.disturbance_input)
+    return (
+        f"{entry(found.disturbance_input)}, once per {style.number(found.wavelength)} m driven, reaching {size}" + grows
+    )
 
 
 def _curve(curve: Curve) -> str:
@@ -52,26 +54,36 @@ def _curve(curve: Curve) -> str:
     ends = max(slopes[2], slopes[-3])
     largest = float(np.abs(values).max())
     verb = "saturating at" if ends < _FLAT * slopes.max() and np.argmax(slopes) not in (0, 199) else "reaching"
-    return f"{entry(curve.channel)}, {kind} the {curve.driver.words}, {verb} {amount(largest, curve.channel)}"
+    return f"{entry(curve.disturbance_input)}, {kind} the {curve.regressor.words}, {verb} " + amount(
+        largest, curve.disturbance_input
+    )
 
 
-def entry(channel: Channel) -> str:
+def entry(disturbance_input: DisturbanceInput) -> str:
     """Return an input in words."""
-    if channel.kind == "equation":
-        return f"equation of the {words(channel.ports[0])}"
-    return f"sensor of the {words(channel.name)}" if channel.kind == "sensor" else words(channel.name)
+    if disturbance_input.kind == "equation":
+        return f"equation of the {words(disturbance_input.ports[0])}"
+    return (
+        f"sensor of the {words(disturbance_input.name)}"
+        if disturbance_input.kind == "sensor"
+        else words(disturbance_input.name)
+    )
 
 
-def amount(value: float, channel: Channel) -> str:
+def amount(value: float, disturbance_input: DisturbanceInput) -> str:
     """Write a disturbance with its unit as reports do."""
-    unit, scale = shown(channel)
+    unit, scale = shown(disturbance_input)
     return style.with_unit(scale * value, unit)
 
 
-def shown(channel: Channel) -> tuple[str, float]:
+def shown(disturbance_input: DisturbanceInput) -> tuple[str, float]:
     """Return the unit in which reports show a disturbance, and how many of it make an SI unit."""
-    if channel.kind == "equation":
-        return print_unit(channel.unit), 1.0
-    q = quantity(channel.ports[0].removeprefix("sensor_"))
+    if disturbance_input.kind == "equation":
+        return print_unit(disturbance_input.unit), 1.0
+    q = quantity(disturbance_input.ports[0].removeprefix("sensor_"))
     known = SIGNALS.get(q.name)
-    return (q.unit, q.scale) if known and known.unit == channel.unit else (print_unit(channel.unit), 1.0)
+    return (
+        (q.unit, q.scale)
+        if known and known.unit == disturbance_input.unit
+        else (print_unit(disturbance_input.unit), 1.0)
+    )

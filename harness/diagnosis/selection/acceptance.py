@@ -92,7 +92,7 @@ def decide(candidates: tuple[Candidate, ...], before: Judgement, room: int) -> R
     if not tried:
         return Round(candidates, before, None, "the score test predicts too little gain for any hypothesis", ())
     best = preferred([c for c in tried if not objections(c, before)])
-    hopeful = None if best or room < 2 else next((c for c in tried if is_hopeful(c, before)), None)
+    hopeful = None if best or room < 2 else next((c for c in tried if passes_except_error(c, before)), None)
     best = best or hopeful or tried[0]
     against = objections(best, before)
     reason = "; ".join(against) or "meets all three criteria"
@@ -114,18 +114,22 @@ def with_sensor(found: Round) -> Round:
 def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
     """Whether a fault of one sensor takes away half of the error of its signal, while that of all does not grow."""
     own = c.hypothesis.output
-    if own is None or c.held_out is None or before.excesses[own] <= EXCESS:
+    if own is None or c.held_out is None or before.normalised_excess_mses[own] <= EXCESS:
         return False
     likelier = c.bic >= BIC_NEEDED and c.held_out.log_likelihood > before.log_likelihood
-    less = c.held_out.excesses[own] <= (1 - SENSOR_NEEDED) * before.excesses[own]
-    return likelier and less and c.held_out.excess < before.excess
+    less = c.held_out.normalised_excess_mses[own] <= (1 - SENSOR_NEEDED) * before.normalised_excess_mses[own]
+    return likelier and less and c.held_out.normalised_excess_mse < before.normalised_excess_mse
 
 
-def is_hopeful(c: Candidate, before: Judgement) -> bool:
+def passes_except_error(c: Candidate, before: Judgement) -> bool:
     """Whether the only objection to a hypothesis is that the simulation error falls too little."""
     assert c.held_out is not None
     likelier = c.bic >= HOPEFUL and c.held_out.log_likelihood > before.log_likelihood
-    return c.hypothesis.name != ALL_PARAMETERS and likelier and EXCESS < c.held_out.excess <= before.excess
+    return (
+        c.hypothesis.name != ALL_PARAMETERS
+        and likelier
+        and EXCESS < c.held_out.normalised_excess_mse <= before.normalised_excess_mse
+    )
 
 
 def with_further(found: Round, further: Round) -> Round:
@@ -152,10 +156,10 @@ def objections(c: Candidate, before: Judgement) -> list[str]:
         found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
     if c.held_out.log_likelihood <= before.log_likelihood:
         found.append("the likelihood of the held-out drives does not rise")
-    if c.held_out.excess > (1 - ERROR_NEEDED) * before.excess:
+    if c.held_out.normalised_excess_mse > (1 - ERROR_NEEDED) * before.normalised_excess_mse:
         found.append("the simulation error on the held-out drives does not fall by a fifth")
     # Where they leave nothing unexplained they are accepted, and the verdict is that it is unresolved.
-    if c.hypothesis.name == ALL_PARAMETERS and c.held_out.excess >= EXCESS:
+    if c.hypothesis.name == ALL_PARAMETERS and c.held_out.normalised_excess_mse >= EXCESS:
         assert c.fitted is not None
         if far := beyond_belief(c.fitted):
             found.append(f"stated values would be wrong by implausible factors: {far}")
@@ -182,8 +186,8 @@ def preferred(passing: Sequence[Candidate]) -> Candidate | None:
     best = next(iter(passing), None)
     if best is None or best.hypothesis.name != ALL_PARAMETERS or best.held_out is None:
         return best
-    reached = best.held_out.excess
-    return next((c for c in passing if c.held_out is not None and c.held_out.excess < reached), best)
+    reached = best.held_out.normalised_excess_mse
+    return next((c for c in passing if c.held_out is not None and c.held_out.normalised_excess_mse < reached), best)
 
 
 def hardest(judged: Sequence[Judgement]) -> Judgement:
@@ -191,7 +195,7 @@ def hardest(judged: Sequence[Judgement]) -> Judgement:
 
     The likeliest fit may be the worst out of sample; an addition must not be accepted because of that.
     """
-    best = min(judged, key=lambda j: j.excess)
+    best = min(judged, key=lambda j: j.normalised_excess_mse)
     return replace(best, log_likelihood=max(j.log_likelihood for j in judged))
 
 
@@ -204,8 +208,8 @@ def lookalikes(
     reach far more.
     """
     assert winner.held_out is not None
-    passes = not objections(winner, before) or is_hopeful(winner, before)
-    if winner.held_out.excess < EXCESS or not passes:
+    passes = not objections(winner, before) or passes_except_error(winner, before)
+    if winner.held_out.normalised_excess_mse < EXCESS or not passes:
         return []
     single = [s for s in promised if s.hypothesis not in tried and s.hypothesis.name != ALL_PARAMETERS]
     return [s for s in single if acts_alike(s, winner.score)]

@@ -20,7 +20,7 @@ _CLOSE = 500.0
 """Lead in log-likelihood from which on a model without something need not be fitted to the end."""
 
 
-class Trials:
+class CandidateFits:
     """Models with additions, on the drives to fit and on those to judge on.
 
     Args:
@@ -32,13 +32,13 @@ class Trials:
 
     def __init__(self, fitting: Fitting, held_out: HeldOut, free: tuple[str, ...], say: Say) -> None:
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
-        self.whole = fitting.whole
+        self.augmented = fitting.augmented
         self._log_samples = math.log(fitting.samples)
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
 
     def fit(self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS) -> Fitted:
         """Fit the free parameters, additions and noise."""
-        moved = coordinates(self.whole, self.free, added, len(self.fitting.drives))
+        moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives))
         return self.fitting.fit(moved, start, iterations, turns)
 
     def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
@@ -61,18 +61,18 @@ class Trials:
         """Return a point, and others with one parameter each at a value of its grid."""
         found = [point]
         for name in names:
-            for value in self.whole.model.parameters[self.whole.row(name)].grid:
+            for value in self.augmented.model.parameters[self.augmented.row(name)].grid:
                 values = point.values.copy()
-                values[self.whole.row(name)] = value
+                values[self.augmented.row(name)] = value
                 found.append(replace(point, values=values))
         return found
 
     def without(self, added: Added, rest: Added, best: Fitted) -> tuple[Fitted, float]:
         """Return the model with some of its additions only, and what it loses in BIC."""
-        kept = {n for k in rest for n in (*k.shared, *k.moments)}
-        gone = {n for h in added for n in (*h.shared, *h.moments)} - kept
-        values, rows = best.point.values.copy(), [self.whole.row(n) for n in gone]
-        values[rows] = self.whole.stated()[rows, None]
+        kept = {n for k in rest for n in (*k.shared, *k.change_times)}
+        gone = {n for h in added for n in (*h.shared, *h.change_times)} - kept
+        values, rows = best.point.values.copy(), [self.augmented.row(n) for n in gone]
+        values[rows] = self.augmented.stated()[rows, None]
         starts = self.on_grids(replace(best.point, values=values), [n for h in rest for n in h.amplitudes])
         fitted = self.fit_near(rest, self.fitting.best(starts), best.objective)
         freed = len(best.coordinates) - len(fitted.coordinates)

@@ -29,13 +29,13 @@ class Choices:
     Attributes:
         b: Sum over the drives ``(choices, amplitudes)``.
         G: Sum over the drives ``(choices, amplitudes, amplitudes)``.
-        moments: Indices into the grid of each drive, of the beginning and the end; -1 for never
+        change_times: Indices into the grid of each drive, of the beginning and the end; -1 for never
             ``(choices, drives, 2)``.
     """
 
     b: Floats
     G: Floats
-    moments: NDArray[np.intp]
+    change_times: NDArray[np.intp]
 
     def gains(self) -> Floats:
         """Return the gains in log-likelihood without bounds ``(choices,)``."""
@@ -47,28 +47,28 @@ class Choices:
     def best(self) -> Choices:
         """Return those of largest gain, best first, and the first of all (no change) in any case."""
         order = list(dict.fromkeys([*np.argsort(-self.gains())[:_BEAM].tolist(), 0]))
-        return Choices(self.b[order], self.G[order], self.moments[order])
+        return Choices(self.b[order], self.G[order], self.change_times[order])
 
 
 def choices(b: Floats, G: Floats, ends: bool) -> Choices:
     """Return all choices in one drive; the first is that of no change.
 
     Args:
-        b: ``(amplitudes, moments)``.
-        G: ``(amplitudes, amplitudes, moments, moments)``.
+        b: ``(amplitudes, change_times)``.
+        G: ``(amplitudes, amplitudes, change_times, change_times)``.
         ends: Whether a change may end.
     """
     d, n = b.shape
     each = np.arange(n)
     at = G[:, :, each, each]
     parts_b, parts_G = [np.zeros((1, d)), b.T], [np.zeros((1, d, d)), at.transpose(2, 0, 1)]
-    moments = [np.full((1, 2), -1), np.column_stack([each, np.full(n, -1)])]
+    change_times = [np.full((1, 2), -1), np.column_stack([each, np.full(n, -1)])]
     if ends:
         k, m = np.triu_indices(n, 1)
         parts_b.append((b[:, k] - b[:, m]).T)
         parts_G.append((at[:, :, k] + at[:, :, m] - G[:, :, k, m] - G[:, :, m, k]).transpose(2, 0, 1))
-        moments.append(np.column_stack([k, m]))
-    return Choices(np.concatenate(parts_b), np.concatenate(parts_G), np.concatenate(moments)[:, None, :])
+        change_times.append(np.column_stack([k, m]))
+    return Choices(np.concatenate(parts_b), np.concatenate(parts_G), np.concatenate(change_times)[:, None, :])
 
 
 def join(by_drive: Sequence[Choices]) -> tuple[tuple[int, int], ...]:
@@ -80,6 +80,6 @@ def join(by_drive: Sequence[Choices]) -> tuple[tuple[int, int], ...]:
         beam = Choices(
             beam.b[first] + ranked.b[second],
             beam.G[first] + ranked.G[second],
-            np.concatenate([beam.moments[first], ranked.moments[second]], axis=1),
+            np.concatenate([beam.change_times[first], ranked.change_times[second]], axis=1),
         ).best()
-    return tuple((int(k), int(m)) for k, m in beam.moments[0])
+    return tuple((int(k), int(m)) for k, m in beam.change_times[0])

@@ -17,8 +17,8 @@ from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.acceptance import BIC_NEEDED, Round, with_further
-from harness.diagnosis.selection.candidate_fits import Added, Say, Trials
-from harness.diagnosis.selection.selection_round import Attempt, attempt
+from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
+from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import Drive
 from harness.identification.methods.likelihood import white_noise
@@ -65,7 +65,7 @@ class Trace:
 
 
 def trace(
-    whole: AugmentedModel,
+    augmented: AugmentedModel,
     train: Sequence[Drive],
     test: Sequence[Drive],
     free: Sequence[str],
@@ -76,7 +76,7 @@ def trace(
     """Find what the model lacks.
 
     Args:
-        whole: The nominal model with everything it may lack.
+        augmented: The nominal model with everything it may lack.
         train: Drives to fit.
         test: Drives to judge on.
         free: Parameters of the nominal model that are fitted in any case.
@@ -85,38 +85,38 @@ def trace(
         stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
     """
-    variances = first_variances(whole, [*train, *test], stated_noise)
-    fitting = Fitting(whole, train, variances, stated_noise)
-    return _Search(Trials(fitting, HeldOut(whole, test, variances), tuple(free), say), rounds).run()
+    variances = first_variances(augmented, [*train, *test], stated_noise)
+    fitting = Fitting(augmented, train, variances, stated_noise)
+    return _Search(CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say), rounds).run()
 
 
-def first_variances(whole: AugmentedModel, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
+def first_variances(augmented: AugmentedModel, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
     """Return the white noise of every output ``(ny,)``; that of the model where a signal is too coarse to show it.
 
     With ``stated_noise`` it is that of the model where the signals have less.
     """
-    stated = np.array([whole.spec.measurement_noise[n] for n in whole.model.outputs])
+    stated = np.array([augmented.spec.measurement_noise[n] for n in augmented.model.outputs])
     found = np.array([white_noise(drives, a) for a in range(len(stated))])
     found = np.where(found > 1e-12 * stated, found, stated)
     return np.maximum(found, stated) if stated_noise else found
 
 
 class _Search:
-    def __init__(self, trials: Trials, rounds: int) -> None:
-        self.trials, self.rounds = trials, rounds
+    def __init__(self, candidate_fits: CandidateFits, rounds: int) -> None:
+        self.candidate_fits, self.rounds = candidate_fits, rounds
 
     def run(self) -> Trace:
         """Return what was found: round after round until nothing is accepted, then the checks of all additions."""
-        trials = self.trials
-        trials.say("fitting the nominal model")
-        nominal = best = trials.fit((), trials.fitting.first(), 25)
+        candidate_fits = self.candidate_fits
+        candidate_fits.say("fitting the nominal model")
+        nominal = best = candidate_fits.fit((), candidate_fits.fitting.first(), 25)
         added: Added = ()
         rounds: list[Round] = []
         while len(rounds) <= self.rounds:
-            tried = attempt(trials, added, [best], len(rounds) + 1)
+            tried = selection_round(candidate_fits, added, [best], len(rounds) + 1)
             best = tried.best
             if not added:
-                nominal = min(tried.without, key=lambda f: trials.judge((), f.point).excess)
+                nominal = min(tried.without, key=lambda f: candidate_fits.judge((), f.point).normalised_excess_mse)
             passed = self._passed(tried)
             rounds += passed
             if passed[-1].added is None:
@@ -128,19 +128,19 @@ class _Search:
         kept, best = self._backward(added, best)
         kept, best = self._parameters_instead(kept, best, rounds)
         return Trace(
-            trials.fitting,
-            trials.held_out,
-            trials.free,
+            candidate_fits.fitting,
+            candidate_fits.held_out,
+            candidate_fits.free,
             nominal,
             best,
             kept,
             tuple(rounds),
             tuple(h for h in added if h not in kept),
-            trials.judge((), nominal.point),
-            trials.judge(kept, best.point),
+            candidate_fits.judge((), nominal.point),
+            candidate_fits.judge(kept, best.point),
         )
 
-    def _passed(self, tried: Attempt) -> list[Round]:
+    def _passed(self, tried: SelectionRound) -> list[Round]:
         """Return a round; if what it found is hopeful, with the next one if that adds something to it.
 
         Of two effects one may make the error and the other most of the innovations: then neither passes alone.
@@ -150,7 +150,9 @@ class _Search:
         if found.hopeful is not None:
             assert found.hopeful.fitted is not None
             with_it = (*tried.added, found.hopeful.hypothesis)
-            further = attempt(self.trials, with_it, [found.hopeful.fitted], tried.number + 1).decided(room - 1)
+            further = selection_round(self.candidate_fits, with_it, [found.hopeful.fitted], tried.number + 1).decided(
+                room - 1
+            )
             if further.added is not None:
                 return [with_further(found, further), further]
         return [found if found.added is not None else tried.decided_by_sensor(room)]
@@ -161,14 +163,14 @@ class _Search:
         What is missing may have been taken for something else at first, and for the rest of it thereafter.
         """
         for h in added[1:]:
-            self.trials.say(f"is {h.name.replace('_', ' ')} enough?")
-            alone, lost = self.trials.without(added, (h,), best)
+            self.candidate_fits.say(f"is {h.name.replace('_', ' ')} enough?")
+            alone, lost = self.candidate_fits.without(added, (h,), best)
             if lost < BIC_NEEDED:
                 return (h,), alone
         for h in added[:-1] if len(added) > 2 else ():  # without one of two the other would be alone
             rest = tuple(k for k in added if k != h)
-            self.trials.say(f"is {h.name.replace('_', ' ')} still needed?")
-            without, lost = self.trials.without(added, rest, best)
+            self.candidate_fits.say(f"is {h.name.replace('_', ' ')} still needed?")
+            without, lost = self.candidate_fits.without(added, rest, best)
             if lost < BIC_NEEDED:
                 added, best = rest, without
         return added, best
@@ -185,8 +187,8 @@ class _Search:
                 continue
             fits = {}
             for p in _stand_ins(rounds, added)[:_INSTEAD]:
-                self.trials.say(f"may {p.name.replace('_', ' ')} stand for {h.name.replace('_', ' ')}?")
-                fits[p] = self.trials.without(added, (*rest, p), best)
+                self.candidate_fits.say(f"may {p.name.replace('_', ' ')} stand for {h.name.replace('_', ' ')}?")
+                fits[p] = self.candidate_fits.without(added, (*rest, p), best)
             if not fits:
                 continue
             p, (fitted, lost) = min(fits.items(), key=lambda item: item[1][1])

@@ -69,13 +69,13 @@ class Changes:
         passes = (
             best.bic >= BIC_NEEDED
             and best.held_out.log_likelihood > self.before.log_likelihood
-            and best.held_out.excess <= (1 - ERROR_NEEDED) * self.before.excess
+            and best.held_out.normalised_excess_mse <= (1 - ERROR_NEEDED) * self.before.normalised_excess_mse
         )
         return best if passes else None
 
 
 def single_changes(
-    whole: AugmentedModel,
+    augmented: AugmentedModel,
     train: Sequence[Drive],
     test: Sequence[Drive],
     stated_noise: bool,
@@ -84,21 +84,21 @@ def single_changes(
     """Refit every parameter of a model alone.
 
     Args:
-        whole: The model as it was before.
+        augmented: The model as it was before.
         train: Drives to fit.
         test: Drives to judge on.
         stated_noise: Whether errors count against the noise that the model states, as in ``trace``.
         say: Is told what is being tried.
     """
-    variances = first_variances(whole, [*train, *test], stated_noise)
-    fitting, held_out = Fitting(whole, train, variances, stated_noise), HeldOut(whole, test, variances)
+    variances = first_variances(augmented, [*train, *test], stated_noise)
+    fitting, held_out = Fitting(augmented, train, variances, stated_noise), HeldOut(augmented, test, variances)
     first = fitting.first()
     likelihood, found = fitting.log_likelihood(first), []
-    for p in whole.nominal.parameters:
+    for p in augmented.nominal.parameters:
         if p.numerical or p.lower == p.upper:
             continue
         say(f"did {p.name.replace('_', ' ')} change?")
-        (c,) = coordinates(whole, (p.name,), (), len(train))
+        (c,) = coordinates(augmented, (p.name,), (), len(train))
         fitted = fitting.only((c,), fitting.best(_starts(c, first)), _ITERATIONS)
         gain = 2.0 * (fitted.log_likelihood - likelihood) - math.log(fitting.samples)
         std, judged = float(fitting.standard_errors(fitted)[0]), held_out.judge((), fitted.point)

@@ -43,7 +43,7 @@ class Score:
         error: Standard error that the drives would leave of each amplitude, infinite if they do not tell it.
         freedom: Numbers that it adds to the fit; under a prior, as many as the drives know better than the prior.
         shapes: Values of the grid.
-        moments: By drive and moment ``(drives, moments)``, in s.
+        change_times: By drive and moment ``(drives, change_times)``, in s.
         response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``.
         excited: Whether the drives could show it at all.
     """
@@ -54,7 +54,7 @@ class Score:
     error: Floats
     freedom: float
     shapes: Floats
-    moments: Floats
+    change_times: Floats
     response: tuple[Floats, ...]
     excited: bool
 
@@ -69,12 +69,12 @@ class ScoreTest:
 
     def __init__(self, fitting: Fitting, fitted: Fitted) -> None:
         self.fitting, self.point = fitting, fitted.point
-        self.whole, self.drives = fitting.whole, fitting.drives
+        self.augmented, self.drives = fitting.augmented, fitting.drives
         self.kept = fitting.runs(fitted.point)
         self.residual = [np.nan_to_num(k.whitened).reshape(-1) for k in self.kept]
         self.moved = fitting.columns(fitted.coordinates, fitted.point)
-        self._outputs = len(self.whole.model.outputs)
-        self._linearisation = Linearisation(self.whole)
+        self._outputs = len(self.augmented.model.outputs)
+        self._linearisation = Linearisation(self.augmented)
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
         self._products: dict[tuple[int, str, str], Floats] = {}
@@ -84,17 +84,19 @@ class ScoreTest:
 
     def of(self, tried: Sequence[Hypothesis]) -> list[Score]:
         """Return the scores of hypotheses, in their order."""
-        plain = [h for h in tried if not h.moments]
+        plain = [h for h in tried if not h.change_times]
         columns = self._plain_columns(plain)
         found = {id(h): self._plain(h, columns) for h in plain}
-        changes = [h for h in tried if h.moments]
-        self.whole.share(lambda i: self._change(changes, i), range(len(self.drives)))
-        found |= {id(h): self._moments(h) for h in changes}
+        changes = [h for h in tried if h.change_times]
+        self.augmented.share(lambda i: self._change(changes, i), range(len(self.drives)))
+        found |= {id(h): self._change_times(h) for h in changes}
         return [found[id(h)] for h in tried]
 
     def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
         """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
-        return in_rows(self.whole.sensitivities(self.drives[drive], values, self.whole.along(names), self.kept[drive]))
+        return in_rows(
+            self.augmented.sensitivities(self.drives[drive], values, self.augmented.along(names), self.kept[drive])
+        )
 
     def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[tuple[str, tuple[float, ...]], Floats]]:
         """Return the columns of all amplitudes at all shapes, once each, by drive."""
@@ -106,17 +108,19 @@ class ScoreTest:
         def of_drive(i: int) -> dict[tuple[str, tuple[float, ...]], Floats]:
             values = np.repeat(self.point.values[:, [i]], len(wanted), axis=1)
             for j, ((_, shapes), names) in enumerate(wanted.items()):
-                values[[self.whole.row(n) for n in names], j] = shapes
+                values[[self.augmented.row(n) for n in names], j] = shapes
             columns = self._sensitivities(i, values, [a for a, _ in wanted])
             return {key: columns[:, j] for j, key in enumerate(wanted)}
 
-        return self.whole.share(of_drive, range(len(self.drives)))
+        return self.augmented.share(of_drive, range(len(self.drives)))
 
     def _grid(self, h: Hypothesis) -> list[tuple[float, ...]]:
         """Return the shapes at which a hypothesis is tried; a parameter in force already keeps its value."""
-        parameters = [self.whole.model.parameters[self.whole.row(n)] for n in h.shapes]
+        parameters = [self.augmented.model.parameters[self.augmented.row(n)] for n in h.shapes]
         return list(
-            itertools.product(*(p.grid or (float(self.point.values[self.whole.row(p.name), 0]),) for p in parameters))
+            itertools.product(
+                *(p.grid or (float(self.point.values[self.augmented.row(p.name), 0]),) for p in parameters)
+            )
         )
 
     def _plain(self, h: Hypothesis, columns: Sequence[dict[tuple[str, tuple[float, ...]], Floats]]) -> Score:
@@ -126,7 +130,7 @@ class ScoreTest:
             tried.append(self._judged(h, X, np.array(shapes), np.zeros((len(self.drives), 0))))
         return max(tried, key=lambda s: s.gain)
 
-    def _judged(self, h: Hypothesis, X: Sequence[Floats], shapes: Floats, moments: Floats) -> Score:
+    def _judged(self, h: Hypothesis, X: Sequence[Floats], shapes: Floats, change_times: Floats) -> Score:
         cross = total([N.T @ x for N, x in zip(self.moved, X, strict=True)])
         weights = self._inverse @ cross
         square = total([x.T @ x for x in X])
@@ -134,7 +138,7 @@ class ScoreTest:
         b = weights.T @ self._pull - total([x.T @ r for x, r in zip(X, self.residual, strict=True)])
         freedom = float(h.count(len(self.drives)))
         if h.name == ALL_PARAMETERS:  # stated values count as measured, once, within the prior
-            prior = np.diag((PRIOR * self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]) ** -2.0)
+            prior = np.diag((PRIOR * self.point.values[[self.augmented.row(n) for n in h.amplitudes], 0]) ** -2.0)
             freedom, G = float(np.trace(np.linalg.solve(G + prior, G))), G + prior
         raw = np.diagonal(square)
         # A column whose power the fit's own columns explain but for 1e-9 is not there.
@@ -145,42 +149,42 @@ class ScoreTest:
             error[seen] = covariance_of(G[np.ix_(seen, seen)]).errors
         promised = weights @ a
         response = tuple((x @ a - N @ promised).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True))
-        start = np.array([self.point.values[self.whole.row(n), 0] for n in h.amplitudes])
-        return Score(h, gain, start + a, error, freedom, shapes, moments, response, bool(seen.any()))
+        start = np.array([self.point.values[self.augmented.row(n), 0] for n in h.amplitudes])
+        return Score(h, gain, start + a, error, freedom, shapes, change_times, response, bool(seen.any()))
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up."""
-        rows = [self.whole.row(n) for n in h.amplitudes]
+        rows = [self.augmented.row(n) for n in h.amplitudes]
         at = self.point.values[rows, 0]
-        parameters = [self.whole.model.parameters[r] for r in rows]
+        parameters = [self.augmented.model.parameters[r] for r in rows]
         return np.array([p.lower for p in parameters]) - at, np.array([p.upper for p in parameters]) - at
 
-    def _moments(self, h: Hypothesis) -> Score:
+    def _change_times(self, h: Hypothesis) -> Score:
         """Score a change at a time of its own in every drive, at the best of a grid of times.
 
         A second moment ends what the first one began, so its response is that of the beginning, taken back.
         """
-        chosen = join(self.whole.share(lambda i: self._choices(h, i), range(len(self.drives))))
-        X, moments = [], np.zeros((len(self.drives), len(h.moments)))
+        chosen = join(self.augmented.share(lambda i: self._choices(h, i), range(len(self.drives))))
+        X, change_times = [], np.zeros((len(self.drives), len(h.change_times)))
         for i, (first, second) in enumerate(chosen):
             never, grid = float(self.drives[i].time[-1]), self._times(i)
-            moments[i] = [grid[k] if k >= 0 else never for k in (first, second)][: len(h.moments)]
+            change_times[i] = [grid[k] if k >= 0 else never for k in (first, second)][: len(h.change_times)]
             steps = [self._steps(h, a, i) for a in h.amplitudes]
             X.append(np.column_stack([_response(s, first) - _response(s, second) for s in steps]).astype(float))
-        return self._judged(h, X, np.array(self._grid(h)[0]), moments)
+        return self._judged(h, X, np.array(self._grid(h)[0]), change_times)
 
     def moments_of(self, h: Hypothesis) -> Floats:
-        """Return the likeliest moments of a hypothesis whose amplitudes are known ``(drives, moments)``.
+        """Return the likeliest moments of a hypothesis whose amplitudes are known ``(drives, change_times)``.
 
         The fit is that without it; its amplitudes are those of the point, which mean nothing as long as its moments
         are never.
         """
-        a = self.point.values[[self.whole.row(n) for n in h.amplitudes], 0]
-        found = np.zeros((len(self.drives), len(h.moments)))
+        a = self.point.values[[self.augmented.row(n) for n in h.amplitudes], 0]
+        found = np.zeros((len(self.drives), len(h.change_times)))
         for i, drive in enumerate(self.drives):
             grid, choices = self._times(i), self._choices(h, i)
-            best = choices.moments[np.argmax(choices.b @ a - 0.5 * (choices.G @ a) @ a), 0]
-            found[i] = [grid[k] if k >= 0 else drive.time[-1] for k in best][: len(h.moments)]
+            best = choices.change_times[np.argmax(choices.b @ a - 0.5 * (choices.G @ a) @ a), 0]
+            found[i] = [grid[k] if k >= 0 else drive.time[-1] for k in best][: len(h.change_times)]
         return found
 
     def _times(self, drive: int) -> Floats:
@@ -199,16 +203,16 @@ class ScoreTest:
             self._onsets[drive] = Onsets(self._linearisation, self.drives[drive], values, kept, self._times(drive))
         wanted = {a: h for h in many for a in h.amplitudes if (drive, a) not in self._cached}
         found = self._onsets[drive].responses(
-            [Change(a, h.moments[0], self._begun(h, drive)) for a, h in wanted.items()]
+            [Change(a, h.change_times[0], self._begun(h, drive)) for a, h in wanted.items()]
         )
         self._cached |= {(drive, a): x for a, x in zip(wanted, found, strict=True)}
 
     def _begun(self, h: Hypothesis, drive: int) -> Floats:
         """Return the point with the first shapes of a hypothesis, and without an end to what begins."""
         values = self.point.values[:, drive].copy()
-        values[[self.whole.row(n) for n in h.shapes]] = self._grid(h)[0]
-        for m in h.moments:
-            values[self.whole.row(m)] = self.whole.model.parameters[self.whole.row(m)].upper
+        values[[self.augmented.row(n) for n in h.shapes]] = self._grid(h)[0]
+        for m in h.change_times:
+            values[self.augmented.row(m)] = self.augmented.model.parameters[self.augmented.row(m)].upper
         return values
 
     def _sums(self, drive: int, h: Hypothesis, one: str, other: str) -> Floats:
@@ -230,7 +234,7 @@ class ScoreTest:
         G = np.array([[self._sums(drive, h, a, c) for c in h.amplitudes] for a in h.amplitudes])
         residual = self.residual[drive].astype(np.float32)
         b = -np.array([residual @ self._steps(h, a, drive) for a in h.amplitudes], dtype=float)
-        return choices(b, G, len(h.moments) > 1)
+        return choices(b, G, len(h.change_times) > 1)
 
 
 def _response(steps: Columns, moment: int) -> Columns:

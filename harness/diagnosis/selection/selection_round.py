@@ -17,12 +17,12 @@ from harness.diagnosis.selection.acceptance import (
     decide,
     distinct,
     hardest,
-    is_hopeful,
     lookalikes,
     objections,
+    passes_except_error,
     with_sensor,
 )
-from harness.diagnosis.selection.candidate_fits import Added, Trials
+from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import EXCESS, Judgement, leaves_nothing
 
@@ -43,34 +43,34 @@ _NEAR = 0.5
 """Hypotheses are fitted whose predicted gain is at least this share of the largest one."""
 
 
-def attempt(trials: Trials, added: Added, without: list[Fitted], number: int) -> Attempt:
+def selection_round(candidate_fits: CandidateFits, added: Added, without: list[Fitted], number: int) -> SelectionRound:
     """Try everything once.
 
     Args:
-        trials: Fits and judges.
+        candidate_fits: Fits and judges.
         added: What the model has already.
         without: Fits of that model, the likeliest last.
         number: Of the round, to be told.
     """
-    tried = Attempt(trials, added, without, number)
+    tried = SelectionRound(candidate_fits, added, without, number)
     again = tried.run()
-    return tried if again is None else attempt(trials, added, [*without, again], number)
+    return tried if again is None else selection_round(candidate_fits, added, [*without, again], number)
 
 
-class Attempt:
+class SelectionRound:
     """A round from one fit of the model without addition.
 
     Args:
-        trials: Fits and judges.
+        candidate_fits: Fits and judges.
         added: What the model has already.
         without: Fits of that model, the likeliest last.
         number: Of the round, to be told.
     """
 
-    def __init__(self, trials: Trials, added: Added, without: list[Fitted], number: int) -> None:
-        self.trials, self.added, self.without, self.number = trials, added, without, number
+    def __init__(self, candidate_fits: CandidateFits, added: Added, without: list[Fitted], number: int) -> None:
+        self.candidate_fits, self.added, self.without, self.number = candidate_fits, added, without, number
         self.promised: list[Score] = []
-        self.worth: list[Score] = []
+        self.shortlist: list[Score] = []
         self.fits: dict[Hypothesis, Fitted] = {}
 
     @property
@@ -81,7 +81,7 @@ class Attempt:
     @property
     def before(self) -> Judgement:
         """The model without addition on the held-out drives."""
-        return hardest([self.trials.judge(self.added, f.point) for f in self.without])
+        return hardest([self.candidate_fits.judge(self.added, f.point) for f in self.without])
 
     def run(self) -> Fitted | None:
         """Fit what is worth it; return a fit without addition from which the round has to start again, if any."""
@@ -107,39 +107,42 @@ class Attempt:
 
     def say(self, what: str) -> None:
         """Tell what is being done in this round."""
-        self.trials.say(f"round {self.number}: {what}")
+        self.candidate_fits.say(f"round {self.number}: {what}")
 
     def rank(self) -> None:
         """Score everything that is not in force yet, and choose what is worth a fit."""
         self.say("score test of every effect and every fixed parameter")
-        scores = ScoreTest(self.trials.fitting, self.best).of(self.open())
+        scores = ScoreTest(self.candidate_fits.fitting, self.best).of(self.open())
         favour = {s.hypothesis: _FAVOUR * (s.hypothesis.kind == "parameter") for s in scores}
-        self.promised = sorted(scores, key=lambda s: self.promise(s) + favour[s.hypothesis], reverse=True)
+        self.promised = sorted(scores, key=lambda s: self.predicted_bic_gain(s) + favour[s.hypothesis], reverse=True)
         # The predicted gain of many parameters at once is large whatever is missing; it must not exclude others.
-        alone = [self.promise(s) for s in self.promised if s.hypothesis.name != ALL_PARAMETERS]
+        alone = [self.predicted_bic_gain(s) for s in self.promised if s.hypothesis.name != ALL_PARAMETERS]
         enough = max(0.5 * BIC_NEEDED, _NEAR * max(alone, default=0.0))
-        self.worth = [s for s in distinct(self.promised) if self.promise(s) > enough]
+        self.shortlist = [s for s in distinct(self.promised) if self.predicted_bic_gain(s) > enough]
 
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet."""
-        free = self.trials.free
+        free = self.candidate_fits.free
         taken = {n for h in self.added for n in h.amplitudes} | set(free)
-        rests = [(h, tuple(a for a in h.amplitudes if a not in taken)) for h in hypotheses(self.trials.whole, free)]
+        rests = [
+            (h, tuple(a for a in h.amplitudes if a not in taken))
+            for h in hypotheses(self.candidate_fits.augmented, free)
+        ]
         return [replace(h, amplitudes=rest) for h, rest in rests if rest]
 
     def fit_worthy(self) -> None:
         """Fit the best few; of these not what cannot reach the best so far."""
-        chosen = [s for s in self.worth if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED]
+        chosen = [s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED]
         reached, short = 0.0, 1.0
         for s in chosen:
-            if _HOPE * short * self.promise(s) >= reached:
+            if _HOPE * short * self.predicted_bic_gain(s) >= reached:
                 self.fit(s)
                 gain = self.judged(s).bic
                 if gain > reached:
-                    reached, short = gain, max(1.0, gain / self.promise(s))
+                    reached, short = gain, max(1.0, gain / self.predicted_bic_gain(s))
         # Many at once are the longest fit and often spared by what the others reach.
-        for s in [s for s in self.worth if s.hypothesis.name == ALL_PARAMETERS]:
-            if _HOPE * short * self.promise(s) >= reached and not self.settled():
+        for s in [s for s in self.shortlist if s.hypothesis.name == ALL_PARAMETERS]:
+            if _HOPE * short * self.predicted_bic_gain(s) >= reached and not self.settled():
                 self.fit(s)
 
     def settled(self) -> bool:
@@ -159,7 +162,9 @@ class Attempt:
         for s in lookalikes(winner, self.before, self.promised, self.fits)[:_REFITTED]:
             self.say(f"fitting {s.hypothesis.name.replace('_', ' ')}, which acts alike")
             starts = [self.start(self.best.point, s), self.start(start, s)]
-            self.fits[s.hypothesis] = self.trials.fit((*self.added, s.hypothesis), self.trials.fitting.best(starts))
+            self.fits[s.hypothesis] = self.candidate_fits.fit(
+                (*self.added, s.hypothesis), self.candidate_fits.fitting.best(starts)
+            )
 
     def fit_spared(self) -> None:
         """Fit what was passed over for a small predicted gain, where nothing is accepted or nearly so, until one is.
@@ -168,9 +173,9 @@ class Attempt:
         a wrong one may overfit the fitted drives by more than that. Many parameters at once do not count here.
         """
         before = self.before
-        if any(not objections(c, before) or is_hopeful(c, before) for c in map(self.judged, self.tried())):
+        if any(not objections(c, before) or passes_except_error(c, before) for c in map(self.judged, self.tried())):
             return
-        alone = [s for s in self.worth if s.hypothesis.name != ALL_PARAMETERS]
+        alone = [s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS]
         for s in [s for s in alone if s.hypothesis not in self.fits][:_REFITTED]:
             self.fit(s)
             if not objections(self.judged(s), before):
@@ -181,9 +186,11 @@ class Attempt:
 
         A large unexplained error of other signals masks from the criteria what acts on one signal alone.
         """
-        for column, excess in enumerate(self.before.excesses if room > 0 else ()):
-            own = [s for s in self.promised if s.hypothesis.output == column and self.promise(s) > BIC_NEEDED]
-            if excess > EXCESS and own and own[0].hypothesis not in self.fits:
+        for column, normalised_excess_mse in enumerate(self.before.normalised_excess_mses if room > 0 else ()):
+            own = [
+                s for s in self.promised if s.hypothesis.output == column and self.predicted_bic_gain(s) > BIC_NEEDED
+            ]
+            if normalised_excess_mse > EXCESS and own and own[0].hypothesis not in self.fits:
                 self.fit(own[0])
         found = self.decided(room)
         return with_sensor(found) if room > 0 and found.added is None else found
@@ -195,48 +202,48 @@ class Attempt:
     def fit(self, s: Score) -> None:
         """Fit a hypothesis from the amplitudes that its score predicts."""
         self.say(f"fitting {s.hypothesis.name.replace('_', ' ')}")
-        self.fits[s.hypothesis] = self.trials.fit((*self.added, s.hypothesis), self.start(self.best.point, s))
+        self.fits[s.hypothesis] = self.candidate_fits.fit((*self.added, s.hypothesis), self.start(self.best.point, s))
 
     def judged(self, s: Score) -> Candidate:
         """Return a hypothesis that was fitted, with its judgement on the held-out drives."""
         fitted = self.fits[s.hypothesis]
-        judged = self.trials.judge((*self.added, s.hypothesis), fitted.point)
-        return Candidate(s, fitted, self.trials.bic(fitted.objective - self.best.objective, s.freedom), judged)
+        judged = self.candidate_fits.judge((*self.added, s.hypothesis), fitted.point)
+        return Candidate(s, fitted, self.candidate_fits.bic(fitted.objective - self.best.objective, s.freedom), judged)
 
     def unfitted(self, s: Score) -> Candidate:
         """Return a hypothesis whose predicted gain is too small for a fit."""
-        return Candidate(s, None, self.promise(s), None)
+        return Candidate(s, None, self.predicted_bic_gain(s), None)
 
-    def promise(self, s: Score) -> float:
+    def predicted_bic_gain(self, s: Score) -> float:
         """Return the gain in BIC that a score predicts."""
-        return self.trials.bic(s.gain, s.freedom)
+        return self.candidate_fits.bic(s.gain, s.freedom)
 
     def taken_back(self, h: Hypothesis, fitted: Fitted) -> Point:
         """Return where a hypothesis left the model's parameters and noise, without itself."""
-        values, whole = fitted.point.values.copy(), self.trials.whole
-        rows = [whole.row(n) for n in (*h.shared, *h.moments)]
+        values, augmented = fitted.point.values.copy(), self.candidate_fits.augmented
+        rows = [augmented.row(n) for n in (*h.shared, *h.change_times)]
         values[rows] = self.best.point.values[rows]
         return replace(fitted.point, values=values)
 
     def start(self, point: Point, s: Score) -> Point:
         """Return the best start for a joint fit: what the score predicts, or a value of the amplitudes' grids."""
-        h, row = s.hypothesis, self.trials.whole.row
+        h, row = s.hypothesis, self.candidate_fits.augmented.row
         values = point.values.copy()
         for name, value in zip(h.shared, [*s.amplitudes, *s.shapes], strict=True):
             values[row(name)] = value
-        for j, name in enumerate(h.moments):
-            values[row(name)] = s.moments[:, j]
+        for j, name in enumerate(h.change_times):
+            values[row(name)] = s.change_times[:, j]
         starts = [replace(point, values=values)]
         for share in (0.5, 0.25):
             less = values.copy()
             rows = [row(n) for n in h.amplitudes]
             less[rows] = point.values[rows] + share * (values[rows] - point.values[rows])
             starts.append(replace(point, values=less))
-        return self.trials.fitting.best([*starts[1:], *self.trials.on_grids(starts[0], h.amplitudes)])
+        return self.candidate_fits.fitting.best([*starts[1:], *self.candidate_fits.on_grids(starts[0], h.amplitudes)])
 
     def again(self) -> Fitted:
         """Refit the model without addition from where the best hypothesis left its parameters and noise."""
         h, winner = max(self.fits.items(), key=lambda item: item[1].objective)
-        self.trials.say("fitting the model without it again")
-        again = self.trials.fit_near(self.added, self.taken_back(h, winner), winner.objective)
+        self.candidate_fits.say("fitting the model without it again")
+        again = self.candidate_fits.fit_near(self.added, self.taken_back(h, winner), winner.objective)
         return again if again.objective > self.best.objective else self.best

@@ -1,6 +1,6 @@
 """How the innovations respond to a change, for each moment of a grid at which it may begin.
 
-A change acts from its beginning as it would if it had been there all along, so the whole model is linearised once
+A change acts from its beginning as it would if it had been there all along, so the augmented model is linearised once
 along the pass and led through with the same entry from another sample on; only how the change rises in between is its
 own. That is read off one beginning: the share of the full entry that it has reached.
 """
@@ -32,7 +32,7 @@ class Change:
     Attributes:
         amplitude: Parameter.
         begins: Parameter.
-        values: Of the whole model, with its shapes and without an end ``(np,)``.
+        values: Of the augmented model, with its shapes and without an end ``(np,)``.
     """
 
     amplitude: str
@@ -54,14 +54,14 @@ class Onsets:
     def __init__(
         self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun, grid: Floats
     ) -> None:
-        self.grid, self._whole = grid, linearisation.whole
+        self.grid, self._whole = grid, linearisation.augmented
         self._linear = Linearised(linearisation, drive, values, kept)
         self._middle = float(grid[len(grid) // 2])
         self._first = np.searchsorted(drive.time, self._middle - 1e-9)
         self._later = np.round((grid - self._middle) / self._whole.spec.step).astype(int)
 
     def responses(self, changes: Sequence[Change]) -> list[Columns]:
-        """Return how whitened innovations respond to each change at every moment ``(samples * ny, moments)``."""
+        """Return how whitened innovations respond to each change at every moment ``(samples * ny, change_times)``."""
         values, directions = [], []
         for c in changes:
             for begins in (_LONG_AGO, self._middle):
@@ -70,16 +70,16 @@ class Onsets:
                 values.append(at)
                 directions.append(direction)
         ahead, outputs = self._linear.along(values, directions)
-        inlets = self._linear.entering(ahead[:, :, ::2], outputs[:, :, ::2])
+        input_directions = self._linear.entering(ahead[:, :, ::2], outputs[:, :, ::2])
         found = []
-        for j, inlet in enumerate(inlets):
+        for j, input_direction in enumerate(input_directions):
             full, part = (np.concatenate([ahead[:, :, 2 * j + m], outputs[:, :, 2 * j + m]], axis=1) for m in (0, 1))
-            moved = self._linear.innovations.responses(inlet, self._shifted(full, part))
+            moved = self._linear.innovations.responses(input_direction, self._shifted(full, part))
             found.append(-moved.reshape(-1, len(self.grid)).astype(np.float32))
         return found
 
     def _shifted(self, full: Floats, part: Floats) -> Floats:
-        """Return how much of a change is done, for each moment at which it may begin ``(samples, moments)``."""
+        """Return how much of a change is done, for each moment at which it may begin ``(samples, change_times)``."""
         samples = np.arange(len(full))
         power = np.einsum("ki,ki->k", full, full)
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -29,21 +29,22 @@ class Judgement:
     Attributes:
         log_likelihood: Of all of them; half the logarithm of the samples less for each moment looked for there.
         error: Root mean square of measurement less the model alone ``(ny,)``.
-        excesses: Mean square of that over the variance of the sensor's noise, less one, not negative ``(ny,)``.
+        normalised_excess_mses: Mean square of that over the variance of the sensor's noise, less one, not negative
+        ``(ny,)``.
         drives: The same drive by drive; empty for what is no model of its own.
         point: Values with which it was judged; moments are those of the held-out drives.
     """
 
     log_likelihood: float
     error: Floats
-    excesses: Floats
+    normalised_excess_mses: Floats
     drives: tuple[DriveJudgement, ...]
     point: Point
 
     @property
-    def excess(self) -> float:
+    def normalised_excess_mse(self) -> float:
         """Excess of all outputs together."""
-        return float(np.sum(self.excesses))
+        return float(np.sum(self.normalised_excess_mses))
 
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
@@ -51,51 +52,51 @@ def leaves_nothing(after: Judgement, before: Judgement) -> bool:
 
     Where the free run of the other model leaves its range, only the sensor noise counts.
     """
-    little = LITTLE * before.excess if np.isfinite(before.excess) else 0.0
-    return after.excess <= max(EXCESS, little)
+    little = LITTLE * before.normalised_excess_mse if np.isfinite(before.normalised_excess_mse) else 0.0
+    return after.normalised_excess_mse <= max(EXCESS, little)
 
 
 class HeldOut:
     """Drives to judge on.
 
     Args:
-        whole: The model.
+        augmented: The model.
         drives: The recordings.
         variances: Variance of the white noise of each output ``(ny,)``.
     """
 
-    def __init__(self, whole: AugmentedModel, drives: Sequence[Drive], variances: Floats) -> None:
-        self.whole, self.drives, self.variances = whole, tuple(drives), variances
-        self.fitting = Fitting(whole, drives, variances)
+    def __init__(self, augmented: AugmentedModel, drives: Sequence[Drive], variances: Floats) -> None:
+        self.augmented, self.drives, self.variances = augmented, tuple(drives), variances
+        self.fitting = Fitting(augmented, drives, variances)
 
     def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
         """Return how a model does; nothing but the moments of changes is looked for in these drives."""
-        here, moments = self._own_moments(added, moved_to(point, len(self.drives)))
-        found = judged_on(self.whole, self.drives, self.fitting.candidates([here]))
-        likelihood = sum(d.log_likelihood for d in found) - 0.5 * moments * np.log(self.fitting.samples)
-        error, excesses = strayed(self.drives, [d.simulated for d in found], self.variances)
-        return Judgement(likelihood, error, excesses, found, here)
+        here, change_times = self._own_change_times(added, moved_to(point, len(self.drives)))
+        found = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
+        likelihood = sum(d.log_likelihood for d in found) - 0.5 * change_times * np.log(self.fitting.samples)
+        error, normalised_excess_mses = simulation_error(self.drives, [d.simulated for d in found], self.variances)
+        return Judgement(likelihood, error, normalised_excess_mses, found, here)
 
-    def _own_moments(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
+    def _own_change_times(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
         """Return the point with the moments of these drives: the best of a grid, then of their neighbourhood."""
-        names = tuple(dict.fromkeys(n for h in added for n in h.moments))
+        names = tuple(dict.fromkeys(n for h in added for n in h.change_times))
         if not names:
             return point, 0
         never = point.values.copy()
         for name in names:
-            never[self.whole.row(name)] = self.whole.model.parameters[self.whole.row(name)].upper
+            never[self.augmented.row(name)] = self.augmented.model.parameters[self.augmented.row(name)].upper
         without = replace(point, values=never)
         test = ScoreTest(self.fitting, Fitted((), without, 0.0, 0.0))
         values = point.values.copy()
         for h in added:
-            if h.moments:
-                values[[self.whole.row(n) for n in h.moments]] = test.moments_of(h).T
+            if h.change_times:
+                values[[self.augmented.row(n) for n in h.change_times]] = test.moments_of(h).T
         point = replace(point, values=values)
-        moved = tuple(c for c in coordinates(self.whole, (), added, len(self.drives)) if c.name in names)
+        moved = tuple(c for c in coordinates(self.augmented, (), added, len(self.drives)) if c.name in names)
         return self.fitting.only(moved, point, 10).point, len(moved)
 
 
-def strayed(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, Floats]:
+def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, Floats]:
     """Return error and excesses of a model alone, as ``Judgement`` has them.
 
     Args:
