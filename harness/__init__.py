@@ -1,1 +1,1 @@
-"""The study runner: one stage of the design per module."""
+"""Robustness of vehicle state estimators, and what a model lacks: one package per stage (docs/structure.md)."""

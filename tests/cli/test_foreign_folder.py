@@ -1,4 +1,4 @@
-"""The harness at work in a folder with other people's ``models.py`` and ``tests.py``."""
+"""The harness at work in a folder with other people's ``models`` and ``tests``: modules, or packages as of Django."""
 
 import os
 import subprocess
@@ -10,13 +10,14 @@ import pytest
 from support.probe_study import STUDY
 
 ROOT = Path(__file__).parents[2]
+HOSTILE = "raise SystemExit('{} of the user was imported')\n"
 
 
 @pytest.fixture
 def harness(tmp_path):
     """Run ``python -m harness`` in a folder whose modules must not be touched; return what it prints."""
     for name in ("models", "tests", "support", "bench"):
-        (tmp_path / f"{name}.py").write_text(f"raise SystemExit('the {name}.py of the user was imported')\n")
+        (tmp_path / f"{name}.py").write_text(HOSTILE.format(name))
 
     def run(*arguments):
         command = [sys.executable, "-m", "harness", *map(str, arguments)]
@@ -28,7 +29,13 @@ def harness(tmp_path):
     return run
 
 
-def test_one_drive_is_simulated(harness, tmp_path):
+@pytest.mark.parametrize("packages", [False, True], ids=["modules", "packages"])
+def test_one_drive_is_simulated(harness, tmp_path, packages):
+    for path in list(tmp_path.glob("*.py")) if packages else ():
+        path.unlink()
+        for name in ("__init__", "vehicles", "contracts"):
+            (tmp_path / path.stem).mkdir(exist_ok=True)
+            (tmp_path / path.stem / f"{name}.py").write_text(HOSTILE.format(f"{path.stem}/{name}.py"))
     harness("simulate", "semitrailer", "--drive", "sine", "--option", "speed=12", "--out", "drive.csv")
     assert (tmp_path / "drive.csv").read_text().startswith("time")
 

@@ -2,9 +2,11 @@
 
 import importlib.util
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from setuptools import find_packages
 
 from harness import models
 from harness.common import registry
@@ -28,6 +30,14 @@ def drop_in(tmp_path, monkeypatch):
     yield folder
     for name in [n for n in sys.modules if n.split(".")[0] in ("dropped", "models")]:
         del sys.modules[name]
+
+
+def test_they_are_installed_as_part_of_the_harness_alone():
+    root = Path(__file__).parents[2]
+    chosen = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    packages = find_packages(str(root), **chosen["find"])
+    assert {f"harness.models.{role}" for role in registry.EXPORTS} < set(packages)
+    assert {name.partition(".")[0] for name in packages} == {"harness"}
 
 
 @pytest.mark.parametrize("name", ["models", "somewhere.models"])

@@ -130,7 +130,7 @@ def _loops() -> ModuleType:
 
 
 def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
-    """Return the weights of the first ``wanted`` terms that the lasso takes in (``disturbance_kernels.lasso``)."""
+    """Return the weights of the first ``wanted`` terms that the lasso takes in (``time_loops.lasso``)."""
     weights = np.zeros(len(pull))
     _loops().lasso(np.ascontiguousarray(gram), pull, floor, wanted, 50, weights)
     return weights

@@ -1,0 +1,102 @@
+"""The tree as docs/structure.md has it: nothing too long, every part in its place; `make lint` holds the imports."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TOPS = ("harness", "models", "bench", "tests")
+BESIDE = {"bench", "blind", "contracts", "support"}
+"""Folders of tests that stand for no package of the harness."""
+LONGEST_MODULE, LONGEST_FUNCTION = 450, 80
+PARAMETERS, OF_KERNELS = 10, 14
+
+FUNCTION = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def files(*tops: str) -> list[Path]:
+    """Return the Python files of some folders; those of ``harness/models`` are those of ``models``."""
+    found = (p.relative_to(ROOT) for top in tops for p in (ROOT / top).rglob("*.py"))
+    return sorted(p for p in found if p.parts[:2] != ("harness", "models"))
+
+
+def functions(path: Path) -> Iterator[FUNCTION]:
+    return (n for n in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))) if isinstance(n, FUNCTION))
+
+
+def parameters(function: FUNCTION) -> list[ast.arg]:
+    given = function.args
+    named = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
+    return [a for a in named if a is not None and a.arg not in ("self", "cls")]
+
+
+def allowed(path: Path, function: FUNCTION) -> float:
+    """Return how many parameters a function may have: what is compiled, and takes arrays only, a few more."""
+    if path.parts[:2] == ("harness", "cli") and not function.name.startswith("_"):
+        return float("inf")  # a command has as many as it has options
+    compiled = path.parts[0] == "harness" and not any(a.annotation for a in parameters(function))
+    return OF_KERNELS if compiled else PARAMETERS
+
+
+def test_no_module_is_too_long():
+    lengths = {str(p): len((ROOT / p).read_text(encoding="utf-8").splitlines()) for p in files(*TOPS)}
+    assert {p: n for p, n in lengths.items() if n > LONGEST_MODULE} == {}
+
+
+def test_no_function_is_too_long_or_has_too_many_parameters():
+    wrong = []
+    for path in files(*TOPS):
+        for f in functions(path):
+            lines, count = f.end_lineno - f.lineno + 1, len(parameters(f))
+            if lines > LONGEST_FUNCTION:
+                wrong.append(f"{path}:{f.lineno} {f.name}: {lines} lines")
+            if count > allowed(path, f):
+                wrong.append(f"{path}:{f.lineno} {f.name}: {count} parameters")
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "limit"),
+    [
+        ("harness/cli/trace.py", "def trace(a: int): ...", float("inf")),
+        ("harness/cli/trace.py", "def _trace(a: int): ...", PARAMETERS),
+        ("harness/study/run.py", "def run(a: int, *, b, **c): ...", PARAMETERS),
+        ("harness/engine/time_loops.py", "def simulate(u, c): ...", OF_KERNELS),
+        ("tests/test_it.py", "def test_it(u, c): ...", PARAMETERS),
+    ],
+)
+def test_commands_and_kernels_may_have_more_parameters(path, text, limit):
+    assert allowed(Path(path), ast.parse(text).body[0]) == limit
+
+
+def test_the_harness_shows_its_flow_at_a_glance():
+    entries = {p.name for p in (ROOT / "harness").iterdir() if p.name != "__pycache__"}
+    assert len(entries) <= 20
+    text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+    packages = [f"harness/{name}" for name in sorted(entries) if not name.endswith(".py")]
+    assert [p for p in packages if f"{p.removeprefix('harness/')}/" not in text] == []
+
+
+def test_tests_stand_where_the_code_stands():
+    folders = {p.parts[1] for p in files("tests") if len(p.parts) > 2}
+    assert {f for f in folders - BESIDE if not (ROOT / "harness" / f).is_dir()} == set()
+
+
+def test_no_test_imports_from_another():
+    found = []
+    for path in files("tests"):
+        for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            found += [
+                f"{path} imports {n}" for n in names if n.rsplit(".", 1)[-1].startswith("test_") and "harness" not in n
+            ]
+    assert found == []
+
+
+def test_models_are_linked_and_not_copied():
+    link = ROOT / "harness" / "models"
+    assert link.is_symlink()
+    assert link.resolve() == ROOT / "models"
