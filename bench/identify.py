@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.timing import quickest
-from harness.common import registry
 from harness.config import ModelSpec, resolve_single
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
@@ -25,6 +24,7 @@ from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.methods.likelihood import Search, Settings, identify
 from harness.models.contracts import DriveContext
+from harness.models.roles import VEHICLES
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import simulate_drive
 
@@ -46,7 +46,7 @@ TARGETS = {"likelihood, per candidate": 12.0, "frozen gains, per direction": 4.0
 
 def recorded(spec: ModelSpec, seed: int, **options: float) -> xr.Dataset:
     """Return a simulated drive of random steering with its noise."""
-    vehicle = registry.load("harness.models.vehicles", spec.vehicle)
+    vehicle = VEHICLES.load(spec.vehicle)
     context = DriveContext(vehicle.wheelbase(spec.values), spec.values["steering_ratio"], spec.step)
     chosen = {**options, "seed": seed + 1, "lateral_acceleration_limit": 6.0}
     return simulate_drive(spec, build_drive("random_sequence", chosen, context, "bench"), [], seed)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from harness.common import registry
 from harness.models.contracts import Option
 from harness.models.drives._shapes import LIMIT
-
-PACKAGE = "harness.models.drives"
+from harness.models.roles import DRIVES
 
 
 def kinds() -> dict[str, tuple[Option, ...]]:
     """Return every kind of drive with its options."""
-    return {name: options_of(name) for name in registry.names(PACKAGE)}
+    return {name: options_of(name) for name in DRIVES.names()}
 
 
 def options_of(kind: str) -> tuple[Option, ...]:
@@ -20,5 +18,5 @@ def options_of(kind: str) -> tuple[Option, ...]:
     Raises:
         ModelError: If there is no such kind (with the closest names).
     """
-    declared: tuple[Option, ...] = tuple(registry.load(PACKAGE, kind).OPTIONS)
+    declared: tuple[Option, ...] = tuple(DRIVES.load(kind).OPTIONS)
     return declared if any(o.name == LIMIT.name for o in declared) else (*declared, LIMIT)

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from harness.common import registry
 from harness.common.errors import ModelError, UserError
 from harness.common.units import registry as unit_registry
 from harness.models.assembly.assemble import Model, assemble, symbol
 from harness.models.contracts import DriveContext, Option, Profile
-from harness.models.drive_options import PACKAGE, kinds
+from harness.models.drive_options import kinds
 from harness.models.drives._shapes import lateral_acceleration
+from harness.models.roles import DRIVES, PARAMETERS, VEHICLES
 from harness.simulation.drives import build_drive, read_drives
 
 WATCHED = (
@@ -49,7 +49,7 @@ def reference_peaks(
         Per drive the signals of ``WATCHED``, each of shape ``(masses,)`` and in SI units; NaN where the run
         left the model's validity.
     """
-    values = dict(registry.load("harness.models.parameters", parameters).VALUES)
+    values = dict(PARAMETERS.load(parameters).VALUES)
     model = assemble("semitrailer", "magic_formula")
     right_side = _compile(model, WATCHED)
     names, step = list(profiles), next(iter(profiles.values())).time[1]
@@ -101,8 +101,8 @@ def table(path: str | Path, masses: Sequence[float] = (8e3, 24e3, 32e3)) -> str:
         UserError: As ``read_drives`` and ``build_drive``.
         ModelError: As ``build_drive``.
     """
-    values = registry.load("harness.models.parameters", "ziaukas_2023").VALUES
-    vehicle = registry.load("harness.models.vehicles", "semitrailer")
+    values = PARAMETERS.load("ziaukas_2023").VALUES
+    vehicle = VEHICLES.load("semitrailer")
     context = DriveContext(vehicle.wheelbase(values), values["steering_ratio"], base=str(Path(path).parent))
     drives = read_drives(path)
     profiles = {
@@ -143,7 +143,7 @@ def kinds_table() -> str:
     """Return the Markdown description of every kind of drive with its options."""
     lines: list[str] = []
     for kind, options in kinds().items():
-        summary = str(registry.load(PACKAGE, kind).__doc__).split("\n\n")[0].replace("\n", " ")
+        summary = str(DRIVES.load(kind).__doc__).split("\n\n")[0].replace("\n", " ")
         lines += [
             f"### `{kind}`",
             "",

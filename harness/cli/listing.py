@@ -7,7 +7,6 @@ that a listing is quick and a file that does not import still shows.
 from __future__ import annotations
 
 import ast
-import importlib
 from collections.abc import Sequence
 from math import degrees, isfinite
 from pathlib import Path
@@ -17,27 +16,22 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.common import registry
 from harness.common.errors import UserError
 from harness.common.files import read_toml
+from harness.common.registry import Role, closest
+from harness.config.roles import ESTIMATORS
 from harness.models.assembly.placement import OF_SIGNAL
+from harness.models.roles import ROLES as MODEL_ROLES
+from harness.models.roles import TYRES, VEHICLES
+from harness.recordings.readers import READERS
 
 if TYPE_CHECKING:
     from harness.models.contracts import Option, Parameter
 
-PACKAGES: dict[str, str] = {
-    "vehicles": "harness.models.vehicles",
-    "tyres": "harness.models.tyres",
-    "effects": "harness.models.effects",
-    "sensors": "harness.models.sensors",
-    "parameters": "harness.models.parameters",
-    "drives": "harness.models.drives",
-    "estimators": "harness.estimation.methods",
-    "readers": "harness.recordings.readers",
-}
-"""Role to the folder that is its registry."""
+LISTED: dict[str, Role] = {**MODEL_ROLES, "estimators": ESTIMATORS, "readers": READERS}
+"""Roles by the word of the command."""
 
-ROLES: tuple[str, ...] = ("models", *PACKAGES, "signals", "studies")
+ROLES: tuple[str, ...] = ("models", *LISTED, "signals", "studies")
 
 
 def show(console: Console, role: str, name: str | None = None, studies: Path = Path("studies")) -> None:
@@ -54,7 +48,7 @@ def show(console: Console, role: str, name: str | None = None, studies: Path = P
         ModelError: If there is no such file.
     """
     if role not in ROLES:
-        raise UserError(f"unknown role '{role}'{registry.closest(role, ROLES)}")
+        raise UserError(f"unknown role '{role}'{closest(role, ROLES)}")
     if role == "models":
         for part in ("vehicles", "tyres", "effects", "sensors", "parameters"):
             show(console, part)
@@ -63,20 +57,20 @@ def show(console: Console, role: str, name: str | None = None, studies: Path = P
     elif role == "signals":
         _signals(console)
     elif name is not None:
-        registry.load(PACKAGES[role], name)
-        console.print(Text(f"{name}: {summary(PACKAGES[role], name)}"))
+        LISTED[role].load(name)
+        console.print(Text(f"{name}: {summary(LISTED[role], name)}"))
         _details(console, role, name)
     else:
-        package = PACKAGES[role]
-        _table(console, role, ("name", "what it is"), [(n, summary(package, n)) for n in registry.names(package)])
+        files = LISTED[role]
+        _table(console, role, ("name", "what it is"), [(n, summary(files, n)) for n in files.names()])
         if role in ("drives", "parameters"):
-            for each in registry.names(package):
+            for each in files.names():
                 _details(console, role, each)
 
 
-def summary(package: str, name: str) -> str:
+def summary(role: Role, name: str) -> str:
     """Return the first line of a file's docstring without importing the file."""
-    folder = Path(importlib.import_module(package).__path__[0])
+    folder = role.folder
     path = folder / f"{name}.py"
     if not path.is_file():
         path = folder / name / "__init__.py"
@@ -109,7 +103,7 @@ def _table(console: Console, title: str, headings: tuple[str, ...], rows: Sequen
 
 
 def _details(console: Console, role: str, name: str) -> None:
-    module = registry.load(PACKAGES[role], name, () if role == "estimators" else None)
+    module = LISTED[role].load(name, () if role == "estimators" else None)
     if role == "drives":
         from harness.models.drive_options import options_of
 
@@ -130,10 +124,10 @@ def _details(console: Console, role: str, name: str) -> None:
 
 def _parameter_set(console: Console, name: str, vehicle: str, values: dict[str, float]) -> None:
     """Print the values of a set with unit and meaning, tyre parameters of every axle group included."""
-    module = registry.load("harness.models.vehicles", vehicle)
+    module = VEHICLES.load(vehicle)
     known: dict[str, Parameter] = {p.name: p for p in module.PARAMETERS}
-    for tyre in registry.names("harness.models.tyres"):
-        for p in registry.load("harness.models.tyres", tyre).PARAMETERS:
+    for tyre in TYRES.names():
+        for p in TYRES.load(tyre).PARAMETERS:
             known |= {f"{p.name}_{group}": p for group in module.AXLES.values()}
     rows = []
     for parameter, value in values.items():

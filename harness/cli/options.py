@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.common.errors import ModelError, UserError
+from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 STUDIES = Path("studies")
 RESULTS = Path("results")
-SENSORS = "series"
+DEFAULT_SENSORS = "series"
 """Sensors of a model that is for no recording, where the vehicle has them."""
 
 SetOption = Annotated[
@@ -164,7 +165,6 @@ def model_table(
             sensors whole.
         ModelError: If there is no such vehicle or parameter set.
     """
-    from harness.common import registry
     from harness.config.parameter_set import load_set
 
     vehicle, name = options.vehicle, parameter_set(options.vehicle, options.parameters)
@@ -176,7 +176,7 @@ def model_table(
         chosen, there = ", ".join(options.effects), ", ".join(stated.effects)
         notes.append(f"--effect: the model has {chosen}, in place of {there} of {stated.source}")
     tyre = options.tyre or stated.tyre
-    if tyre is None and registry.load("harness.models.vehicles", vehicle).AXLES:
+    if tyre is None and VEHICLES.load(vehicle).AXLES:
         tyre = "magic_formula"
     sensors = options.sensors or stated.sensors
     if options.sensors and stated.sensors and options.sensors != stated.sensors:
@@ -221,13 +221,11 @@ def parameter_set(vehicle: str, given: str | None) -> str:
         UserError: If none is asked for and the vehicle has none or several.
         ModelError: If there is no such vehicle.
     """
-    from harness.common import registry
-
-    registry.load("harness.models.vehicles", vehicle)
+    VEHICLES.load(vehicle)
     if given is not None:
         return given
-    sets = registry.names("harness.models.parameters")
-    fit = [n for n in sets if vehicle == registry.load("harness.models.parameters", n).VEHICLE]
+    sets = PARAMETERS.names()
+    fit = [n for n in sets if vehicle == PARAMETERS.load(n).VEHICLE]
     if len(fit) == 1:
         return fit[0]
     there = f"There are {', '.join(fit)}; or write a TOML parameter file" if fit else "Write a TOML parameter file"
@@ -236,11 +234,9 @@ def parameter_set(vehicle: str, given: str | None) -> str:
 
 def _usual_sensors(vehicle: str, tyre: str | None) -> str:
     """Return the sensors of a vehicle where nothing speaks for any: the series ones, or the only ones that fit."""
-    from harness.common import registry
-
-    fit = [n for n in registry.names("harness.models.sensors") if _fits(vehicle, tyre, n)]
-    if SENSORS in fit or len(fit) == 1:
-        return SENSORS if SENSORS in fit else fit[0]
+    fit = [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
+    if DEFAULT_SENSORS in fit or len(fit) == 1:
+        return DEFAULT_SENSORS if DEFAULT_SENSORS in fit else fit[0]
     raise UserError(f"--sensors: which of '{vehicle}'? There are {', '.join(fit) or 'none that fit'}")
 
 
@@ -250,11 +246,9 @@ def _most_sensors(vehicle: str, tyre: str | None, recordings: Sequence[xr.Datase
     Raises:
         UserError: If there is none; with the signals that each lacks.
     """
-    from harness.common import registry
-
     there = set.intersection(*({str(v).removeprefix("measured_") for v in r} for r in recordings))
-    names = [n for n in registry.names("harness.models.sensors") if _fits(vehicle, tyre, n)]
-    needs = {n: set(registry.load("harness.models.sensors", n).OUTPUTS) for n in names}
+    names = [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
+    needs = {n: set(SENSORS.load(n).OUTPUTS) for n in names}
     complete = [n for n in names if needs[n] <= there]
     if not complete:
         lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)

@@ -5,29 +5,11 @@ from __future__ import annotations
 import difflib
 import importlib.util
 import pkgutil
+from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 
 from harness.common.errors import ModelError
-
-EXPORTS: dict[str, tuple[str, ...]] = {
-    "vehicles": ("STATES", "INPUTS", "PARAMETERS", "AXLES", "VALID", "equations"),
-    "tyres": ("PARAMETERS", "lateral_force"),
-    "effects": ("PORT", "READS", "PARAMETERS", "STATES", "apply"),
-    "sensors": ("OUTPUTS",),
-    "parameters": ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP"),
-    "drives": ("OPTIONS", "generate"),
-}
-"""What a file in each folder of ``models/`` must define (``models/contracts.py`` says what it is)."""
-
-
-def names(package: str) -> list[str]:
-    """Return the sorted stems of the files in a role's package.
-
-    Args:
-        package: Dotted package, e.g. ``harness.models.vehicles``.
-    """
-    found = importlib.import_module(package)
-    return sorted(m.name for m in pkgutil.iter_modules(found.__path__) if not m.name.startswith("_"))
 
 
 def closest(word: str, choices: list[str] | tuple[str, ...]) -> str:
@@ -38,27 +20,53 @@ def closest(word: str, choices: list[str] | tuple[str, ...]) -> str:
     return f"; there are: {', '.join(choices)}" if choices else "; there are none"
 
 
-def load(package: str, name: str, exports: tuple[str, ...] | None = None) -> ModuleType:
-    """Import the file ``name`` of a role and check that it exports what its role requires.
+@dataclass(frozen=True)
+class Role:
+    """What the files of one package are for.
 
-    Args:
-        package: Dotted package, e.g. ``harness.models.tyres``.
-        name: Stem of the file.
-        exports: Names the module must define; by default those of the role in ``EXPORTS``.
-
-    Raises:
-        ModelError: If there is no such file (with the closest names) or an export is missing.
+    Attributes:
+        package: The package, or its dotted name where whoever declares the role must not import it.
+        what: What one file is, as messages call it.
+        exports: Names that every file must define.
+        contract: File that says what they are.
     """
-    role = package.rsplit(".", 1)[-1]
-    available = names(package)
-    if name not in available:
-        raise ModelError(f"unknown {role.rstrip('s')} '{name}'{closest(name, available)}")
-    module = _imported(f"{package}.{name}")
-    required = EXPORTS.get(role, ()) if exports is None else exports
-    missing = [e for e in required if not hasattr(module, e)]
-    if missing:
-        raise ModelError(f"{module.__file__}: missing export {', '.join(missing)} (see models/contracts.py)")
-    return module
+
+    package: ModuleType | str
+    what: str
+    exports: tuple[str, ...]
+    contract: str = "models/contracts.py"
+
+    def names(self) -> list[str]:
+        """Return the sorted stems of the files."""
+        return sorted(m.name for m in pkgutil.iter_modules(self._package.__path__) if not m.name.startswith("_"))
+
+    def load(self, name: str, exports: tuple[str, ...] | None = None) -> ModuleType:
+        """Import a file and check that it exports what its role requires.
+
+        Args:
+            name: Stem of the file.
+            exports: Names the module must define; by default those of the role.
+
+        Raises:
+            ModelError: If there is no such file (with the closest names) or an export is missing.
+        """
+        available = self.names()
+        if name not in available:
+            raise ModelError(f"unknown {self.what} '{name}'{closest(name, available)}")
+        module = _imported(f"{self._package.__name__}.{name}")
+        missing = [e for e in (self.exports if exports is None else exports) if not hasattr(module, e)]
+        if missing:
+            raise ModelError(f"{module.__file__}: missing export {', '.join(missing)} (see {self.contract})")
+        return module
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the files."""
+        return Path(self._package.__path__[0])
+
+    @property
+    def _package(self) -> ModuleType:
+        return importlib.import_module(self.package) if isinstance(self.package, str) else self.package
 
 
 def _imported(name: str) -> ModuleType:

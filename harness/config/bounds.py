@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from harness.common import registry
 from harness.common.errors import ModelError
 from harness.models.contracts import Parameter
+from harness.models.roles import VEHICLES
 
 
 def quantity(value: float, unit: str) -> str:
@@ -35,7 +35,7 @@ def broken_relations(vehicle: str, values: Mapping[str, float]) -> list[tuple[st
         vehicle: File in ``models/vehicles``; its optional ``check(values)`` is asked.
         values: All parameters, SI.
     """
-    check = getattr(registry.load("harness.models.vehicles", vehicle), "check", None)
+    check = getattr(VEHICLES.load(vehicle), "check", None)
     if check is None:
         return []
     try:
@@ -46,14 +46,12 @@ def broken_relations(vehicle: str, values: Mapping[str, float]) -> list[tuple[st
 
 def loading_parameters(vehicle: str) -> dict[str, Parameter]:
     """Return the quantities that describe a vehicle's load, from which several of its parameters follow together."""
-    return {p.name: p for p in getattr(registry.load("harness.models.vehicles", vehicle), "LOADING", ())}
+    return {p.name: p for p in getattr(VEHICLES.load(vehicle), "LOADING", ())}
 
 
 def loading(vehicle: str, values: Mapping[str, float]) -> dict[str, float]:
     """Return the load that a vehicle of these parameters carries, by ``loading_parameters``."""
-    return (
-        dict(registry.load("harness.models.vehicles", vehicle).loading(values)) if loading_parameters(vehicle) else {}
-    )
+    return dict(VEHICLES.load(vehicle).loading(values)) if loading_parameters(vehicle) else {}
 
 
 def settled(vehicle: str, values: Mapping[str, float], varied: Mapping[str, Any]) -> dict[str, Any]:
@@ -71,5 +69,5 @@ def settled(vehicle: str, values: Mapping[str, float], varied: Mapping[str, Any]
     changed = {name: value for name, value in varied.items() if name not in of_load}
     if of_load:
         load = {**loading(vehicle, values), **of_load}
-        changed |= registry.load("harness.models.vehicles", vehicle).loaded({**values, **changed}, load)
+        changed |= VEHICLES.load(vehicle).loaded({**values, **changed}, load)
     return changed

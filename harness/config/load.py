@@ -20,6 +20,7 @@ from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.report_options import limits, over_time
+from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import tuned
@@ -226,7 +227,7 @@ def _estimators(tables: list[EstimatorTable], folder: Path, problems: Problems) 
     for i, table in enumerate(tables):
         key, settings = f"estimator[{i}]", table.further
         with problems.catch(f"{key}.kind"):
-            module = registry.load("harness.estimation.methods", table.kind, ())
+            module = ESTIMATORS.load(table.kind, ())
             model: type[BaseModel] | None = getattr(module, "Settings", None)
             known = [] if model is None else sorted(model.model_fields)
             unknown = [k for k in settings if k not in known]

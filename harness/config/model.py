@@ -18,6 +18,7 @@ from harness.config.schema import ModelTable
 from harness.config.specs import ModelSpec, assembled
 from harness.models.assembly.assemble import Model
 from harness.models.assembly.placement import load_effect, place_of, split
+from harness.models.roles import SENSORS, TYRES, VEHICLES
 
 Kind = Literal["process", "measurement"]
 _SIMPLE = (
@@ -163,14 +164,12 @@ def _assemble(table: Stated, problems: Problems) -> Model | None:
     before = len(problems)
     for name in ("vehicle", "sensors"):
         if table[name] is None:
-            choices = ", ".join(
-                registry.names("harness.models.vehicles" if name == "vehicle" else "harness.models.sensors")
-            )
+            choices = ", ".join((VEHICLES if name == "vehicle" else SENSORS).names())
             problems.add(table.key(name), f"this key is required; choose one of: {choices}")
-    for name, package in (("vehicle", "vehicles"), ("tyre", "tyres"), ("sensors", "sensors")):
+    for name, role in (("vehicle", VEHICLES), ("tyre", TYRES), ("sensors", SENSORS)):
         if table[name] is not None:
             with problems.catch(table.key(name)):
-                registry.load(f"harness.models.{package}", table[name])
+                role.load(table[name])
     effects = tuple(table["effects"] or ())
     for i, effect in enumerate(effects):
         if effect in effects[:i]:
@@ -248,9 +247,9 @@ def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
 
 def _measured(effects: tuple[str, ...], sensors: str | None) -> tuple[str, ...]:
     """Return the effects of a set without those of sensors that this model does not have."""
-    if sensors not in registry.names("harness.models.sensors"):
+    if sensors not in SENSORS.names():
         return effects
-    outputs = registry.load("harness.models.sensors", sensors).OUTPUTS
+    outputs = SENSORS.load(sensors).OUTPUTS
     return tuple(e for e in effects if place_of(load_effect(e)) != "output" or split(e)[1] in (None, *outputs))
 
 
@@ -339,7 +338,7 @@ def _noise(
     if factor < 0:
         problems.add(table.key(f"noise.{kind}_scale"), f"a variance cannot be negative, got {factor:g}")
         return {}
-    own_states = set(registry.load("harness.models.vehicles", table["vehicle"]).STATES)
+    own_states = set(VEHICLES.load(table["vehicle"]).STATES)
     result: dict[str, float] = {}
     for name in names:
         key = table.key(f"noise.{kind}.{name}")

@@ -15,6 +15,7 @@ from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import ParameterFile
 from harness.config.specs import ModelSpec
 from harness.models.assembly.placement import load_effect, possible_parameters
+from harness.models.roles import EFFECTS, PARAMETERS, SENSORS, TYRES, VEHICLES
 from harness.models.signals import SIGNALS
 
 
@@ -60,7 +61,7 @@ def published_set(name: str) -> ParameterSet:
     Raises:
         ModelError: If there is no such file or it is incomplete.
     """
-    module = registry.load("harness.models.parameters", name)
+    module = PARAMETERS.load(name)
     return ParameterSet(
         vehicle=module.VEHICLE,
         values=dict(module.VALUES),
@@ -109,10 +110,10 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
                 target[item] = to_si(value, unit, inner.at(key))
     if raw.tyre is not None:
         with inner.catch("tyre"):
-            registry.load("harness.models.tyres", raw.tyre)
+            TYRES.load(raw.tyre)
     if raw.sensors is not None:
         with inner.catch("sensors"):
-            registry.load("harness.models.sensors", raw.sensors)
+            SENSORS.load(raw.sensors)
     for i, effect in enumerate(raw.effects):
         with inner.catch(f"effects[{i}]"):
             load_effect(effect)
@@ -165,13 +166,13 @@ def set_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
 
 def _parameter_units(vehicle: str) -> dict[str, str]:
     """Return the unit of every parameter the vehicle can have with any tyre and any effect."""
-    module = registry.load("harness.models.vehicles", vehicle)
+    module = VEHICLES.load(vehicle)
     units = {p.name: p.unit for p in module.PARAMETERS}
-    for tyre in registry.names("harness.models.tyres"):
-        for p in registry.load("harness.models.tyres", tyre).PARAMETERS:
+    for tyre in TYRES.names():
+        for p in TYRES.load(tyre).PARAMETERS:
             units |= {f"{p.name}_{group}": p.unit for group in module.AXLES.values()}
-    for effect in registry.names("harness.models.effects"):
-        units |= {p.name: p.unit for p in possible_parameters(registry.load("harness.models.effects", effect), module)}
+    for effect in EFFECTS.names():
+        units |= {p.name: p.unit for p in possible_parameters(EFFECTS.load(effect), module)}
     return units
 
 

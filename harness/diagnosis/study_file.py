@@ -25,12 +25,13 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field, StrictBool, StrictInt
 
-from harness.common.registry import closest, names
+from harness.common.registry import closest
 from harness.config.problems import Problems
 from harness.config.schema import Name, Table
 from harness.diagnosis.result.estimator_gain import ESTIMATORS
 from harness.diagnosis.result.study_gain import REPEATS
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, SpanTable
+from harness.models.roles import EFFECTS
 
 
 class ExcludeTable(Table):
@@ -96,7 +97,7 @@ def load_loop(path: Path) -> LoopStudy:
     Raises:
         UserError: If anything in it is wrong; one line per problem.
     """
-    study, problems, known = LoopStudy.read(path), Problems(str(path)), names("harness.models.effects")
+    study, problems, known = LoopStudy.read(path), Problems(str(path)), EFFECTS.names()
     for i, excluded in enumerate(study.raw.exclude):
         if excluded.effect not in known:
             message = f"there is no effect '{excluded.effect}'{closest(excluded.effect, known)}"

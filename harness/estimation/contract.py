@@ -53,16 +53,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 from scipy import stats
 
-from harness.common import registry
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.config.roles import ESTIMATORS
 from harness.engine import time_loops
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import Belief, Info, State
 from harness.engine.kernel_source import Kernel
 from harness.engine.simd.lanes import LANES
-
-EXPORTS = ("workspace", "step")
 
 NEES_EVERY = 10
 """Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
@@ -126,7 +124,7 @@ def load_estimator(kind: str) -> SimpleNamespace:
     Raises:
         ModelError: If there is none of that name or it lacks an export.
     """
-    return SimpleNamespace(**{**DEFAULTS, **vars(registry.load("harness.estimation.methods", kind, EXPORTS))})
+    return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind))})
 
 
 class Estimator:

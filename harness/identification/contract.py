@@ -19,16 +19,16 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from harness.common import registry
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.registry import Role, closest
 from harness.common.units import refuse_misread
 from harness.config import ModelSpec
+from harness.identification import methods
 from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
 
-EXPORTS = ("Settings", "identify")
-_PACKAGE = "harness.identification.methods"
+METHODS = Role(methods, "method", ("Settings", "identify"), "harness/identification/contract.py")
 
 Verdict = Literal["determined", "weakly determined", "not determined", "at its bound"]
 
@@ -132,18 +132,13 @@ class Fit:
         return next(e for e in self.estimates if e.name == name)
 
 
-def methods() -> list[str]:
-    """Return the names of the methods there are."""
-    return registry.names(_PACKAGE)
-
-
 def load_method(name: str) -> ModuleType:
     """Return a method's file.
 
     Raises:
         ModelError: If there is none of that name (with the closest names) or it lacks an export.
     """
-    return registry.load(_PACKAGE, name, EXPORTS)
+    return METHODS.load(name)
 
 
 def settings_of(method: ModuleType, given: Mapping[str, Any]) -> Any:
@@ -164,5 +159,5 @@ def settings_of(method: ModuleType, given: Mapping[str, Any]) -> Any:
 
 def _in_words(key: str, kind: str, message: str, known: Sequence[str]) -> str:
     if kind == "extra_forbidden":
-        return f"no setting '{key}'{registry.closest(key, list(known))}"
+        return f"no setting '{key}'{closest(key, list(known))}"
     return f"{key}: {message[:1].lower()}{message[1:]}"

@@ -15,8 +15,9 @@ from harness.common.files import read_toml
 from harness.common.units import to_si
 from harness.config.specs import DriveSpec, ModelSpec
 from harness.models.contracts import DriveContext, Option, Profile
-from harness.models.drive_options import PACKAGE, options_of
+from harness.models.drive_options import options_of
 from harness.models.drives._shapes import LIMIT, check_lateral_acceleration
+from harness.models.roles import DRIVES, VEHICLES
 from harness.recordings import readers
 
 
@@ -47,7 +48,7 @@ def build_drive(kind: str, options: Mapping[str, object], context: DriveContext,
     values = _validate(declared, options, where)
     if context.read is None:
         context = dataclasses.replace(context, read=readers.read)
-    module = registry.load(PACKAGE, kind)
+    module = DRIVES.load(kind)
     try:
         profile = module.generate({k: v for k, v in values.items() if _declares(module, k)}, context)
         _check_shape(profile, context.step)
@@ -68,7 +69,7 @@ def profile_of(spec: ModelSpec, drive: DriveSpec) -> Profile:
         UserError: As ``build_drive``.
         ModelError: As ``build_drive``.
     """
-    vehicle = registry.load("harness.models.vehicles", spec.vehicle)
+    vehicle = VEHICLES.load(spec.vehicle)
     context = DriveContext(
         wheelbase=vehicle.wheelbase(spec.values) if hasattr(vehicle, "wheelbase") else 1.0,
         steering_ratio=spec.values.get("steering_ratio", 1.0),

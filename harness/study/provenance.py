@@ -10,11 +10,13 @@ import subprocess
 from pathlib import Path
 from types import ModuleType
 
-from harness.common import registry, sources
+from harness.common import sources
 from harness.config import Study
+from harness.config.roles import ESTIMATORS
 from harness.estimation.contract import load_estimator
 from harness.models.assembly.placement import load_effect
 from harness.models.drive_options import options_of
+from harness.models.roles import DRIVES, SENSORS, TYRES, VEHICLES
 from harness.recordings import readers
 from harness.study import evaluate
 
@@ -43,14 +45,14 @@ def engine_hash(study: Study) -> str:
 
 def parts(study: Study) -> list[ModuleType]:
     """Return the files of the registries that a study uses: what ``evaluate`` finds by name and does not import."""
-    found = [registry.load("harness.estimation.methods", e.kind) for e in study.estimators]
+    found = [ESTIMATORS.load(e.kind) for e in study.estimators]
     for spec in (study.plant, study.belief):
-        found.append(registry.load("harness.models.vehicles", spec.vehicle))
-        found += [registry.load("harness.models.tyres", spec.tyre)] if spec.tyre else []
+        found.append(VEHICLES.load(spec.vehicle))
+        found += [TYRES.load(spec.tyre)] if spec.tyre else []
         found += [load_effect(name) for name in spec.effects]
-        found.append(registry.load("harness.models.sensors", spec.sensors))
+        found.append(SENSORS.load(spec.sensors))
     for drive in study.drives:
-        found.append(registry.load("harness.models.drives", drive.kind))
+        found.append(DRIVES.load(drive.kind))
         if any(option.unit == "text" for option in options_of(drive.kind)):  # it may read a recording
             found += readers.modules()
     return list(dict.fromkeys(found))

@@ -31,6 +31,7 @@ from harness.models.assembly.placement import (
     suffix,
 )
 from harness.models.contracts import DRIVE_INPUTS, Parameter
+from harness.models.roles import SENSORS, TYRES, VEHICLES
 from harness.models.signals import SIGNALS
 
 __all__ = ["Body", "Builder", "EffectContext", "Model", "TyreContext", "assemble", "symbol"]
@@ -387,11 +388,11 @@ def assemble(
     Raises:
         ModelError: If a part is unknown, incomplete or wired wrongly.
     """
-    vehicle_file = registry.load("harness.models.vehicles", vehicle) if isinstance(vehicle, str) else vehicle
-    tyre_file = registry.load("harness.models.tyres", tyre) if isinstance(tyre, str) else tyre
+    vehicle_file = VEHICLES.load(vehicle) if isinstance(vehicle, str) else vehicle
+    tyre_file = TYRES.load(tyre) if isinstance(tyre, str) else tyre
     if not isinstance(effects, Mapping):
         effects = {name: load_effect(name) for name in effects}
-    sensor_file = registry.load("harness.models.sensors", sensors) if isinstance(sensors, str) else sensors
+    sensor_file = SENSORS.load(sensors) if isinstance(sensors, str) else sensors
     builder = Builder(vehicle_file, tyre_file, effects, optional)
     vehicle_file.equations(builder)
     return builder.finish({} if sensor_file is None else sensor_file.OUTPUTS)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 
-from harness.common import registry
 from harness.common.errors import ModelError
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.placement import Layout, place_of, sites
+from harness.models.roles import EFFECTS, VEHICLES
 
 
 @functools.lru_cache(maxsize=256)
@@ -29,10 +29,10 @@ def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str
         ModelError: If these parts make no model.
     """
     ports = assembled(vehicle, tyre, (), sensors).ports
-    layout = Layout.of(registry.load("harness.models.vehicles", vehicle))
+    layout = Layout.of(VEHICLES.load(vehicle))
     found: list[str] = []
-    for file in registry.names("harness.models.effects"):
-        effect = registry.load("harness.models.effects", file)
+    for file in EFFECTS.names():
+        effect = EFFECTS.load(file)
         places = dict.fromkeys(site.place for port in ports for site in sites(effect, port, layout))
         for place in places:
             name = f"{file}@{place}" if place_of(effect) and place else file

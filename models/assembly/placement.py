@@ -14,9 +14,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
 
-from harness.common import registry
 from harness.common.errors import ModelError
 from harness.models.contracts import Parameter
+from harness.models.roles import EFFECTS
 from harness.models.signals import MAGNITUDE, SIGNALS
 
 OF_SIGNAL = "{signal}"
@@ -166,7 +166,7 @@ def load_effect(name: str) -> ModuleType:
         ModelError: If there is no such file, or an effect that has no places is given one.
     """
     file, place = split(name)
-    effect = registry.load("harness.models.effects", file)
+    effect = EFFECTS.load(file)
     if place is not None and not place_of(effect):
         raise ModelError(f"effect '{file}' acts on the whole vehicle; write '{file}' without '@{place}'")
     return effect

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.common.errors import ModelError
 from harness.config import resolve_single
-from harness.identification.contract import load_method, methods, settings_of
+from harness.identification.contract import METHODS, load_method, settings_of
 from harness.recordings.write import write_recording
 from support.identification import CAR, model_of, recorded
 
@@ -99,7 +99,7 @@ def test_a_drive_is_not_fitted_and_tested_at_once(folder, tmp_path):
     assert "is fitted as well" in done.stderr
 
 
-@pytest.mark.parametrize("name", methods())
+@pytest.mark.parametrize("name", METHODS.names())
 def test_every_method_has_settings_with_descriptions(name):
     method = load_method(name)
     settings_of(method, {})

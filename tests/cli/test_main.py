@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import main as cli
-from harness.common import registry
+from harness.cli.listing import LISTED
 from harness.common.errors import ModelError, UserError
 from harness.models.contracts import Profile
 from support import synthetic
@@ -239,11 +239,8 @@ def test_list_shows_every_file_of_the_folder(harness, role, expected):
     assert status == 0
     for word in expected:
         assert word in out
-    folder = {"estimators": "harness.estimation.methods", "readers": "harness.recordings.readers"}.get(
-        role, f"harness.models.{role}"
-    )
     if role not in ("models", "signals"):
-        for name in registry.names(folder):
+        for name in LISTED[role].names():
             assert name in out
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from harness.common import registry
 from harness.common.errors import UserError
 from harness.config import load_study
 from harness.config.model import resolve_single
 from harness.config.parameter_set import set_from_file, set_text
+from harness.models.roles import PARAMETERS
 
 
 def plant(effects: list[str], **values: object):
@@ -87,7 +87,7 @@ design = [{{ name = "d" }}]
 @pytest.fixture
 def found(tmp_path):
     """Return a function that loads a study of a parameter file with effects."""
-    published = registry.load("harness.models.parameters", "ziaukas_2023")
+    published = PARAMETERS.load("ziaukas_2023")
     values = "\n".join(f"{n} = {v!r}" for n, v in published.VALUES.items())
     noise = [
         f"[{group}]\n" + "\n".join(f"{n} = {v!r}" for n, v in table.items())
@@ -137,7 +137,7 @@ def test_a_model_written_as_a_parameter_file_is_that_model_again(tmp_path):
     assert (again.tyre, again.effects, again.values) == (spec.tyre, spec.effects, spec.values)
     assert (again.process_noise, again.measurement_noise) == (spec.process_noise, spec.measurement_noise)
     more = resolve_single({**table, "sensors": "test_vehicle_inertial", "step": "20 ms"}, "test")
-    published = registry.load("harness.models.parameters", "ziaukas_2023")
+    published = PARAMETERS.load("ziaukas_2023")
     acceleration = published.MEASUREMENT_NOISE["lateral_acceleration_tractor"]
     assert more.measurement_noise["lateral_acceleration_tractor"] == acceleration
     assert more.process_noise["yaw_rate_trailer"] == pytest.approx(2 * spec.process_noise["yaw_rate_trailer"])

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.common import registry
 from harness.common.errors import UserError
 from harness.config import StudyFile, build_study
+from harness.models.roles import PARAMETERS
 from support.small_study import STUDY
 
-SET = registry.load("harness.models.parameters", "ziaukas_2023")
+SET = PARAMETERS.load("ziaukas_2023")
 
 
 def test_values_come_from_the_set_and_si_units(load):

@@ -12,10 +12,10 @@ import pytest
 import sympy as sp
 
 from harness.common.errors import ModelError
-from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import Builder, Model, assemble
 from harness.models.assembly.placement import Layout, possible_parameters
 from harness.models.contracts import Parameter
+from harness.models.roles import ROLES
 from harness.models.signals import SIGNALS
 from support.dimensions import assemble_with_units, check_dimensions, check_parameters
 from support.parts import EFFECTS, SENSORS, VEHICLES, evaluate, load, random_point
@@ -96,7 +96,7 @@ def matches(template: str, name: str, layout: Layout) -> bool:
 
 def check_contract(name: str, effect: types.ModuleType) -> None:
     """Check exports, names, units and that some vehicle has the port."""
-    assert all(hasattr(effect, export) for export in EXPORTS["effects"])
+    assert all(hasattr(effect, export) for export in ROLES["effects"].exports)
     assert effect.__doc__
     neutral = [p for p in effect.PARAMETERS if p.neutral is not None]
     assert neutral, "no parameter says at which value the effect is absent"

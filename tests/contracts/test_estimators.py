@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from harness.common import registry
 from harness.common.errors import UserError
 from harness.config.model import resolve_single
+from harness.config.roles import ESTIMATORS
 from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator, load_estimator
@@ -15,7 +15,7 @@ from harness.simulation.simulate import in_lanes, variances
 from support.linear_filter import P0, STEP, Q, R, drive_linear, textbook
 from support.small_vehicles import curved, linear
 
-NAMES = registry.names("harness.estimation.methods")
+NAMES = ESTIMATORS.names()
 KALMAN = [n for n in NAMES if getattr(load_estimator(n), "KALMAN_TYPE", False)]
 NONLINEAR = [n for n in KALMAN if not getattr(load_estimator(n), "LINEAR", False)]
 # made for particular signals, so that the small linear model may be none of theirs; results that scatter with the seed

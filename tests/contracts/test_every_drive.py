@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.common import registry
 from harness.common.errors import ModelError
 from harness.common.units import scale
 from harness.models.contracts import DriveContext
 from harness.models.drive_options import kinds
 from harness.models.drives._shapes import LIMIT, lateral_acceleration
+from harness.models.roles import DRIVES
 from harness.simulation.drives import build_drive
 
 CONTEXT = DriveContext(wheelbase=3.71, steering_ratio=23.0, step=0.01)
-KINDS = registry.names("harness.models.drives")
+KINDS = DRIVES.names()
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_options_are_documented_and_their_defaults_allowed(kind):
             assert option.lower < option.upper, option.name
             assert option.lower <= option.default <= option.upper, option.name
     assert LIMIT.name in [o.name for o in kinds()[kind]]
-    assert registry.load("harness.models.drives", kind).__doc__
+    assert DRIVES.load(kind).__doc__
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -7,9 +7,9 @@ import re
 import pytest
 
 from harness.common.errors import ModelError
-from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import assemble
 from harness.models.contracts import Parameter
+from harness.models.roles import ROLES
 from support.parts import SENSORS, SETS, load, model, tyres_of
 
 
@@ -22,7 +22,7 @@ def declared(name: str) -> dict[str, Parameter]:
 @pytest.mark.parametrize("name", SETS)
 def test_exports_and_source(name):
     module = load("parameters", name)
-    assert all(hasattr(module, export) for export in EXPORTS["parameters"])
+    assert all(hasattr(module, export) for export in ROLES["parameters"].exports)
     assert re.fullmatch(r"[a-z0-9_]+_\d{4}[a-z]?", name), "a set is named author_year"
     assert module.__doc__
     assert len(module.__doc__) > 80, "the docstring says where the values come from"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,38 +12,38 @@ import pytest
 from harness import models
 from harness.common import registry
 from harness.common.errors import ModelError
-from harness.common.registry import EXPORTS
+from harness.models.roles import ROLES, TYRES
 
+NEWCOMERS = replace(TYRES, package="newcomer.tyres")
 ROOT = Path(models.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-ROLES = sorted(EXPORTS)
 
 
 @pytest.mark.parametrize("role", ROLES)
 def test_names_are_the_stems_of_the_folder(role):
     stems = {p.stem for p in (ROOT / role).glob("*.py") if not p.stem.startswith("_")}
-    assert set(registry.names(f"harness.models.{role}")) == stems
+    assert set(ROLES[role].names()) == stems
     for stem in stems:
-        assert registry.load(f"harness.models.{role}", stem).__name__ == f"harness.models.{role}.{stem}"
+        assert ROLES[role].load(stem).__name__ == f"harness.models.{role}.{stem}"
 
 
 @pytest.mark.parametrize(
-    ("package", "asked", "meant", "kind"),
+    ("role", "asked", "meant", "kind"),
     [
-        ("harness.models.vehicles", "semitrailor", "semitrailer", "vehicle"),
-        ("harness.models.tyres", "magicformula", "magic_formula", "tyre"),
-        ("harness.models.parameters", "ziaukas2023", "ziaukas_2023", "parameter"),
-        ("harness.models.sensors", "test_vehicel", "test_vehicle", "sensor"),
+        ("vehicles", "semitrailor", "semitrailer", "vehicle"),
+        ("tyres", "magicformula", "magic_formula", "tyre"),
+        ("parameters", "ziaukas2023", "ziaukas_2023", "parameter"),
+        ("sensors", "test_vehicel", "test_vehicle", "sensor"),
     ],
 )
-def test_an_unknown_name_gets_the_closest(package, asked, meant, kind):
+def test_an_unknown_name_gets_the_closest(role, asked, meant, kind):
     with pytest.raises(ModelError, match=rf"unknown {kind} '{asked}'; closest: {meant}"):
-        registry.load(package, asked)
+        ROLES[role].load(asked)
 
 
 def test_a_name_like_no_other_gets_the_whole_list():
     with pytest.raises(ModelError, match=r"there are: .*linear, magic_formula"):
-        registry.load("harness.models.tyres", "zzzz")
+        TYRES.load("zzzz")
 
 
 def test_no_choice_at_all_is_said():
@@ -51,7 +52,7 @@ def test_no_choice_at_all_is_said():
 
 def test_private_helpers_are_not_offered():
     with pytest.raises(ModelError, match="unknown tyre '_stiffness'"):
-        registry.load("harness.models.tyres", "_stiffness")
+        TYRES.load("_stiffness")
 
 
 @pytest.fixture
@@ -70,7 +71,7 @@ def newcomer(tmp_path, monkeypatch):
 def test_a_missing_export_names_file_and_export(newcomer):
     (newcomer / "half.py").write_text("PARAMETERS = ()\n")
     with pytest.raises(ModelError) as caught:
-        registry.load("newcomer.tyres", "half")
+        NEWCOMERS.load("half")
     assert str(newcomer / "half.py") in str(caught.value)
     assert "missing export lateral_force" in str(caught.value)
     assert "PARAMETERS" not in str(caught.value)
@@ -78,10 +79,10 @@ def test_a_missing_export_names_file_and_export(newcomer):
 
 def test_a_new_file_is_found_without_editing_anything(newcomer):
     (newcomer / "rubber.py").write_text("PARAMETERS = ()\ndef lateral_force(t):\n    return 0\n")
-    assert registry.names("newcomer.tyres") == ["rubber"]
-    assert registry.load("newcomer.tyres", "rubber").PARAMETERS == ()
+    assert NEWCOMERS.names() == ["rubber"]
+    assert NEWCOMERS.load("rubber").PARAMETERS == ()
     with pytest.raises(ModelError, match="missing export grip"):
-        registry.load("newcomer.tyres", "rubber", exports=("grip",))
+        NEWCOMERS.load("rubber", exports=("grip",))
 
 
 def imported(path: Path) -> set[str]:

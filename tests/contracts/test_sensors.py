@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from harness.common.errors import ModelError
-from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import assemble
+from harness.models.roles import ROLES
 from harness.models.signals import SIGNALS
 from support.dimensions import assemble_with_units, check_dimensions
 from support.parts import COMBINATIONS, SENSORS, load
@@ -15,7 +15,7 @@ from support.parts import COMBINATIONS, SENSORS, load
 @pytest.mark.parametrize("name", SENSORS)
 def test_exports_and_names(name):
     module = load("sensors", name)
-    assert all(hasattr(module, export) for export in EXPORTS["sensors"])
+    assert all(hasattr(module, export) for export in ROLES["sensors"].exports)
     assert module.__doc__
     assert module.OUTPUTS
     assert not [s for pair in module.OUTPUTS.items() for s in pair if s not in SIGNALS]

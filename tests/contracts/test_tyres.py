@@ -7,9 +7,9 @@ import types
 import numpy as np
 import pytest
 
-from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.contracts import Parameter
+from harness.models.roles import ROLES
 from support.dimensions import assemble_with_units, check_dimensions, check_parameters
 from support.parts import SETS, TYRES, evaluate, load
 
@@ -75,7 +75,7 @@ def tyre(request):
 @pytest.mark.parametrize("name", TYRES)
 def test_exports_and_units(name):
     module = load("tyres", name)
-    assert all(hasattr(module, export) for export in EXPORTS["tyres"])
+    assert all(hasattr(module, export) for export in ROLES["tyres"].exports)
     assert module.__doc__
     check_parameters(module.PARAMETERS)
     assert check_dimensions(assemble_with_units(rig(), module)) >= 4

@@ -9,10 +9,10 @@ import pytest
 import sympy as sp
 
 from harness.common.errors import ModelError
-from harness.common.registry import EXPORTS
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
 from harness.models.contracts import Parameter
+from harness.models.roles import ROLES
 from harness.models.signals import SIGNALS
 from support.dimensions import (
     DimensionError,
@@ -38,7 +38,7 @@ from support.parts import (
 @pytest.mark.parametrize("name", VEHICLES)
 def test_exports_are_complete_and_named_as_in_the_table_of_signals(name):
     vehicle = load("vehicles", name)
-    assert all(hasattr(vehicle, export) for export in EXPORTS["vehicles"])
+    assert all(hasattr(vehicle, export) for export in ROLES["vehicles"].exports)
     assert vehicle.__doc__
     assert len(set(vehicle.STATES)) == len(vehicle.STATES) > 0
     assert not [s for s in (*vehicle.STATES, *vehicle.INPUTS) if s not in SIGNALS]

@@ -11,7 +11,6 @@ import pytest
 import sympy as sp
 
 from harness.common.errors import UserError
-from harness.common.registry import load
 from harness.config import load_study
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
@@ -19,6 +18,7 @@ from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
 from harness.models.contracts import ModelError
+from harness.models.roles import PARAMETERS, VEHICLES
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import Batch, first_state, in_lanes, input_table
 from harness.study.compiled_study import CompiledStudy
@@ -67,7 +67,7 @@ def test_first_values_come_from_parameters_and_the_drive():
 )
 def test_a_wrong_start_is_refused(start, says):
     vehicle = types.ModuleType("car_3dof")
-    vehicle.__dict__.update(vars(load("harness.models.vehicles", "car_3dof")))
+    vehicle.__dict__.update(vars(VEHICLES.load("car_3dof")))
     vehicle.START = start
     with pytest.raises(ModelError, match=says):
         assemble(vehicle)
@@ -151,7 +151,7 @@ def stiffness_error(**settings) -> np.ndarray:
     belief = compile_model(model, 0.01, "euler", 1, TRUE)
     inputs = in_lanes(input_table(profile, model.inputs, {}, MEASURED[1:]))
     inputs[:, 1] = measured[:, 1]
-    p = in_lanes(belief.parameter_vector(dict(load("harness.models.parameters", "li_2017").VALUES)))
+    p = in_lanes(belief.parameter_vector(dict(PARAMETERS.load("li_2017").VALUES)))
     filter_ = Estimator("st_cdkf", belief, settings)
     scores = filter_.run(
         inputs,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from harness.common.registry import load
 from harness.models.assembly.assemble import Model, assemble, symbol
+from harness.models.roles import VEHICLES
 from support.cars import CAR, WHEELS, function_of
 
 WEIGHT = (CAR["sprung_mass"] + CAR["unsprung_mass_front"] + CAR["unsprung_mass_rear"]) * 9.81
@@ -121,7 +121,7 @@ def test_drive_and_brakes_leave_the_rest_of_the_friction_ellipse(car, gap, harde
 
 
 def test_a_car_that_would_fall_over_is_refused():
-    check = load("harness.models.vehicles", "car_two_track").check
+    check = VEHICLES.load("car_two_track").check
     assert check(CAR) == []
     assert [p for p, _ in check(CAR | {"roll_stiffness_front": 1e3, "roll_stiffness_rear": 1e3})] == [
         "roll_stiffness_front"

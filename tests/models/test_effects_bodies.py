@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.common import registry
+from harness.models.roles import EFFECTS
 from support.effects import VALUES, G, built, look, point, rates, values
 from support.numeric import evaluator
 
@@ -110,7 +110,7 @@ LEANS_TO_ONE_SIDE = {
 }
 
 
-@pytest.mark.parametrize("effect", [e for e in registry.names("harness.models.effects") if e not in LEANS_TO_ONE_SIDE])
+@pytest.mark.parametrize("effect", [e for e in EFFECTS.names() if e not in LEANS_TO_ONE_SIDE])
 def test_effects_without_a_side_are_mirrored(effect):
     """Left and right exchanged, every lateral quantity changes its sign and nothing else does."""
     for vehicle in ("semitrailer", "car"):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.common import registry
 from harness.models.assembly.assemble import assemble
+from harness.models.roles import VEHICLES
 from support.effects import VALUES, G, built, look, point, values
 from support.numeric import evaluator
 
 
 def loads(vehicle: str, effects: tuple[str, ...], own: dict, **at) -> np.ndarray:
-    axles = registry.load("harness.models.vehicles", vehicle).AXLES
+    axles = VEHICLES.load(vehicle).AXLES
     return np.array(look(vehicle, effects, tuple(f"vertical_load_axle_{a}" for a in axles), own, **at))
 
 

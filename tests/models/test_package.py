@@ -3,14 +3,15 @@
 import importlib.util
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from setuptools import find_packages
 
 from harness import models
-from harness.common import registry
 from harness.common.errors import ModelError
+from harness.models.roles import ROLES, TYRES
 
 HOSTILE = {
     "there is none": {},
@@ -36,7 +37,7 @@ def test_they_are_installed_as_part_of_the_harness_alone():
     root = Path(__file__).parents[2]
     chosen = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
     packages = find_packages(str(root), **chosen["find"])
-    assert {f"harness.models.{role}" for role in registry.EXPORTS} < set(packages)
+    assert {f"harness.models.{role}" for role in ROLES} < set(packages)
     assert {name.partition(".")[0] for name in packages} == {"harness"}
 
 
@@ -59,7 +60,7 @@ def test_a_file_that_imports_the_old_name_is_told_the_new_one(drop_in, monkeypat
         path.write_text(text)
     (drop_in / "old.py").write_text(f"{line}\nPARAMETERS = ()\n")
     with pytest.raises(ModelError, match=r"write `from harness\.models\.contracts import") as caught:
-        registry.load("dropped.tyres", "old")
+        replace(TYRES, package="dropped.tyres").load("old")
     assert str(drop_in / "old.py") in str(caught.value)
 
 
@@ -70,4 +71,4 @@ def _has_models(folder):
 def test_what_else_a_file_cannot_import_stays_as_it_is(drop_in):
     (drop_in / "other.py").write_text("import nowhere_to_be_found\n")
     with pytest.raises(ModuleNotFoundError, match="nowhere_to_be_found"):
-        registry.load("dropped.tyres", "other")
+        replace(TYRES, package="dropped.tyres").load("other")

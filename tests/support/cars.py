@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import sympy as sp
 
-from harness.common.registry import load
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.contracts import DriveContext
+from harness.models.roles import PARAMETERS
 
-CAR = dict(load("harness.models.parameters", "althoff_2020").VALUES)
+CAR = dict(PARAMETERS.load("althoff_2020").VALUES)
 WHEELS = ("fl", "fr", "rl", "rr")
 CONTEXT = DriveContext(2.58, 16.0)
 _HEAVISIDE = {"Heaviside": lambda x, half=0.5: 1.0 if x > 0 else 0.0 if x < 0 else half}

@@ -4,13 +4,13 @@ import dataclasses
 
 import pytest
 
-from harness.common import registry
 from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.models.contracts import DriveContext
+from harness.models.roles import VEHICLES
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import simulate_drive
 
@@ -29,7 +29,7 @@ def driven(seed, effects=(), duration=60.0, **values):
     random = spec.model().noise
     noise = {s: random.get(s, 0.0) * spec.step for s in spec.process_noise}
     spec = dataclasses.replace(spec, process_noise=noise)
-    vehicle = registry.load("harness.models.vehicles", "car")
+    vehicle = VEHICLES.load("car")
     context = DriveContext(vehicle.wheelbase(spec.values), spec.values["steering_ratio"], spec.step)
     options = {
         "duration": duration,

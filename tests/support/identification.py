@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from harness.common import registry
 from harness.config import resolve_single
 from harness.identification.innovations import Innovations
 from harness.models.contracts import DriveContext
+from harness.models.roles import VEHICLES
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import simulate_drive
 
@@ -33,7 +33,7 @@ def model_of(table, **values):
 
 def recorded(spec, seed, kind="random_sequence", **options):
     """Return a simulated drive with its noise."""
-    vehicle = registry.load("harness.models.vehicles", spec.vehicle)
+    vehicle = VEHICLES.load(spec.vehicle)
     context = DriveContext(vehicle.wheelbase(spec.values), spec.values["steering_ratio"], spec.step)
     return simulate_drive(spec, build_drive(kind, options, context, "test"), [], seed)
 

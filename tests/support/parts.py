@@ -8,18 +8,18 @@ from functools import cache
 import numpy as np
 import sympy as sp
 
-from harness.common import registry
 from harness.models.assembly.assemble import Model, assemble, symbol
+from harness.models.roles import ROLES
 
-VEHICLES = registry.names("harness.models.vehicles")
-TYRES = registry.names("harness.models.tyres")
-SENSORS = registry.names("harness.models.sensors")
-EFFECTS = registry.names("harness.models.effects")
-SETS = registry.names("harness.models.parameters")
+VEHICLES = ROLES["vehicles"].names()
+TYRES = ROLES["tyres"].names()
+SENSORS = ROLES["sensors"].names()
+EFFECTS = ROLES["effects"].names()
+SETS = ROLES["parameters"].names()
 
 
 def load(role: str, name: str):
-    return registry.load(f"harness.models.{role}", name)
+    return ROLES[role].load(name)
 
 
 def tyres_of(vehicle: str) -> list[str | None]:

@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 import sympy as sp
 
-from harness.common import registry
 from harness.common.arrays import Floats
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.assembly.candidates import assembled
 from harness.models.assembly.placement import Layout, suffix
+from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
 Kind = Literal["equation", "port", "sensor"]
@@ -148,7 +148,7 @@ def _joined(ports: list[str] | tuple[str, ...]) -> str:
 
 def _coupling(augmented: AugmentedModel, ports: Mapping[tuple[str, ...], DisturbanceInput]) -> DisturbanceInput | None:
     """Return the moment between the first two bodies, which acts on both with opposite sign."""
-    bodies = list(Layout.of(registry.load("harness.models.vehicles", augmented.spec.vehicle)).bodies)
+    bodies = list(Layout.of(VEHICLES.load(augmented.spec.vehicle)).bodies)
     if _COUPLING not in augmented.nominal.ports or len(bodies) < 2:
         return None
     leader, follower = (ports.get((f"external_yaw_moment{suffix(body)}",)) for body in bodies[:2])

@@ -12,7 +12,6 @@ from collections.abc import Iterable
 import numpy as np
 import xarray as xr
 
-from harness.common import registry
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec
@@ -24,6 +23,7 @@ from harness.identification.filtered_model import Candidates, FilteredModel
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
+from harness.models.roles import VEHICLES
 
 
 class AugmentedModel(FilteredModel):
@@ -115,7 +115,7 @@ def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[st
 
 def _assembled(spec: ModelSpec, files: tuple[str, ...]) -> Model:
     """Return the nominal model with all of these effects; one that does not go with the others is refused by name."""
-    registry.load("harness.models.vehicles", spec.vehicle)
+    VEHICLES.load(spec.vehicle)
     try:
         return assemble(spec.vehicle, spec.tyre, (*spec.effects, *files), spec.sensors, optional=True)
     except ModelError as error:

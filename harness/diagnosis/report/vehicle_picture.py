@@ -14,12 +14,12 @@ import sympy as sp
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from harness.common import registry
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.disturbance_ranking import RankedInput
 from harness.models.assembly.assemble import symbol
 from harness.models.assembly.placement import Layout, suffix
+from harness.models.roles import VEHICLES
 from harness.reporting import style
 
 NUMBERED = 8
@@ -72,7 +72,7 @@ class Plan:
 
 def plan_of(augmented: AugmentedModel) -> Plan | None:
     """Return where axles and kingpin of a vehicle stand; ``None`` if its equations do not say."""
-    model, layout = augmented.nominal, Layout.of(registry.load("harness.models.vehicles", augmented.spec.vehicle))
+    model, layout = augmented.nominal, Layout.of(VEHICLES.load(augmented.spec.vehicle))
     numbers = {symbol(n): 0.0 for n in (*model.states, *model.inputs)}
     numbers |= {symbol(n): float(v) for n, v in augmented.spec.values.items()}
     numbers |= {symbol(n): _SPEED for n in ("speed", "longitudinal_velocity") if symbol(n) in numbers}

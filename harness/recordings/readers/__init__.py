@@ -7,23 +7,22 @@ numeric columns as a list of ``Table``, one per clock, the one with most columns
 from __future__ import annotations
 
 import os
+import sys
 from types import ModuleType
 
-from harness.common import registry
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.registry import Role
 from harness.recordings.readers._table import Table, by_length
 
-__all__ = ["Table", "by_length", "modules", "read", "read_tables", "suffixes"]
+READERS = Role(sys.modules[__name__], "reader", ("SUFFIXES", "read"), "harness/recordings/readers/__init__.py")
+
+__all__ = ["READERS", "Table", "by_length", "modules", "read", "read_tables", "suffixes"]
 
 
 def modules() -> list[ModuleType]:
     """Return every reader."""
-    return [_load(name) for name in registry.names(__name__)]
-
-
-def _load(name: str) -> ModuleType:
-    return registry.load(__name__, name, ("SUFFIXES", "read"))
+    return [READERS.load(name) for name in READERS.names()]
 
 
 def suffixes() -> dict[str, str]:
@@ -68,7 +67,7 @@ def read_tables(path: str | os.PathLike[str]) -> list[Table]:
         raise UserError(f"{path}: no reader for this suffix; known are {files}")
     if not os.path.exists(path):
         raise UserError(f"{path}: the recording does not exist; give the path of a file or folder")
-    module = _load(reader)
+    module = READERS.load(reader)
     try:
         tables: list[Table] = module.read(path)
     except OSError as error:
