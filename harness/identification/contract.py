@@ -24,11 +24,10 @@ from harness.common.errors import UserError
 from harness.common.registry import Role, closest
 from harness.common.units import refuse_misread
 from harness.config import ModelSpec
-from harness.identification import methods
 from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
 
-METHODS = Role(methods, "method", ("Settings", "identify"), "harness/identification/contract.py")
+METHODS = Role(f"{__package__}.methods", "method", ("Settings", "identify"), "harness/identification/contract.py")
 
 Verdict = Literal["determined", "weakly determined", "not determined", "at its bound"]
 
