@@ -115,6 +115,13 @@ def test_unfinished_designs_have_no_indices(tmp_path):
     assert over_time.blocks(analysis) == []
 
 
+def test_a_design_too_small_to_be_divided_has_no_picture_of_convergence(tmp_path, analysis):
+    synthetic.write(tmp_path / "out", scores(study_of(tmp_path, samples=4)))
+    small = sensitivity.blocks(Analysis(read(tmp_path / "out")))
+    assert "Are there enough samples" not in words(small)
+    assert "Are there enough samples" in words(sensitivity.blocks(analysis))
+
+
 def test_a_whole_report_is_written(folder):
     html = Page(write_report(analyse(folder))[0].read_text(encoding="utf-8")).text
     assert "the error of the articulation angle is driven by trailer mass (total index 0." in html

@@ -49,10 +49,10 @@ OVER = '[report]\nsensitivity_over_time = { design = "joint", drive = "weave", w
 WINDOWS = 4
 
 
-def study_of(tmp_path):
+def study_of(tmp_path, samples=128):
     path = tmp_path / "joint.toml"
     estimators = '[[estimator]]\nname = "UKF"\nkind = "ukf"\n'
-    path.write_text(HEAD + estimators + JOINT.replace("samples = 4", "samples = 128") + NESTED + LIMITS + OVER)
+    path.write_text(HEAD + estimators + JOINT.replace("samples = 4", f"samples = {samples}") + NESTED + LIMITS + OVER)
     return load_study(path)
 
 

@@ -47,9 +47,7 @@ def _design(analysis: Analysis, ranking: Ranking) -> list[Block]:
             found += [_indices_picture(analysis, ranking, target), *_tables(ranking, target)]
     if any(ranking.divergence):
         found += [_divergence_picture(analysis, ranking), _divergence_table(ranking)]
-    if any(any(row) for row in ranking.errors):
-        found.append(_convergence_picture(ranking))
-    return found
+    return found + _convergence_picture(ranking)
 
 
 def in_short(ranking: Ranking) -> list[str]:
@@ -272,24 +270,31 @@ def _divergence_table(ranking: Ranking) -> Sheet:
     return Sheet(["factor", *design.estimators], [["runs lost", *share], *rows], caption)
 
 
-def _convergence_picture(ranking: Ranking) -> Picture:
-    """Draw the total indices of the leading factors over the number of base samples, for the best estimator."""
+def _convergence_picture(ranking: Ranking) -> list[Block]:
+    """Draw the total indices of the leading factors over the number of base samples, for the best estimator.
+
+    There is nothing to draw where the design is too small to be divided.
+    """
     design = ranking.design
-    targets = [t for t in range(len(design.targets)) if any(ranking.errors[t])]
+    converging = {
+        t: found
+        for t in range(len(design.targets))
+        if any(ranking.errors[t]) and (found := ranking.converging(t, ranking.best(t)))
+    }
+    if not converging:
+        return []
     question = "Are there enough samples to tell the factors apart?"
     with style.drawing():
-        fig = style.figure(0.9 + 2.2 * len(targets))
-        rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
-        leading = list(dict.fromkeys(i for t in targets for i in ranking.order(t)[:3]))[: len(_LINES)]
-        for axes, t in zip(rows, targets, strict=True):
-            best = ranking.best(t)
-            found = ranking.converging(t, best)
+        fig = style.figure(0.9 + 2.2 * len(converging))
+        rows = fig.subplots(len(converging), 1, sharex=True, squeeze=False)[:, 0]
+        leading = list(dict.fromkeys(i for t in converging for i in ranking.order(t)[:3]))[: len(_LINES)]
+        for axes, (t, found) in zip(rows, converging.items(), strict=True):
             sizes = [f.samples for f in found]
             for k, i in enumerate(leading):
                 total = np.array([f.total[i] for f in found])
                 axes.fill_between(sizes, total[:, 1], total[:, 2], color=_LINES[k], alpha=0.15, lw=0)
                 axes.plot(sizes, total[:, 0], color=_LINES[k], marker=_MARKERS[k], ms=4)
-            axes.set_title(f"{design.targets[t].words}, {design.estimators[best]}", loc="left")
+            axes.set_title(f"{design.targets[t].words}, {design.estimators[ranking.best(t)]}", loc="left")
             axes.set_ylabel("total index")
             axes.set_xscale("log", base=2)
             axes.set_xticks(sizes, [str(n) for n in sizes], minor=False)
@@ -306,4 +311,4 @@ def _convergence_picture(ranking: Ranking) -> Picture:
         "estimator with the smallest median error and the leading factors; shaded: 95 % interval. Each N is what a "
         "study of that size would have found."
     )
-    return Picture(svg, caption, question)
+    return [Picture(svg, caption, question)]
