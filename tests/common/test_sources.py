@@ -12,7 +12,7 @@ from harness.common import sources
 from harness.config import load_study
 from harness.estimation.methods import _sigma_points, kf, narx, ukf
 from harness.study import evaluate, report
-from harness.study.store import engine_hash, parts
+from harness.study.provenance import engine_hash, parts
 
 STUDIES = Path(__file__).parents[2] / "studies"
 FILES = {
