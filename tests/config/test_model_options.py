@@ -168,7 +168,7 @@ BEGINNINGS = (
     "harness.study.cluster.connected",
     "harness.realtime.measure.contestants",
     "harness.campaign.write_campaign",
-    "harness.study.report.write_report",
+    "harness.study.report.analyse",
 )
 
 
