@@ -306,7 +306,7 @@ def test_the_same_drive_under_another_name_is_refused(tmp_path):
     recording = driven(40, duration=25.0)
     result = traced(tmp_path, [recording, recording])
     assert result.exit_code == 2
-    assert "keep another one aside" in result.output
+    assert "hold out another one" in result.output
 
 
 def test_a_recording_that_is_too_short_says_what_to_drive(tmp_path):
