@@ -1,6 +1,6 @@
 """Study file in, ``Study`` out: everything checked, every number SI, every default filled in.
 
-``file`` holds the keys, ``vehicle`` resolves plant and belief, ``factors`` the designs, ``load`` puts them
+``schema`` holds the keys, ``model`` resolves plant and belief, ``factors`` the designs, ``load`` puts them
 together; ``specs`` is what all later stages read.
 """
 
