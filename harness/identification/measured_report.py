@@ -53,7 +53,7 @@ def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTab
     evidence = [
         Section(lambda: [_errors(found)], "How large are the errors of each model?"),
         Section(lambda: [Prose(plain(_steering(found)))], "How is the steering calibrated?"),
-        Section(lambda: [spans_sheet({"fitted": spans["train"], "kept": spans["test"]})], "Which drives?"),
+        Section(lambda: [spans_sheet({"fitted": spans["train"], "held out": spans["test"]})], "Which drives?"),
         Section(lambda: _stiffness(found), "Where does the search begin, and where does it end?"),
     ]
     return fit_document(found.fit, list(found.judged), command, title, evidence)
@@ -83,7 +83,7 @@ def _errors(found: Identified) -> Sheet:
     header = ["drive", "role", "output", "unit", "published", "from slopes", "identified"]
     caption = (
         "Simulation error, root mean square of measurement minus free run (table 3.3 of Sun): as published, with the "
-        "stiffnesses that the search starts from, and as identified. "
+        "initial stiffnesses of the search, and as identified. "
         "A free run that leaves the range in which the equations hold counts up to then."
     )
     return Sheet(header, rows, caption, left=4)

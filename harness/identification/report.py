@@ -173,7 +173,7 @@ def _errors(fit: Fit, judged: list[Judged]) -> list[Block]:
         for a, name in enumerate(fit.spec.model().outputs):
             q = quantity(name)
             errors = [*j.free_error[:, a], *j.one_step_error[:, a]]
-            role = "kept" if j.held_out else "fitted"
+            role = "held out" if j.held_out else "fitted"
             rows.append([j.drive.name, role, q.words, q.unit, *(style.number(q.scale * e) for e in errors)])
     header = ["drive", "role", "output", "unit", "simulation before", "after", "one step before", "after"]
     caption = (

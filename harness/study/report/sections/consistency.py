@@ -21,7 +21,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     if not findings.with_covariance:
         return []
     return [
-        Heading("Do the estimators know how wrong they are?"),
+        Heading("Are the stated covariances consistent?"),
         Prose(_explain(findings)),
         _picture(analysis, findings),
         *blocks_by_drive(findings),

@@ -131,7 +131,9 @@ def _models(store: Store) -> list[Block]:
         unit = print_unit(str(entry.get("unit") or ""))
         texts = [with_unit(entry[s], unit) if isinstance(entry.get(s), int | float) else "–" for s in _SIDES]
         rows.append([words(name), *texts])
-    caption = "What drives (plant) and what the estimators hold for true (belief), before a design changes it."
+    caption = (
+        "The simulated vehicle (plant) and the model that the estimators assume (belief), before a design changes them."
+    )
     return [Sheet(["item", "plant", "belief"], rows, caption, left=3)]
 
 
