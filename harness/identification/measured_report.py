@@ -97,8 +97,7 @@ def _steering(found: Identified) -> str:
     return (
         f"Steering: the road wheels turn {style.number(factor)} times the recorded angle (steering ratio "
         f"{style.number(stated['steering_ratio'])} as stated, {style.number(values['steering_ratio'])} identified) "
-        "plus "
-        f"{style.number(offset)}°."
+        f"plus {style.number(offset)}°."
     )
 
 

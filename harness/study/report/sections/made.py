@@ -30,8 +30,7 @@ _DEFINITIONS = (
     r"$[chi^2_(0.025)(M m), chi^2_(0.975)(M m)] \/ M$ with a probability of 95 %; the average NEES over "
     r"$N$ runs in "
     r"$[chi^2_(0.025)(N n), chi^2_(0.975)(N n)] \/ N$ with at least that.",
-    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled "
-    "within itself, "
+    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled within itself, "
     "seeded with the seed of the study.",
 )
 

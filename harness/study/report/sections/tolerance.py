@@ -182,7 +182,6 @@ def _box(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> She
         rows.append([f.words + unit, number(f.nominal), together, alone])
     caption = (
         f"The box that {design.estimators[best]} tolerates for {design.targets[t].words}, and what it tolerates of "
-        "each "
-        "factor alone."
+        "each factor alone."
     )
     return Sheet(["factor", "believed", "all at once", "alone"], rows, caption)
