@@ -1,4 +1,4 @@
-"""What a file about measured drives holds, whatever is done with them: a model, drives to fit, held-out drives.
+"""What every file about measured drives holds: a model, drives to fit, held-out drives.
 
 ::
 
@@ -237,6 +237,6 @@ def _steered(recording: xr.Dataset, ratio: float) -> xr.Dataset:
 
 
 def names_of(recordings: Sequence[xr.Dataset]) -> list[str]:
-    """Return the names of drives; spans of one recording are told apart by number."""
+    """Return the names of drives; spans of one recording are numbered."""
     given = [str(r.attrs["name"]) for r in recordings]
     return [f"{n} ({given[: i + 1].count(n)})" if given.count(n) > 1 else n for i, n in enumerate(given)]

@@ -78,7 +78,7 @@ def covariance_of(information: Floats, singular: float = _SINGULAR, dropped: boo
         information: Fisher information, with that of the priors ``(n, n)``.
         singular: Share of the largest eigenvalue below which a direction counts as empty.
         dropped: Whether empty directions are left out of the inverse (the pseudo-inverse, to solve with); otherwise
-            they count as known that badly, so that it tells how estimates hang together.
+            they count as known that badly, so that it shows how estimates are correlated.
     """
     scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))

@@ -72,7 +72,7 @@ def _shade_gaps(axes: Axes, time: Floats, values: Floats) -> bool:
 
 
 def _envelope(time: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return a line of few points that looks as the whole: smallest and largest value of each short stretch."""
+    """Return a line of few points that looks as the full one: smallest and largest value of each short stretch."""
     width = len(values) // (_POINTS // 2)
     if width < 2:
         return time, values
