@@ -56,8 +56,8 @@ class Parameter:
         shared: Of an effect with places: one parameter for all of them.
         grid: Values to start from where the likelihood says nothing about the parameter at the neutral value of
             the effect, or has several maxima.
-        per_drive: A moment in a drive: each drive has its own, to be looked for over its duration.
-        numerical: Of how the equations are solved, not of the vehicle: no measurement has a say in it.
+        per_drive: A time in a drive: each drive has its own, searched over its duration.
+        numerical: Of how the equations are solved, not of the vehicle: no measurement determines it.
     """
 
     name: str

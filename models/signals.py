@@ -107,7 +107,7 @@ _ROWS += [  # a car
     Signal("lateral_acceleration", "a_y", "m/s^2", "m/s^2", "vehicle", "lateral acceleration of the CoG"),
     Signal("friction_coefficient", r"\mu", "1", "1", "road", "largest friction between tyre and road"),
     Signal("friction_rate", r"\dot\mu", "1/s", "1/s", "road", "time derivative of the friction coefficient"),
-    Signal("driving_force", "F_T", "N", "kN", "vehicle", "force of drive and brakes asked of the tyres"),
+    Signal("driving_force", "F_T", "N", "kN", "vehicle", "force of drive and brakes demanded of the tyres"),
     Signal("external_longitudinal_force", r"F_{\mathrm{ext},x}", "N", "kN", "vehicle", "external force along x"),
     Signal("external_lateral_force", r"F_{\mathrm{ext},y}", "N", "kN", "vehicle", "external lateral force at the CoG"),
     Signal("external_yaw_moment", r"M_{\mathrm{ext}}", "N*m", "kN*m", "vehicle", "external yaw moment"),
@@ -202,10 +202,10 @@ _ROWS += [  # states and inputs of effects
     Signal("steering_lagged", r"\delta_T", "rad", "deg", "vehicle", "road-wheel angle behind the lag of the steering"),
     Signal("steering_delayed", r"\delta_\tau", "rad", "deg", "vehicle", "first state of the delayed road-wheel angle"),
     Signal("steering_delayed_rate", r"\dot\delta_\tau", "rad", "deg", "vehicle", "second state of the same"),
-    Signal("steering_followed", r"\delta_b", "rad", "deg", "vehicle", "middle of the play that the steering moves"),
-    Signal("steering_force", "F_c", "N", "kN", "vehicle", "lateral force that the steering has yielded to"),
+    Signal("steering_followed", r"\delta_b", "rad", "deg", "vehicle", "centre of the play of the steering"),
+    Signal("steering_force", "F_c", "N", "kN", "vehicle", "lateral force behind the lag of the steering's compliance"),
     Signal("lateral_force_steered_axle", r"F_\delta", "N", "kN", "vehicle", "lateral force of the steered axle"),
-    Signal("drive_speed", "v_d", "m/s", "m/s", "vehicle", "speed that drive and brakes have settled to"),
+    Signal("drive_speed", "v_d", "m/s", "m/s", "vehicle", "speed behind the lag of drive and brake forces"),
     Signal("lateral_velocity_reference", "v_{y,R}", "m/s", "m/s", "vehicle", "lateral velocity at the reference point"),
 ]
 for _axle, _where in _AXLES.items():
@@ -229,7 +229,7 @@ _ROWS += [
     for s in list(_ROWS)
     if s.name.startswith("lateral_acceleration")
     for row in (
-        Signal(f"leaning_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name} that the body has leant to"),
+        Signal(f"leaning_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name} behind the roll of the body"),
         Signal(f"leaning_rate_{s.name}", s.symbol, "m/s^3", "m/s^3", s.frame, "time derivative of the same"),
     )
 ]

@@ -60,7 +60,7 @@ class Joint:
 
     @cached_property
     def borne(self) -> dict[tuple[int, int], Tolerance]:
-        """What each estimator bears, by target and estimator."""
+        """What each estimator tolerates, by target and estimator."""
         return tolerances(self.nested, self.limits)
 
     @cached_property
@@ -86,7 +86,7 @@ def answer(results: Results, found: list[Finding]) -> list[Block]:
         ("Inside which envelope?", _envelope(joint)),
         ("How often does it fail?", _failures(joint)),
         ("What drives its error?", " ".join(in_short(joint.ranking))),
-        ("What of the dissertation holds?", _holds(found)),
+        ("Which findings of the dissertation are reproduced?", _holds(found)),
     ]
     return [
         Heading("Answer"),
@@ -132,7 +132,7 @@ def _failures(joint: Joint) -> str:
     plant = design.count(PLANT_DIVERGED, None, 0)
     text = f"Of {design.planned} runs over the box, each estimator on each of them, diverged: {listed(parts)}."
     if plant:
-        text += f" In {plant} the vehicle itself left the range in which its equations hold, whatever estimated it."
+        text += f" In {plant} the plant itself left the range in which its equations hold, for every estimator."
     return text
 
 

@@ -200,8 +200,8 @@ CLAIMS = (
         "5.4.1, Bild 5.8",
         "median at a thousandth of the noise 0.8 to 1.25 times that at the believed noise",
         _grows("process-noise", ("×0.001",), (FORCE,), HARDLY),
-        "Where the model is exact and held exactly, process noise is the larger part of the error, so with it goes "
-        f"the error. {DRIVES}",
+        "Where the model and its parameters are exact, process noise causes the larger part of the error, which "
+        f"falls with it. {DRIVES}",
     ),
     Claim(
         "A trailer mass other than believed makes the force clearly worse, in both directions.",
@@ -215,8 +215,8 @@ CLAIMS = (
         "5.4.2, Bild 5.9",
         "median at 8 t and at 32 t 0.8 to 1.25 times that at 24 t",
         _grows("mass", ("8 t", "32 t"), (ANGLE,), HARDLY),
-        "The dissertation's angle is about 3° off at every mass, mass or no mass; ours starts from so small an error "
-        "that what the mass adds shows.",
+        "The dissertation's angle is about 3° off at every mass; our error is so small "
+        "that the effect of the mass shows.",
     ),
     Claim(
         "A shifted centre of gravity makes the force worse, forward and back.",
@@ -230,14 +230,15 @@ CLAIMS = (
         "5.4.3, Bild 5.11",
         "median at −2 m and at 2 m 0.8 to 1.25 times that without a shift",
         _grows("cog", ("-2 m", "+2 m"), (ANGLE,), HARDLY),
-        "As with the mass: a small error to begin with.",
+        "As with the mass: our error is small without any change.",
     ),
     Claim(
         "With the centre of gravity 2 m further back runs diverge (11 of 60).",
         "5.4.3",
         "share of diverged runs between half and twice the dissertation's",
         _ends_diverge,
-        "Whether a run leaves the stable range hangs on the drives' lateral acceleration and the rear tyres. " + DRIVES,
+        "Whether a run leaves the stable range depends on the lateral acceleration of the drives and on the rear "
+        "tyres. " + DRIVES,
     ),
     Claim(
         "On a road of friction 0.5 the force suffers most.",
@@ -251,7 +252,7 @@ CLAIMS = (
         "5.4.4, Bild 5.12",
         "median at 0.5 and at 1.1 0.8 to 1.25 times that at 0.9",
         _grows("friction", ("0.5", "1.1"), (ANGLE,), HARDLY),
-        "As with the mass: a small error to begin with.",
+        "As with the mass: our error is small without any change.",
     ),
     Claim(
         "Trailer tyres within ±10, 20, 30 % of those believed make the median error of the force grow by 4.6, 23.8 and "
@@ -267,7 +268,7 @@ CLAIMS = (
         "5.4.5, Bild 5.13",
         "median in each band 0.8 to 1.25 times that with the tyres as believed",
         _grows("tyre", ("±10 %", "±20 %", "±30 %"), (ANGLE,), HARDLY),
-        "As with the mass: a small error to begin with.",
+        "As with the mass: our error is small without any change.",
     ),
     Claim(
         "A step of the network takes least computing time, one of the UKF most (loads of 0.67, 1.65 and 5.61 %).",

@@ -76,7 +76,8 @@ def _findings(campaign: Results, found: list[Finding]) -> list[Block]:
         f"Of {len(found)} findings, {counts[Verdict.REPRODUCED]} are reproduced, {counts[Verdict.NOT_REPRODUCED]} are "
         f"not, {counts[Verdict.UNDECIDED]} cannot be decided. A finding is reproduced if every number behind it lies, "
         "with its whole 95 % interval, where the finding puts it; one number that lies outside with its whole interval "
-        "refutes it. The dissertation says “marginal”, “hardly”, “clearly”; what is taken for that stands below."
+        "refutes it. The dissertation says “marginal”, “hardly”, “clearly”; the limits used for these words are given "
+        "below."
     )
     blocks: list[Block] = [
         Heading("What the dissertation found, tested on our data"),

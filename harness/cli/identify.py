@@ -33,10 +33,10 @@ def identify(
     data: Annotated[list[Path], typer.Option("--data", "-d", help="Recording to fit; repeatable.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of parameters.toml, identify.json and the report.")],
     free: Annotated[
-        str, typer.Option("--free", "-f", help="Parameters to find, with commas between; empty lists them.")
+        str, typer.Option("--free", "-f", help="Parameters to estimate, comma-separated; empty lists them.")
     ] = "",
     test: Annotated[
-        list[Path] | None, typer.Option("--test", "-t", help="Recording kept from the fit, to judge it; repeatable.")
+        list[Path] | None, typer.Option("--test", "-t", help="Held-out recording to validate the fit on; repeatable.")
     ] = None,
     method: Annotated[str, typer.Option("--method", help="File in harness/identification/methods.")] = "likelihood",
     channels: Annotated[
@@ -52,13 +52,13 @@ def identify(
     ] = None,
     integrator: Annotated[str, typer.Option("--integrator", help="euler, heun or rk4.")] = "euler",
     substeps: Annotated[int, typer.Option("--substeps", min=1, help="Integration steps per sample.")] = 1,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of whatever is random in the method.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the method's random numbers.")] = 0,
     jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
 ) -> None:
-    """Find parameters of a model from recordings, with their uncertainty.
+    """Identify parameters of a model from recordings, with their uncertainty.
 
     The search begins at the values of the parameter set. All measured outputs of the sensors are fitted.
-    Writes a parameter set that studies load, identify.json, and a report on fitted drives and on those kept aside.
+    Writes a parameter set that studies load, identify.json, and a report on the fitted and the held-out drives.
     """
     from harness.cli.options import ModelOptions, model_spec, pairs
     from harness.identification.contract import load_method, settings_of
@@ -86,11 +86,11 @@ def identify(
 
 
 def _refuse_the_same(data: list[Path], test: list[Path]) -> None:
-    """A drive that was fitted says nothing about drives that were not."""
+    """Refuse a held-out drive that is fitted as well."""
     fitted = {path.resolve() for path in data}
     for path in test:
         if path.resolve() in fitted:
-            raise UserError(f"--test {path}: is fitted as well; judge the fit on a drive that it has not seen")
+            raise UserError(f"--test {path}: is fitted as well; validate the fit on a drive that was not fitted")
 
 
 def _problem(
@@ -101,7 +101,7 @@ def _problem(
     seed: int,
     jobs: int | None,
 ) -> tuple[Problem, tuple[Drive, ...]]:
-    """Return the problem and the recordings kept aside."""
+    """Return the problem and the held-out recordings."""
     from harness.identification.contract import Problem
     from harness.identification.innovations import Innovations
 
@@ -120,7 +120,7 @@ def _check_free(spec: ModelSpec, names: tuple[str, ...]) -> None:
 
     known = spec.model().parameter_names
     if not names:
-        raise UserError(f"--free: name the parameters to find; the model has: {', '.join(known)}")
+        raise UserError(f"--free: name the parameters to estimate; the model has: {', '.join(known)}")
     for name in names:
         if name not in known:
             raise UserError(f"--free: the model has no parameter '{name}'{closest(name, known)}")

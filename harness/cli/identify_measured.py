@@ -2,7 +2,7 @@
 
 ``python -m harness.cli.identify_measured studies/identify/genesis.toml --out results/identify-genesis`` identifies the
 car of a file (``harness.identification.measured``) and writes what ``harness identify`` does. Where the folder of the
-recordings is absent it says so and ends well.
+recordings is absent it says so and exits with status 0.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What ``harness list`` shows: every file of a role with the first line of its docstring, and its settings.
 
-The folders are asked, nothing is listed here by hand. Docstrings are read without importing the files, so
+The folders are read, nothing is listed here by hand. Docstrings are read without importing the files, so
 that a listing is quick and a file that does not import still shows.
 """
 
@@ -39,7 +39,7 @@ def show(console: Console, role: str, name: str | None = None, studies: Path = P
 
     Args:
         console: Where to print.
-        role: One of ``ROLES``; ``models`` is all that a model is put together from.
+        role: One of ``ROLES``; ``models`` is every part of a model.
         name: One file of the role; its settings are printed then.
         studies: Folder of the study files.
 
@@ -150,7 +150,7 @@ def _unit(unit: str) -> str:
 def _allowed(p: Parameter) -> tuple[str, str]:
     """Return range and unit of a parameter; one of a measured signal counts that signal's usual magnitude."""
     if p.unit == OF_SIGNAL:
-        return f"{_shown(p.lower, '')} to {_shown(p.upper, '')} times its usual size", "that of the signal"
+        return f"{_shown(p.lower, '')} to {_shown(p.upper, '')} times its usual magnitude", "that of the signal"
     return _range(p.unit, p.lower, p.upper), _unit(p.unit)
 
 

@@ -1,7 +1,7 @@
 """The command line: run, report, campaign, list, simulate, check, identify, trace, observability, realtime, ...
 
 Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
-mend it); 130: interrupted, and the next run goes on from there. Everything heavy is imported inside the
+mend it); 130: interrupted, and the next run continues from there. Everything heavy is imported inside the
 commands, so that help appears at once.
 """
 
@@ -36,7 +36,7 @@ _state = {"debug": False}
 
 
 class _Commands(typer.core.TyperGroup):
-    """Lets ``--debug`` stand anywhere on the line, since one adds it to a line that failed."""
+    """Accepts ``--debug`` anywhere on the line, because it is appended to a line that failed."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Move ``--debug`` to the front."""
@@ -82,7 +82,7 @@ def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except KeyboardInterrupt:
-            _fail("interrupted", "what is finished is kept; the same command goes on from there", INTERRUPTED)
+            _fail("interrupted", "finished runs are kept; the same command continues from there", INTERRUPTED)
         except (typer.Exit, BrokenPipeError):
             raise
         except Exception as error:
@@ -121,8 +121,8 @@ def run(
 ) -> None:
     """Run a study and write its report.
 
-    An interrupted run goes on where it stopped.
-    The scores are the same bits whatever the number of workers.
+    An interrupted run continues where it stopped.
+    The scores are identical to the bit for any number of workers.
     """
     if scheduler is not None and (dask is not None or jobs is not None):
         raise UserError("--scheduler says which workers run the study; leave out --dask and --jobs")
@@ -148,7 +148,7 @@ def run(
 def report(folder: Annotated[Path, typer.Argument(help="Result folder of a finished study.")]) -> None:
     """Write the report of a finished study again.
 
-    HTML and PDF come from the stored scores; nothing is computed anew.
+    HTML and PDF come from the stored scores; nothing is recomputed.
     """
     if not folder.is_dir():
         there = sorted(str(p) for p in folder.parent.glob("*") if p.is_dir())
@@ -180,7 +180,8 @@ def campaign(
 ) -> None:
     """Gather the finished studies into one report.
 
-    Which estimator, inside which envelope, how often it fails, what drives its error; what of the dissertation holds.
+    Which estimator, inside which envelope, how often it fails, what drives its error; which findings of the
+    dissertation are reproduced.
     """
     from harness.campaign import write_campaign
 
@@ -202,9 +203,9 @@ def tune(
     drives: Annotated[str, typer.Option("--drives", help="Training drives: a name in studies/drives or a TOML file.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Tuning file to write; a study names it by tuning = ...")],
     budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator.")] = 240,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each drive with other noise.")] = 1,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Noise realisations of each drive.")] = 1,
 ) -> None:
-    """Tune the noise that every estimator of a study believes, by one rule and within one budget.
+    """Tune the noise covariances of every estimator of a study, by one rule and within one budget.
 
     Factors on process noise, random walk of the unknown inputs and measurement noise maximise the likelihood of the
     innovations on the training drives, simulated at the nominal plant.

@@ -1,4 +1,4 @@
-"""``harness observability``: can the states be told from the measurements at all?"""
+"""``harness observability``: can the states be determined from the measurements?"""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def observability(
 ) -> None:
     """Check structural observability along a drive.
 
-    Can the states be told from the measurements at all? Straight ahead and under lateral excitation.
+    Can the states be determined from the measurements? Straight ahead and under lateral excitation.
     """
     spec = model_spec(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
     profile = None

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 STUDIES = Path("studies")
 RESULTS = Path("results")
 DEFAULT_SENSORS = "series"
-"""Sensors of a model that is for no recording, where the vehicle has them."""
+"""Sensors of a model without recordings, where the vehicle has them."""
 
 SetOption = Annotated[
     list[str] | None,
@@ -161,8 +161,8 @@ def model_table(
         The table, and notes for the user in sentences without a full stop.
 
     Raises:
-        UserError: If the vehicle has several parameter sets or sensors to choose from, or the recordings hold no set of
-            sensors whole.
+        UserError: If the vehicle has several parameter sets or sensors to choose from, or the recordings contain no
+            complete set of sensors.
         ModelError: If there is no such vehicle or parameter set.
     """
     from harness.config.parameter_set import load_set
@@ -233,7 +233,7 @@ def parameter_set(vehicle: str, given: str | None) -> str:
 
 
 def _usual_sensors(vehicle: str, tyre: str | None) -> str:
-    """Return the sensors of a vehicle where nothing speaks for any: the series ones, or the only ones that fit."""
+    """Return the sensors of a vehicle where no recordings decide: the series ones, or the only ones that fit."""
     fit = [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
     if DEFAULT_SENSORS in fit or len(fit) == 1:
         return DEFAULT_SENSORS if DEFAULT_SENSORS in fit else fit[0]
@@ -252,13 +252,13 @@ def _most_sensors(vehicle: str, tyre: str | None, recordings: Sequence[xr.Datase
     complete = [n for n in names if needs[n] <= there]
     if not complete:
         lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)
-        raise UserError(f"--sensors: the recordings hold no set of sensors of '{vehicle}' whole: {lacking}")
+        raise UserError(f"--sensors: the recordings contain no complete set of sensors of '{vehicle}': {lacking}")
     best, largest = (max(some, key=lambda n: len(needs[n])) for some in (complete, names))
     if len(needs[best]) == len(needs[largest]):
         return best, ()
     note = (
         f"the recordings lack {', '.join(sorted(needs[largest] - there))}, so sensors '{best}' are used "
-        f"({', '.join(sorted(needs[best]))}), and what only '{largest}' would show is not found"
+        f"({', '.join(sorted(needs[best]))}), and what only '{largest}' would show cannot be found"
     )
     return best, (note,)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def trace(
     model: Annotated[str, typer.Option("--model", "-m", help="Vehicle; harness list vehicles shows them.")],
     train: Annotated[list[Path], typer.Option("--train", help="Recording to fit; repeatable.")],
-    test: Annotated[list[Path], typer.Option("--test", "-t", help="Recording to judge on; repeatable.")],
+    test: Annotated[list[Path], typer.Option("--test", "-t", help="Held-out recording to validate on; repeatable.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of trace.json, the amended model and the report.")],
     channels: Annotated[
         Path | None, typer.Option("--channels", "-c", help="Channel map of the recordings; signal names if absent.")
@@ -39,18 +39,20 @@ def trace(
     sensors: RecordedSensorsOption = None,
     values: SetOption = None,
     free: Annotated[
-        str, typer.Option("--free", help="Nominal parameters that are fitted anyway; cornering stiffnesses if absent.")
+        str, typer.Option("--free", help="Nominal parameters that are always fitted; cornering stiffnesses if absent.")
     ] = "",
     estimators: Annotated[
         str, typer.Option("--estimators", help="Estimators run on the test drives before and after; empty for none.")
     ] = "ekf,ukf,cdkf",
     study: Annotated[
-        str | None, typer.Option("--study", help="Study that says what the amendment is worth, of the same vehicle.")
+        str | None, typer.Option("--study", help="Study of the same vehicle that measures the gain of the amendment.")
     ] = None,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Its runs of each level with other noise.")] = 8,
+    repeats: Annotated[
+        int, typer.Option("--repeats", min=1, help="Noise realisations of each level of that study.")
+    ] = 8,
     jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,
 ) -> None:
-    """Find the physical effect or parameter that a model lacks, and how much better it is with it.
+    """Find the physical effect that a model lacks or the parameter that is wrong, and how much the model improves.
 
     Writes trace.json, the nominal and the amended model as parameter files, and a report.
     """
@@ -79,14 +81,14 @@ def trace(
 
 
 def _refuse_the_same(train: list[Path], test: list[Path]) -> None:
-    """A drive that was fitted says nothing about drives that were not; by content, so a copy is no other drive."""
+    """Refuse a held-out drive that is fitted as well, by content, so that a copy is recognised."""
     for path in [*train, *test]:
         if not path.exists():
             raise UserError(f"{path}: there is no such recording")
     fitted = {_content(path): path for path in train}
     for path in test:
         if _content(path) in fitted:
-            raise UserError(f"--test {path}: is the drive --train {fitted[_content(path)]}; keep another one aside")
+            raise UserError(f"--test {path}: is the drive --train {fitted[_content(path)]}; hold out another one")
 
 
 def _content(path: Path) -> bytes | Path:

@@ -1,4 +1,4 @@
-"""Types of arrays in annotations; shapes stand in the docstrings."""
+"""Types of arrays in annotations; shapes are stated in the docstrings."""
 
 from __future__ import annotations
 

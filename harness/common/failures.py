@@ -2,7 +2,7 @@
 
 What took minutes to compute must not be lost because a figure cannot be drawn afterwards. Whoever puts a result
 together tries each part by ``Failures.attempt``; a failure is never silent: there is a warning on the console, the
-traceback stands in a file, and the result says what it lacks.
+traceback is written to a file, and the result says what is missing.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ class Failures:
                 raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
     def attempt(self, part: str, make: Callable[[], T], instead: Callable[[str], U]) -> T | U:
-        """Return a part of a result, or what stands for it if it cannot be made.
+        """Return a part of a result, or its substitute if it cannot be made.
 
         Args:
             part: What is made, such as ``the figure “Innovations”``.
             make: Makes it.
-            instead: Returns what stands for it; takes the reason with the path of the file that holds the traceback.
+            instead: Returns the substitute; takes the reason with the path of the file that holds the traceback.
 
         Raises:
             MemoryError: If the memory does not suffice; then the rest cannot be made either.

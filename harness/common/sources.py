@@ -2,7 +2,7 @@
 
 What a computation runs is the modules that it begins with and all that these import: not a list of folders, which
 forgets what is moved, and not the whole tree, which counts the wording of a report. Packages installed beside the
-project are left out; their versions are recorded. A module that only hands a name on stands aside for the one that
+project are left out; their versions are recorded. A module that only re-exports a name is replaced by the one that
 defines it.
 
 The digest is of what the files say. Modules count by the place that they have among those imported, not by their
@@ -97,7 +97,7 @@ def _resolved(name: str, inside: frozenset[str]) -> list[tuple[str, str, str]]:
 
 
 def _definition(home: str, attribute: str, inside: frozenset[str]) -> tuple[str, str]:
-    """Return the module that defines a name, and what it is there, past packages that hand it on."""
+    """Return the module that defines a name, and what it is there, past packages that re-export it."""
     while attribute and _is_own(home, inside):
         path = _path(home)
         if path is None or path.name != "__init__.py":

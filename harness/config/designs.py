@@ -99,7 +99,7 @@ def _check_bands(raw: DesignTable, design: DesignSpec, key: str, problems: Probl
         problems.add(
             f"{key}.factor",
             f"the i-th bands of all factors belong together, but their numbers differ ({listed}); "
-            "give each factor as many, or put the factors into designs of their own",
+            "give every factor the same number, or put the factors into separate designs",
         )
         return
     if raw.boxes is not None:
@@ -149,12 +149,12 @@ def _check_one_box(raw: DesignTable, design: DesignSpec, key: str, problems: Pro
             )
     if raw.sobol_any_n:
         problems.add(
-            f"{key}.sobol_any_n", f"sampling = '{raw.sampling}' has no use for unbalanced points; remove the key"
+            f"{key}.sobol_any_n", f"sampling = '{raw.sampling}' does not allow unbalanced points; remove the key"
         )
     if raw.boxes is not None and raw.sampling != "tolerance":
         problems.add(f"{key}.boxes", "nested boxes belong to sampling = 'tolerance'; remove the key")
     if design.base_samples < 2:
-        problems.add(f"{key}.samples", "one point tells nothing about a box; give samples = 64 or another power of two")
+        problems.add(f"{key}.samples", "one point does not sample a box; give samples = 64 or another power of two")
     _check_power_of_two(design.base_samples, key, problems)
 
 

@@ -166,7 +166,7 @@ def _entries(table: FactorTable) -> list[Any]:
 
 
 def _unsigned(raw: Any) -> Any:
-    """Drop the sign people write before a half-width: ``"+-5 %"``, ``"±5 %"``."""
+    """Drop the sign that may precede a half-width: ``"+-5 %"``, ``"±5 %"``."""
     return re.sub(r"^\s*(?:\+/?-|±)\s*", "", raw) if isinstance(raw, str) else raw
 
 
@@ -266,9 +266,9 @@ class _FactorReader:
         itself = self.table.bands is not None and width == 0 and not fraction  # the nominal value beside its bands
         if not width > 0 and not itself:
             if width < 0 or (fraction or 0.0) < 0:
-                why = f"a half-width has no sign, got {raw!r}; leave it out, or name a change to one side by 'shift'"
+                why = f"a half-width has no sign, got {raw!r}; leave it out, or state a one-sided change by 'shift'"
             elif fraction:
-                why = "percent of a level of zero is nothing; give the half-width in the parameter's unit"
+                why = "percent of a level of zero is zero; give the half-width in the parameter's unit"
             else:
                 why = "a half-width must be positive; for a single value use 'levels' without a band"
             raise UserError(f"{self.problems.at(key)}: {why}")

@@ -1,4 +1,4 @@
-"""Two doors into the harness: ``load_study`` for study files, ``build_study`` for studies made in Python."""
+"""The two ways to get a study: ``load_study`` for study files, ``build_study`` for studies made in Python."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "stud
     try:
         text = toml_text(raw.model_dump(exclude_unset=True, exclude_none=True))
     except (TypeError, ValueError) as error:
-        raise UserError(f"{path}: holds what no study file can hold: {error}") from None
+        raise UserError(f"{path}: contains what a study file cannot represent: {error}") from None
     return _resolve(raw, text, path)
 
 

@@ -307,7 +307,7 @@ def _check_relations(table: Stated, values: Mapping[str, float], found: Paramete
 def _refuse_unknown(
     table: Stated, group: str, given: Iterable[str], known: tuple[str, ...], word: str, problems: Problems
 ) -> None:
-    """Refuse names the model does not have; inherited ones are dropped without a word."""
+    """Refuse names the model does not have; inherited ones are dropped silently."""
     for name in given:
         if name not in known and table.own(f"{group}.{name}"):
             problems.add(

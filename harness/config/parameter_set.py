@@ -1,4 +1,4 @@
-"""Parameter sets: a file of ``models/parameters``, or a TOML file of one's own, read and written."""
+"""Parameter sets: a file of ``models/parameters``, or a TOML file, read and written."""
 
 from __future__ import annotations
 

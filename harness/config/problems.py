@@ -95,9 +95,7 @@ def add_validation_errors(problems: Problems, error: ValidationError, table: typ
             least, there = item["ctx"]["min_length"], item["ctx"]["actual_length"]
             problems.add(place, f"{'is empty' if not there else f'has {there}'}; give at least {least}")
         elif item["type"] == "string_pattern_mismatch":  # the one pattern there is: names that become files
-            problems.add(
-                place, f"{item['input']!r} does not do as the name of a file; use letters, digits, '-', '_', '.'"
-            )
+            problems.add(place, f"{item['input']!r} cannot be the name of a file; use letters, digits, '-', '_', '.'")
         else:
             message = item["msg"].removeprefix("Value error, ")
             given = item["input"]

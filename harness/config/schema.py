@@ -171,7 +171,7 @@ class DesignTable(Table):
     sampling: Literal["sobol", "saltelli", "tolerance"] = Field(
         default="sobol",
         description="sobol: points in each band; saltelli: all factors at once, for sensitivity indices; "
-        "tolerance: nested boxes around the nominal point, for the largest one an estimator bears",
+        "tolerance: nested boxes around the nominal point, for the largest one an estimator tolerates",
     )
     samples: Annotated[StrictInt, Field(ge=1)] = Field(default=1, description="Sobol points per band; a power of two")
     boxes: Annotated[StrictInt, Field(ge=2, le=64)] | None = Field(
@@ -228,11 +228,11 @@ Histories = Annotated[
 
 
 class StudyFile(Table):
-    """A study: which estimator stays how good when the plant leaves what is believed."""
+    """A study: the errors of estimators when the plant departs from the belief."""
 
     name: FileName = Field(description="name of the result folder")
     title: StrictStr = Field(default="", description="the question, heading of the report")
-    seed: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="root of all random numbers")
+    seed: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="seed of all random numbers")
     targets: Annotated[list[Name], Field(min_length=1)] = Field(
         description="quantities to score: states or ports of both models"
     )
@@ -242,18 +242,18 @@ class StudyFile(Table):
     drives: Name | list[Name] = Field(
         default_factory=list, description="files of drives: drives/<name>.toml beside the study"
     )
-    drive: list[DriveTable] = Field(default_factory=list, description="drives of this study alone")
-    plant: ModelTable = Field(description="what is driven")
+    drive: list[DriveTable] = Field(default_factory=list, description="drives of this study only")
+    plant: ModelTable = Field(description="the vehicle that is simulated")
     belief: ModelTable = Field(
-        default=ModelTable(), description="what the estimators hold for true; default: as the plant"
+        default=ModelTable(), description="the model that the estimators assume; default: as the plant"
     )
-    estimator: Annotated[list[EstimatorTable], Field(min_length=1)] = Field(description="who competes")
+    estimator: Annotated[list[EstimatorTable], Field(min_length=1)] = Field(description="the estimators to compare")
     design: Annotated[list[DesignTable], Field(min_length=1)] = Field(description="what is varied")
-    history: Histories = Field(default_factory=list, description="the run drawn over time, or several")
+    history: Histories = Field(default_factory=list, description="the runs to plot over time")
     limits: dict[str, Quantity] = Field(
         default_factory=dict, description="largest tolerable RMSE by target, for the tolerance map"
     )
-    report: ReportTable = Field(default=ReportTable(), description="what else the report shows")
+    report: ReportTable = Field(default=ReportTable(), description="further content of the report")
 
     @property
     def histories(self) -> dict[str, HistoryTable]:
@@ -264,7 +264,7 @@ class StudyFile(Table):
 
 
 class ParameterFile(Table):
-    """A parameter set as a TOML file, for a vehicle of one's own without a file in ``models/parameters``."""
+    """A parameter set as a TOML file, for a vehicle without a file in ``models/parameters``."""
 
     vehicle: Name = Field(description="file in models/vehicles")
     tyre: Name | None = Field(default=None, description="file in models/tyres that the values belong to")

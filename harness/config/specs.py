@@ -1,6 +1,6 @@
 """What a study says once everything is resolved: names checked, units SI, defaults filled in.
 
-Every stage after configure reads these records and never the TOML file.
+All later stages read these records and never the TOML file.
 """
 
 from __future__ import annotations
@@ -240,10 +240,10 @@ class Study:
     Attributes:
         name: Name of the result folder.
         title: The question the report answers.
-        seed: Root of all random numbers; 0 is a seed like any other.
+        seed: Seed of all random numbers; 0 is a seed like any other.
         targets: Quantities that are scored; both models have them.
-        plant: What is driven.
-        belief: What the estimators hold for true.
+        plant: The vehicle that is simulated.
+        belief: The model that the estimators assume.
         drives: At least one.
         estimators: At least one.
         designs: At least one.

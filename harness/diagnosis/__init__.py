@@ -1,1 +1,1 @@
-"""From what a model leaves unexplained to the effect it lacks: residual, pinpoint, trace, amend."""
+"""From what a model leaves unexplained to the effect it lacks: innovations, selection, residuals, result."""

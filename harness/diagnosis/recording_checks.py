@@ -54,7 +54,7 @@ def _lateral_acceleration(recording: xr.Dataset) -> float:
 
 
 def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
-    """Return what reading and comparing the signals of recordings found odd, each with the evidence."""
+    """Return the irregularities found in reading and comparing the signals of recordings, each with the evidence."""
     found = []
     for recording in recordings:
         findings = [f for fit in agreement(recording) for f in fit.findings]

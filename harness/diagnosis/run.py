@@ -34,7 +34,7 @@ class Task:
     Attributes:
         spec: The nominal model.
         train: Recordings to fit, each with its ``name`` as attribute.
-        test: Recordings to judge on.
+        test: Held-out recordings.
         free: Parameters of the nominal model that are fitted in any case.
         estimators: Files in ``harness/estimation/methods``, run with the nominal and the amended model.
         study: Study that is run with the amended model as the plant and both as beliefs, if any.
@@ -63,8 +63,8 @@ class Task:
 def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedModel | None = None) -> Outcome:
     """Trace, run the estimators and the study, and write ``trace.json`` and both models.
 
-    What is odd about the recordings is printed before anything is computed, and stands in the outcome. The verdict is
-    written as soon as there is one; what fails thereafter is told by the outcome, and its traceback stands in
+    Irregularities of the recordings are printed before anything is computed, and are part of the outcome. The verdict
+    is written as soon as there is one; what fails thereafter is stated by the outcome, and its traceback is in
     ``errors.txt``.
 
     Args:

@@ -46,7 +46,7 @@ class ChangedTable(Table):
 
     question: Name = Field(description="title of its report")
     train: list[SpanTable] = Field(min_length=1, description="drives to fit")
-    test: list[SpanTable] = Field(min_length=1, description="drives to judge on")
+    test: list[SpanTable] = Field(min_length=1, description="held-out drives")
 
 
 class WorthTable(Table):
@@ -68,7 +68,7 @@ class LoopFile(MeasuredFile):
     stated_noise: StrictBool = Field(default=False, description="hold the noise that the model states")
     exclude: list[ExcludeTable] = Field(default_factory=list, description="effects that are not to be tried")
     changed: ChangedTable | None = Field(default=None, description="drives in which the vehicle may have changed")
-    worth: WorthTable | None = Field(default=None, description="study that says what the amendment is worth")
+    worth: WorthTable | None = Field(default=None, description="study in which the gain of the amendment is measured")
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,7 @@ def paste(
         given: What their stand-ins stand for, beside the names of the model.
 
     Raises:
-        ModelError: If a function uses a name that is nowhere found.
+        ModelError: If a function uses an undefined name.
     """
     source = kernel_source(f"{stem} on {compiled.kernels.__name__}", functions, compiled.kernels, given)
     return over_duals(source) if compiled.duals else source

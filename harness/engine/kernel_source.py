@@ -1,11 +1,10 @@
 """Put the source of functions together to a module of compiled kernels.
 
-A kernel is an ordinary function whose source is compiled in another module, behind the kernels of a model. Which
-names it uses its code says, and what they mean the file says that it is written in: a function is put into the
-module as well, what is compiled already, a class or a module is imported from where it is defined, a number is
-written down, and a stand-in (``harness.engine.kernel_names.StandIn``) is replaced by what it stands for. So nothing
-hangs on how a file is called or which functions somebody listed, and what is nowhere found is an error before anything
-is compiled.
+A kernel is an ordinary function whose source is compiled in another module, behind the kernels of a model. Which names
+it uses its code says, and what they mean the file says that it is written in: a function is put into the module as
+well, what is compiled already, a class or a module is imported from where it is defined, a number is written down, and
+a stand-in (``harness.engine.kernel_names.StandIn``) is replaced by what it stands for. So nothing depends on the names
+of files or on lists of functions, and an undefined name is an error before anything is compiled.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ def kernel_source(
         given: What other stand-ins stand for: functions, compiled ones or numbers. A function may be replaced as well.
 
     Raises:
-        ModelError: If a function uses a name that is nowhere found, or two use one name for different things.
+        ModelError: If a function uses an undefined name, or two use one name for different things.
     """
     module = _Module(kernels, given or {})
     for function in functions:
@@ -69,7 +68,7 @@ class _Module:
         if self._settle(function.__name__, function, function):
             return
         if "." in function.__qualname__:
-            raise ModelError(f"{_place(function)}: a kernel must be defined at the margin of its file")
+            raise ModelError(f"{_place(function)}: a kernel must be defined at the top level of its file")
         for name, attribute in _used(function.__code__):
             if name in function.__globals__:
                 self._bind(name, attribute, function)

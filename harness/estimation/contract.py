@@ -31,7 +31,7 @@ and of one whose memory depends on its settings, or begins with other than zeros
                                 ``seeds`` holds a ``numpy.random.SeedSequence`` per lane
 
 Three flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the textbook filter on a linear model),
-``LINEAR`` (holds the model for linear, so it need not follow any other) and ``MONTE_CARLO`` (results scatter with the
+``LINEAR`` (assumes a linear model, so it need not follow any other) and ``MONTE_CARLO`` (results scatter with the
 seed).
 
 A kernel may call any function that its file defines or imports by name, such as those that several estimators share;

@@ -9,7 +9,7 @@ kept. Two criteria follow from the pattern alone, both necessary for observabili
 After an excitation the couplings that it caused decay, but never become exactly zero. An entry therefore
 counts as zero when its magnitude is at most ``tolerance`` times the largest it has along the drive. Each
 entry is compared with itself, so that neither units nor the size of parameters matter, and an entry that is
-the same all along the drive never vanishes. ``docs/observability.md`` shows what hangs on this rule.
+the same all along the drive never vanishes. ``docs/observability.md`` shows what depends on this rule.
 """
 
 from __future__ import annotations
@@ -236,7 +236,7 @@ def _simulate(model: Model, p: Floats, u: Floats, profile: Profile) -> Floats:
         if not np.isfinite(x[k + 1]).all():
             raise UserError(
                 f"model '{model.name}' diverges at {profile.time[k + 1]:g} s of the drive; "
-                "check its parameters, or drive more gently"
+                "check its parameters, or choose a calmer drive"
             )
     return x
 

@@ -40,7 +40,7 @@ class Problem:
         innovations: The model with its filter; its values are where the search begins.
         drives: The recordings to fit, from ``innovations.drive``.
         free: Parameters to be found.
-        seed: Of whatever is random in the method.
+        seed: Of the method's random numbers.
     """
 
     innovations: Innovations
@@ -50,7 +50,7 @@ class Problem:
 
     @property
     def spec(self) -> ModelSpec:
-        """The model with its first values."""
+        """The model with its initial values."""
         return self.innovations.spec
 
 
@@ -102,14 +102,14 @@ class Fit:
 
     Attributes:
         method: Its name.
-        spec: The model with what was found; process and measurement noise are the first ones if it estimates none.
+        spec: The model with what was found; process and measurement noise are the initial ones if it estimates none.
         estimates: Parameters first, in the order asked for, then variances.
         correlation: Of the estimates ``(n, n)``; empty if the method states none.
-        objective: What was made small or large: its name.
-        before: Objective at the first values.
+        objective: Name of what was minimised or maximised.
+        before: Objective at the initial values.
         after: Objective at the values found.
         history: Objective at every iteration.
-        converged: Whether the method's own rule of convergence was met.
+        converged: Whether the method's convergence criterion was met.
         notes: Sentences for the report.
         further: Numbers of the method's own for ``identify.json``.
     """

@@ -202,7 +202,7 @@ class Coordinates:
 def parameter_coordinate(
     p: Parameter, row: int, value: float, prior: float = math.inf, scale: float = 1.0, drives: tuple[int, ...] = ()
 ) -> Coordinate:
-    """Return the coordinate of a parameter: its logarithm where it is positive and no moment.
+    """Return the coordinate of a parameter: its logarithm where it is positive and no time of change.
 
     Args:
         p: The parameter.

@@ -20,7 +20,7 @@ from harness.simulation.simulate import in_lanes
 
 @dataclass(frozen=True)
 class Point:
-    """What EM holds at an iteration.
+    """The estimates of EM at an iteration.
 
     Attributes:
         free: Free parameters, SI ``(free,)``.

@@ -20,7 +20,7 @@ _BEFORE, _AFTER = style.looks(["before", "after"]).values()
 
 
 def over_time(judged: Judged, outputs: list[str]) -> bytes:
-    """Return measured outputs and those of the model alone, one panel per output."""
+    """Return measured and simulated outputs, one panel per output."""
     panel = min(_PANEL, (style.TALLEST - 1.2) / len(outputs))
     with style.drawing():
         fig = style.figure(1.1 + panel * len(outputs))
@@ -36,16 +36,16 @@ def over_time(judged: Judged, outputs: list[str]) -> bytes:
             if seen.size:
                 reach = 1.5 * q.scale * max(float(np.abs(seen).max()), 1e-12)
                 low, high = axes.get_ylim()
-                axes.set_ylim(max(low, -reach), min(high, reach))  # a model that runs away must not hide the rest
+                axes.set_ylim(max(low, -reach), min(high, reach))  # a simulation that diverges must not hide the rest
             axes.set_ylabel(f"{q.words.replace(' ', chr(10), 1)}\n{style.in_unit(q.unit).strip()}")
             axes.grid(True)
         panels[-1].set_xlabel("time in s")
         handles = [
             Line2D([], [], color="#9a9a9a", lw=0.9, label="measured"),
-            Line2D([], [], color=_BEFORE.line, ls=_BEFORE.dashes, label="model alone, before"),
-            Line2D([], [], color=_AFTER.line, ls=_AFTER.dashes, label="model alone, after"),
+            Line2D([], [], color=_BEFORE.line, ls=_BEFORE.dashes, label="simulated before"),
+            Line2D([], [], color=_AFTER.line, ls=_AFTER.dashes, label="simulated after"),
         ]
-        style.head(fig, f"Does the model alone follow {judged.drive.name}?", handles)
+        style.head(fig, f"Does the simulation follow {judged.drive.name}?", handles)
         return style.svg(fig)
 
 
@@ -67,7 +67,7 @@ def periodograms(judged: list[Judged], outputs: list[str]) -> bytes:
                 for side in (-w.band, w.band):
                     axes.axhline(side, color=style.TRUTH, ls=":", lw=0.8)
             axes.set_xlim(0.0, 0.5)
-            axes.set_title(f"{j.drive.name}{', kept from the fit' if j.held_out else ''}", loc="left")
+            axes.set_title(f"{j.drive.name}{', held out' if j.held_out else ''}", loc="left")
             axes.set_ylabel("share of power\nless white")
         panels[-1].set_xlabel("frequency over sampling frequency")
         handles = [Line2D([], [], color=chosen[n].line, ls=chosen[n].dashes, label=words(n)) for n in outputs]
@@ -99,7 +99,7 @@ def profiles(fit: Fit) -> bytes:
                    label=words(e.name))
             for e in drawn
         ]  # fmt: skip
-        style.head(fig, "How sharply do the recordings tell each parameter?", handles)
+        style.head(fig, "How well do the recordings determine each parameter?", handles)
         return style.svg(fig)
 
 

@@ -1,4 +1,4 @@
-"""A model under a Kalman filter, over recordings: likelihood, innovations, their derivatives, and the model alone.
+"""A model under a Kalman filter, over recordings: likelihood, innovations, their derivatives, and the free run.
 
 Every filter that fits or judges a model is a variant of ``FilteredModel``: ``Innovations`` runs any estimator of Kalman
 type on the model at hand, ``harness.diagnosis.model.augmented_model.AugmentedModel`` the extended Kalman filter of a
@@ -126,7 +126,7 @@ class FilterRun:
 
 @dataclass(frozen=True)
 class FreeRun:
-    """The model alone over a recording.
+    """The free run of the model over a recording.
 
     Attributes:
         states: As long as they stay in the range in which the equations hold ``(until, nx)``.
@@ -175,7 +175,7 @@ class FilteredModel(ABC):
             drive: The recording.
             candidates: From ``Candidates.in_lanes``.
             total: Log-likelihood and first sample outside the limits, written ``(2, LANES)``.
-            notes: What ``kernels.keep_first_lane`` writes to.
+            notes: What ``time_loops.keep_first_lane`` writes to.
         """
 
     @property
@@ -245,7 +245,7 @@ class FilteredModel(ABC):
         return of_valid(total, drive)[: candidates.count]
 
     def _notes(self, samples: int) -> tuple[Floats, ...]:
-        """Return what ``kernels.keep_first_lane`` writes to; nothing is kept of no samples."""
+        """Return what ``time_loops.keep_first_lane`` writes to; nothing is kept of no samples."""
         ny = self.compiled.ny
         seen = [np.full((samples, ny), np.nan) for _ in range(3)]
         gain, state = np.zeros((samples, self.nx, ny)), np.zeros((samples, self.compiled.nx))
@@ -330,7 +330,7 @@ class FilteredModel(ABC):
         return np.concatenate(slopes, axis=2)[:, :, :n]
 
     def free_run(self, drive: Drive, values: Floats) -> FreeRun:
-        """Run the model alone over the inputs of a recording, with parameters ``(np,)``."""
+        """Run the model free over the inputs of a recording, with parameters ``(np,)``."""
         samples = len(drive.inputs)
         held = np.repeat(values[:, None], LANES, axis=1)
         states, outputs = (np.empty((samples, size, LANES)) for size in (self.compiled.nx, self.compiled.ny))

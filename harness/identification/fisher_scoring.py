@@ -50,7 +50,7 @@ class Found:
         z: The point ``(n,)``.
         value: Its value.
         information: Fisher information of the moved coordinates at the point before the last step.
-        predicted: Gain that a further step promises.
+        predicted: Predicted gain of a further step.
     """
 
     z: Floats
@@ -60,12 +60,12 @@ class Found:
 
     @property
     def converged(self) -> bool:
-        """Whether a further step promises next to nothing."""
+        """Whether the predicted gain of a further step is negligible."""
         return self.predicted < ENOUGH
 
 
 def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, enough: float = ENOUGH) -> Found:
-    """Climb from a point until a step promises less than ``enough``.
+    """Climb from a point until the predicted gain of a step is below ``enough``.
 
     Args:
         objective: What is maximised.

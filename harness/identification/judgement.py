@@ -1,4 +1,4 @@
-"""A model judged on recordings: how the model alone errs, how the filter errs by one step, what that leaves."""
+"""A model judged on recordings: simulation error, one-step prediction error, whiteness of the innovations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class DriveJudgement:
 
     Attributes:
         drive: The recording.
-        simulated: Outputs of the model alone over the inputs ``(samples, ny)``; NaN from where it left the range in
+        simulated: Outputs of the free run over the inputs ``(samples, ny)``; NaN from where it left the range in
             which the equations hold.
         simulation_error: Root mean square of measurement minus that ``(ny,)``.
         one_step_error: Root mean square of the innovations ``(ny,)``.
@@ -36,7 +36,7 @@ class DriveJudgement:
 
 
 def judged_on(model: FilteredModel, drives: Sequence[Drive], points: Each) -> tuple[DriveJudgement, ...]:
-    """Return what a model is worth on every recording.
+    """Judge a model on every recording.
 
     Args:
         model: The filter.

@@ -1,7 +1,7 @@
 """Identify a measured car as Sun 2015, section 3.3: table 3.3, figures 3.16 and 3.21.
 
 The published car, its cornering stiffnesses started from the slopes of its axle curves; the free parameters of the
-file are fitted to the drives it names and judged on those kept aside. Steering factor and offset (3.48) are
+file are fitted to the drives it names and judged on the held-out ones. Steering factor and offset (3.48) are
 parameters: ``steering_ratio`` and ``steering_offset``.
 """
 
@@ -78,7 +78,7 @@ def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None
 
 
 def _alone(innovations: Innovations, spec: ModelSpec, drive: Drive) -> Floats:
-    """Return the root mean square error of a model alone on a drive ``(ny,)``."""
+    """Return the root mean square simulation error of a model on a drive ``(ny,)``."""
     values = np.array([spec.values[n] for n in innovations.names])
     return rms(drive.measurements - innovations.free_run(drive, values).outputs)
 

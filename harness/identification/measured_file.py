@@ -1,4 +1,4 @@
-"""What a file about measured drives holds, whatever is done with them: a model, drives to fit, drives to judge on.
+"""What every file about measured drives holds: a model, drives to fit, held-out drives.
 
 ::
 
@@ -6,7 +6,7 @@
     recordings = "../../../shared/measured/genesis_g80"   # from this file; skipped where it is absent
     channels = "../channels/genesis_g80.toml"
     step = "20 ms"                                        # slower than the signals' own filters
-    bank_map = true                                       # the fitted drives teach the bank of the road
+    bank_map = true                                       # the bank of the road is estimated from the fitted drives
     free = ["yaw_inertia"]                                # parameters to fit; cornering stiffnesses if absent
 
     [model]                                               # as [plant] in a study
@@ -44,7 +44,7 @@ from harness.recordings.load import load_recording
 from harness.recordings.road_bank_map import with_bank
 
 SHORTEST = 20.0
-"""s; what shorter drives show is as much the first state as the vehicle."""
+"""s; shorter drives depend as much on the first state as on the vehicle."""
 
 FINEST = 0.01
 """s; longest integration step: errors of integration look like a lag of the steering."""
@@ -84,7 +84,7 @@ class SpanTable(Table):
 
     file: Name = Field(description="recording, from the folder of recordings")
     name: StrictStr = Field(default="", description="in reports; the name of the file if absent")
-    span: tuple[Quantity, Quantity] | None = Field(default=None, description="first and last moment; all if absent")
+    span: tuple[Quantity, Quantity] | None = Field(default=None, description="start and end time; all if absent")
 
 
 class MeasuredFile(Table):
@@ -98,7 +98,7 @@ class MeasuredFile(Table):
     free: list[Name] = Field(default_factory=list, description="parameters to fit; stiffnesses if absent")
     model: ModelTable = Field(description="the nominal model, as [plant] in a study")
     train: list[SpanTable] = Field(min_length=1, description="drives to fit")
-    test: list[SpanTable] = Field(min_length=1, description="drives to judge on")
+    test: list[SpanTable] = Field(min_length=1, description="held-out drives")
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,8 @@ class MeasuredStudy:
         Where a recording holds only the angle of the road wheels, it is that times the stated ratio.
 
         Raises:
-            UserError: If a recording cannot be read, a span is not in it or too short, or a fitted span is judged on.
+            UserError: If a recording cannot be read, a span is not in it or too short, or a span is both fitted and
+                held out.
         """
         wanted = self.spans()
         files = dict.fromkeys(s.file for spans in wanted.values() for s in spans)
@@ -172,7 +173,7 @@ class MeasuredStudy:
                 start, stop = self._ends(span, whole[span.file], where)
                 for other, file, first, last in taken:
                     if file == span.file and first < stop and start < last:
-                        raise UserError(f"{where}.span: overlaps {other}; keep every drive for one purpose")
+                        raise UserError(f"{where}.span: overlaps {other}; use every drive for one purpose only")
                 taken.append((f"{key}[{i}]", span.file, start, stop))
                 found[key].append(_cut(whole[span.file], start, stop, span))
         ratio = self.nominal().values.get("steering_ratio", 1.0)
@@ -195,11 +196,13 @@ class MeasuredStudy:
         return fitted_parameters(self.nominal(), self.raw.free, f"{self.path}: free")
 
     def _with_bank(self, whole: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-        """Return the recordings with the bank of the road; those that are fitted teach it, as a whole."""
+        """Return the recordings with the bank of the road; it is estimated from the fitted ones."""
         fitted = list(dict.fromkeys(s.file for s in self.raw.train))
         both = [s.file for s in self.raw.test if s.file in fitted]
         if both:
-            raise UserError(f"{self.path}: bank_map: '{both[0]}' is fitted, so it teaches the road; judge on another")
+            raise UserError(
+                f"{self.path}: bank_map: '{both[0]}' is fitted, so the map is estimated from it; hold out another one"
+            )
         others = [f for f in whole if f not in fitted]
         banked = with_bank([whole[f] for f in fitted], [whole[f] for f in others])
         return dict(zip([*fitted, *others], banked, strict=True))
@@ -216,7 +219,7 @@ class MeasuredStudy:
         if not 0.0 <= start < stop <= last:
             raise UserError(f"{where}.span: {start:g} to {stop:g} s; '{span.file}' runs from 0 to {last:.1f} s")
         if stop - start < SHORTEST:
-            raise UserError(f"{where}.span: {stop - start:.1f} s decide nothing; take at least {SHORTEST:g} s")
+            raise UserError(f"{where}.span: {stop - start:.1f} s are too short; take at least {SHORTEST:g} s")
         return start, stop
 
 
@@ -234,6 +237,6 @@ def _steered(recording: xr.Dataset, ratio: float) -> xr.Dataset:
 
 
 def names_of(recordings: Sequence[xr.Dataset]) -> list[str]:
-    """Return the names of drives; spans of one recording are told apart by number."""
+    """Return the names of drives; spans of one recording are numbered."""
     given = [str(r.attrs["name"]) for r in recordings]
     return [f"{n} ({given[: i + 1].count(n)})" if given.count(n) > 1 else n for i, n in enumerate(given)]

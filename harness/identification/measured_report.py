@@ -28,7 +28,7 @@ class Identified:
         published: The car as published.
         fit: What was found; it began at the published car with the slopes of ``axles_before``.
         judged: Every drive at the first and at the found values.
-        published_error: Root mean square error of the published model alone on each of these drives ``(ny,)``.
+        published_error: Simulation error of the published model on each of these drives, root mean square ``(ny,)``.
         axles_before: Axle curves of the fitted drives by the published car.
         axles_after: The same by the car found, with the lines of the stiffnesses found.
     """
@@ -53,7 +53,7 @@ def document(found: Identified, title: str, spans: Mapping[str, Sequence[SpanTab
     evidence = [
         Section(lambda: [_errors(found)], "How large are the errors of each model?"),
         Section(lambda: [Prose(plain(_steering(found)))], "How is the steering calibrated?"),
-        Section(lambda: [spans_sheet({"fitted": spans["train"], "kept": spans["test"]})], "Which drives?"),
+        Section(lambda: [spans_sheet({"fitted": spans["train"], "held out": spans["test"]})], "Which drives?"),
         Section(lambda: _stiffness(found), "Where does the search begin, and where does it end?"),
     ]
     return fit_document(found.fit, list(found.judged), command, title, evidence)
@@ -63,26 +63,28 @@ def _stiffness(found: Identified) -> list[Block]:
     return [
         Heading("Where does the search begin, and where does it end?"),
         Prose(plain(_slopes(found))),
-        check_figures.axles(found.axles_before, title="How stiff are the axles, by the published car?"),
-        check_figures.axles(found.axles_after, "stiffness found", "How stiff are the axles, by the car found?"),
+        check_figures.axles(found.axles_before, title="How stiff are the axles with the published parameters?"),
+        check_figures.axles(
+            found.axles_after, "identified stiffness", "How stiff are the axles with the identified parameters?"
+        ),
     ]
 
 
 def _errors(found: Identified) -> Sheet:
-    """Return table 3.3 with the fitted drives beside those kept."""
+    """Return table 3.3 with the fitted and the held-out drives."""
     rows = []
     outputs = list(found.published.model().outputs)
     for judged, published in zip(found.judged, found.published_error, strict=True):
         for a, name in enumerate(outputs):
             q = quantity(name)
             errors = (published[a], *judged.free_error[:, a])
-            role = "kept" if judged.held_out else "fitted"
+            role = "held out" if judged.held_out else "fitted"
             rows.append([judged.drive.name, role, q.words, q.unit, *(style.number(q.scale * e) for e in errors)])
     header = ["drive", "role", "output", "unit", "published", "from slopes", "identified"]
     caption = (
-        "Root mean square of measurement minus the model alone, which sees no measurement after the first sample "
-        "(table 3.3 of Sun): as published, with the stiffnesses that the search starts from, and as identified. "
-        "A model that leaves the range in which its equations hold counts up to then."
+        "Simulation error, root mean square of measurement minus free run (table 3.3 of Sun): as published, with the "
+        "initial stiffnesses of the search, and as identified. "
+        "A free run that leaves the range in which the equations hold counts up to then."
     )
     return Sheet(header, rows, caption, left=4)
 
@@ -94,8 +96,8 @@ def _steering(found: Identified) -> str:
     offset = math.degrees(values.get("steering_offset", 0.0))
     return (
         f"Steering: the road wheels turn {style.number(factor)} times the recorded angle (steering ratio "
-        f"{style.number(stated['steering_ratio'])} as stated, {style.number(values['steering_ratio'])} as found) plus "
-        f"{style.number(offset)}°."
+        f"{style.number(stated['steering_ratio'])} as stated, {style.number(values['steering_ratio'])} identified) "
+        f"plus {style.number(offset)}°."
     )
 
 

@@ -1,4 +1,4 @@
-"""The report of a fit: what the recordings determine, how well the model follows them, what is left over."""
+"""The report of a fit: what the recordings determine, the simulation error, and the whiteness of the innovations."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def document(
         Section(lambda: _answer(fit), "What was found?"),
         *(_gains(fit, judged) if evidence is None else evidence),
         Section(lambda: _parameters(fit), "Which values?"),
-        Section(lambda: _over_time(fit, judged), "Does the model alone follow the drives?"),
+        Section(lambda: _over_time(fit, judged), "Does the simulation follow the drives?"),
         Section(lambda: _errors(fit, judged), "How large are the errors?"),
-        Section(lambda: _residuals(fit, judged), "Is anything left that could be predicted?"),
-        Section(lambda: _certainty(fit), "Which estimates hang together?"),
+        Section(lambda: _residuals(fit, judged), "Are the innovations white?"),
+        Section(lambda: _certainty(fit), "Which estimates are correlated?"),
         Section(lambda: _made(fit, command), "How was it made?"),
     ]
     return Document(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
@@ -84,20 +84,20 @@ def _answer(fit: Fit) -> list[Block]:
 
 
 def _gains(fit: Fit, judged: list[Judged]) -> list[Block]:
-    return [Section(lambda: [Bullets([plain(_gain(j, fit)) for j in judged])], "How near does the model come?")]
+    return [Section(lambda: [Bullets([plain(_gain(j, fit)) for j in judged])], "How large is the simulation error?")]
 
 
 def _gain(judged: Judged, fit: Fit) -> str:
-    """Say how much nearer the model alone comes to a recording."""
+    """Say how the simulation error of a recording changes."""
     outputs = list(fit.spec.model().outputs)
     ratio = judged.free_error[1] / judged.free_error[0]
     known = np.flatnonzero(np.isfinite(ratio))
-    role = "kept from the fit" if judged.held_out else "fitted"
+    role = "held out" if judged.held_out else "fitted"
     if not known.size:
-        return f"{judged.drive.name} ({role}): the model alone leaves the range in which its equations hold."
+        return f"{judged.drive.name} ({role}): the free run leaves the range in which the equations hold."
     before, after = judged.free_error
     parts = [f"{words(outputs[a])} {_shown(outputs[a], before[a])} to {_shown(outputs[a], after[a])}" for a in known]
-    return f"{judged.drive.name} ({role}): free-running error {', '.join(parts)}."
+    return f"{judged.drive.name} ({role}): simulation error {', '.join(parts)}."
 
 
 def _shown(name: str, value: float) -> str:
@@ -147,15 +147,20 @@ def _sheet(estimates: list[Estimate], caption: str) -> Sheet:
 def _over_time(fit: Fit, judged: list[Judged]) -> list[Block]:
     outputs = list(fit.spec.model().outputs)
     blocks: list[Block] = [
-        Heading("Does the model alone follow the drives?"),
-        Prose(plain("The model runs over the recorded inputs without seeing any measurement after the first sample.")),
+        Heading("Does the simulation follow the drives?"),
+        Prose(
+            plain(
+                "Free run: the model is simulated over the recorded inputs, without measurements after the first "
+                "sample."
+            )
+        ),
     ]
     for j in judged:
-        role = "kept from the fit" if j.held_out else "fitted"
+        role = "held out" if j.held_out else "fitted"
         blocks.append(
             Drawing(
                 partial(figures.over_time, j, outputs),
-                f"{j.drive.name} ({role}): measured, and the model alone before and after the fit.",
+                f"{j.drive.name} ({role}): measured, and simulated before and after the fit.",
                 f"Outputs over time of {j.drive.name}: measured and simulated before and after the fit.",
             )
         )
@@ -168,12 +173,12 @@ def _errors(fit: Fit, judged: list[Judged]) -> list[Block]:
         for a, name in enumerate(fit.spec.model().outputs):
             q = quantity(name)
             errors = [*j.free_error[:, a], *j.one_step_error[:, a]]
-            role = "kept" if j.held_out else "fitted"
+            role = "held out" if j.held_out else "fitted"
             rows.append([j.drive.name, role, q.words, q.unit, *(style.number(q.scale * e) for e in errors)])
-    header = ["drive", "role", "output", "unit", "alone before", "after", "one step before", "after"]
+    header = ["drive", "role", "output", "unit", "simulation before", "after", "one step before", "after"]
     caption = (
-        "Root mean square errors: of the model alone, and of the filter's prediction of the next sample. A dash: the "
-        "model left the range in which its equations hold at once."
+        "Root mean square of the simulation error (free run) and of the filter's one-step prediction error. A dash: "
+        "the free run left the range in which the equations hold at once."
     )
     return [Sheet(header, rows, caption, left=4)]
 
@@ -197,19 +202,19 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
             if min(w.ljung_box, w.periodogram) < _WHITE:
                 coloured.append(f"{words(name)} of {j.drive.name}")
     said = (
-        "No: every output is as white as noise."
+        "Yes: no test rejects it."
         if not coloured
-        else f"Yes, in {', '.join(coloured)}: the model leaves something there that it could have predicted."
+        else f"No: those of {', '.join(coloured)} are coloured, so the model leaves something predictable."
     )
     header = ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"]
-    caption = "Whitened innovations; of the right model they have the variance 1 and are white (large p)."
+    caption = "Whitened innovations; those of a correct model are white (large p) with variance 1."
     return [
-        Heading("Is anything left that could be predicted?"),
+        Heading("Are the innovations white?"),
         Prose(strong(said)),
         Drawing(
             lambda: figures.periodograms(judged, outputs),
             "Cumulative periodogram of the whitened innovations less that of white noise, which stays between the "
-            "dotted lines 95 times of 100.",
+            "dotted lines in 95 of 100 cases.",
             "Share of power below each frequency less that of white noise, for each output, with the 95 % band.",
         ),
         Sheet(header, rows, caption, left=2),
@@ -220,11 +225,11 @@ def _certainty(fit: Fit) -> list[Block]:
     if not fit.correlation.size:
         return []
     caption = (
-        "Correlation of the estimates. A pair near 1 or -1 is confounded: the recordings tell one combination of the "
-        "two and not each."
+        "Correlation of the estimates. A pair near 1 or -1 is confounded: the recordings determine one combination of "
+        "the two, not each."
     )
     matrix = Drawing(lambda: figures.correlation(fit), caption, "Matrix of correlations between the estimates.")
-    return [Heading("Which estimates hang together?"), matrix]
+    return [Heading("Which estimates are correlated?"), matrix]
 
 
 def _made(fit: Fit, command: str) -> list[Block]:

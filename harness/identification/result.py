@@ -26,7 +26,7 @@ class Judged:
     """One recording against the model before and after the fit.
 
     Attributes:
-        held_out: Whether it was kept from the fit.
+        held_out: Whether it was not fitted.
         before: The model before the fit.
         after: The model after it.
     """
@@ -42,7 +42,7 @@ class Judged:
 
     @property
     def free(self) -> Floats:
-        """Outputs of the model alone over the inputs, before and after ``(2, samples, ny)``."""
+        """Simulated outputs over the inputs, before and after ``(2, samples, ny)``."""
         return np.array([self.before.simulated, self.after.simulated])
 
     @property
@@ -67,7 +67,7 @@ class Judged:
 
 
 def judge(problem: Problem, fit: Fit, held_out: tuple[Drive, ...] = ()) -> list[Judged]:
-    """Return what the fit is worth on the recordings it saw and on those it did not see."""
+    """Judge the fit on the fitted and on the held-out recordings."""
     innovations, found = problem.innovations, []
     for drives, kept_aside in ((problem.drives, False), (held_out, True)):
         before, after = (judged_on(innovations, drives, Candidates.of(s)) for s in (innovations.spec, fit.spec))

@@ -92,7 +92,7 @@ class Free:
     def end_at(self, value: float) -> str:
         """Return at which end of the search range a value lies, ``lower`` or ``upper``, else nothing.
 
-        The range may span decades, so how near the lower end is near goes by its magnitude.
+        The range may span decades, so the tolerance at the lower end is relative to its magnitude.
         """
         width = self.upper - self.lower
         if value - self.lower <= AT_END * min(width, abs(self.lower) or width):

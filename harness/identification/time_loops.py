@@ -174,7 +174,7 @@ def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
 
 
 def follow(u, between, y, constants, x0, gain, whitening, slopes):
-    """Run the mean alone, with the gains and the whitening of an earlier pass; over dual numbers only.
+    """Run the mean alone, with the gains and the whitening of an earlier run; over dual numbers only.
 
     Args:
         u: Inputs ``(samples, nu)``.
@@ -214,7 +214,7 @@ def follow(u, between, y, constants, x0, gain, whitening, slopes):
 
 
 def run_free(u, between, constants, x0, limits, states, outputs, left_at):
-    """Run the model alone over the inputs of a recording, without noise and without measurements.
+    """Run the model free over the inputs of a recording, without noise and without measurements.
 
     Args:
         u: Inputs ``(samples, nu)``.

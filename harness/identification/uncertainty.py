@@ -78,7 +78,7 @@ def covariance_of(information: Floats, singular: float = _SINGULAR, dropped: boo
         information: Fisher information, with that of the priors ``(n, n)``.
         singular: Share of the largest eigenvalue below which a direction counts as empty.
         dropped: Whether empty directions are left out of the inverse (the pseudo-inverse, to solve with); otherwise
-            they count as known that badly, so that it tells how estimates hang together.
+            they count as known that badly, so that it shows how estimates are correlated.
     """
     scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -127,7 +127,7 @@ def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> K
 
 @dataclass(frozen=True)
 class Summit:
-    """Where a likelihood is largest, and what is known of it there.
+    """The maximum of a likelihood, and what is known there.
 
     Attributes:
         space: The coordinates.
@@ -275,7 +275,7 @@ def _judge(
     c = space.coordinates[i]
     if knowledge.side[i]:
         which, bound = ("lower", c.lower) if knowledge.side[i] < 0 else ("upper", c.upper)
-        more = "the noise is as good as absent" if c.kind != "parameter" else "the true value may lie beyond it"
+        more = "the noise is practically zero" if c.kind != "parameter" else "the true value may lie beyond it"
         return "at its bound", f"at its {which} bound {c.value(bound):.4g}; {more}"
     measured = zip(space.coordinates, knowledge.side, strict=True)
     silent = [m.name.split()[-1] for m, side in measured if m.kind == "measurement" and side < 0]
@@ -287,7 +287,7 @@ def _judge(
     partners = _partners(space, knowledge, i)
     within = "" if not partners else f"; confounded with {partners}"
     if math.isinf(knowledge.error[i]) or not half < BARELY:
-        reason = "these drives do not tell it" if not partners else "these drives do not tell it by itself"
+        reason = "these drives do not determine it" if not partners else "these drives do not determine it alone"
         return "not determined", reason + within
     if half < WELL:
         return "determined", _width(c, z, lower, upper) + within

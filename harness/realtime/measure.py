@@ -176,7 +176,7 @@ def measure(
     return xr.Dataset(
         {
             "step_time": (("pace", "estimator", "time"), taken[:, :-1] - overhead, {"units": "s"}),
-            "clock": (("pace", "time"), taken[:, -1], {"units": "s", "long_name": "between two looks at the clock"}),
+            "clock": (("pace", "time"), taken[:, -1], {"units": "s", "long_name": "between two readings of the clock"}),
             "interrupted": (("estimator", "time"), interrupted, {"long_name": "core taken away around the step"}),
         },
         coords={
@@ -205,7 +205,7 @@ def _every_cycle(field: Sequence[Contestant], samples: int, cycle: float, taken:
 
 def _refuse_divergence(name: str, contestant: Contestant) -> None:
     if not np.all(np.isfinite(contestant.mean)):
-        raise UserError(f"estimator '{name}' diverges on this drive, so its time means nothing; choose another one")
+        raise UserError(f"estimator '{name}' diverges on this drive, so its time is meaningless; choose another drive")
 
 
 def _switches() -> int:

@@ -243,10 +243,10 @@ def _meaning(outcome: xr.Dataset) -> Sequence[str]:
         "Once per cycle, all estimators take the same sample, each in a slot of its own, in an order drawn anew; the "
         "rest of the cycle is slept away. Other work of the machine empties the caches meanwhile, as other tasks of a "
         f"controller would. Without a pause, estimators take turns of {TURN} steps. Those ratios compare arithmetic, "
-        "those per cycle what this machine makes of it.",
-        f"The clock is read in compiled code directly before and after a step. Two looks without a step between take "
-        f"{1e9 * clock[_WARM]:.0f} ns without a pause and {1e9 * clock[_CYCLE]:.0f} ns per cycle in the median, which "
-        "is subtracted. Compilation, reading of signals and writing of results are not part of a step.",
+        "those per cycle include the effects of this machine.",
+        "The clock is read in compiled code directly before and after a step. Two readings without a step between "
+        f"take {1e9 * clock[_WARM]:.0f} ns without a pause and {1e9 * clock[_CYCLE]:.0f} ns per cycle in the median, "
+        "which is subtracted. Compilation, reading of signals and writing of results are not part of a step.",
         "The dissertation ran generated C code on an ETAS ES910 prototyping module and gives mean loads of "
         f"{', '.join(f'{load} % ({kind.upper()})' for kind, load in PUBLISHED.items())} of a cycle of 10 ms. Its times "
         "cannot be compared with those of this machine; its ratios can, with two reservations: here the Jacobians are "

@@ -7,7 +7,7 @@ from harness.realtime.clock import nanoseconds
 
 
 def timed_steps(before, u, y, belief, work, after, info, ticks):
-    """Take samples one after the other, each between two looks at the clock.
+    """Take samples one after the other, each between two readings of the clock.
 
     All arrays come from outside: the compiler must take it that the call of the clock sees them, so it can move
     neither a load nor a store of a step past it.
@@ -30,7 +30,7 @@ def timed_steps(before, u, y, belief, work, after, info, ticks):
 
 
 def timed_nothing(ticks):
-    """Look at the clock twice, as around a step."""
+    """Read the clock twice, as around a step."""
     for k in range(ticks.shape[0]):
         ticks[k, 0] = nanoseconds()
         ticks[k, 1] = nanoseconds()

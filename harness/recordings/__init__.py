@@ -1,8 +1,8 @@
 """Measured drives: ``load_recording`` turns a file and a channel map into the recording that a simulation writes.
 
-The parts: ``channel_map`` reads the map, ``raw`` finds the channels, ``samples`` tells what is odd about them,
-``resample`` brings them onto one time base, ``move`` to one reference point, ``derive`` computes what is not measured,
-``relations`` and ``consistency`` compare what must agree, ``axles`` prepares the tyre curve, ``check`` reports.
+The parts: ``channel_map`` reads the map, ``channels`` finds the channels, ``clock`` checks their samples, ``resample``
+brings them onto one time base, ``lever_arm`` to one reference point, ``derived_signals`` computes what is not measured,
+``redundancy`` and ``consistency`` compare what must agree, ``axle_curves`` prepares the tyre curve, ``check`` reports.
 """
 
 from __future__ import annotations

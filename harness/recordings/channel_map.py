@@ -57,16 +57,18 @@ class ChannelTable(Table):
 
     channel: Name = Field(description="column of the file")
     unit: StrictStr = Field(description="unit of the channel (of the curve's values where there is a curve)")
-    sign: Literal[1, -1] = Field(default=1, description="-1 turns the channel round")
+    sign: Literal[1, -1] = Field(default=1, description="-1 reverses the sign of the channel")
     factor: Number = Field(default=1.0, description="calibration factor on the channel")
     offset: Quantity = Field(default=0.0, description="added last; SI or text with a unit")
     delay: Quantity = Field(default=0.0, description='how late the channel is, or "estimate"')
     point: Name | None = Field(default=None, description="where it is measured: a table [points.<name>]")
     curve: CurveTable | None = Field(default=None, description="calibration curve, applied before all else")
     lag: Quantity = Field(default=0.0, description="time constant from the recorded command to the signal")
-    hold: StrictBool = Field(default=False, description="the value stands until the next update, as a command does")
-    remove_spikes: StrictBool = Field(default=False, description="take single samples that jump out for missing")
-    includes_gravity: StrictBool = Field(default=False, description="an accelerometer feels the bank and the roll")
+    hold: StrictBool = Field(default=False, description="the value is held until the next update, as that of a command")
+    remove_spikes: StrictBool = Field(default=False, description="treat single-sample spikes as missing")
+    includes_gravity: StrictBool = Field(
+        default=False, description="the acceleration includes gravity through bank and roll"
+    )
 
 
 class PointTable(Table):
@@ -122,9 +124,9 @@ class Channel:
         point: Name of the point where it is measured; empty for the reference point.
         curve: Two rows, channel and value, or None.
         lag: Time constant in s of a first-order lag behind the channel.
-        hold: Whether a value stands until the next one.
-        remove_spikes: Whether single samples that jump out are taken for missing.
-        includes_gravity: Whether an accelerometer feels gravity through bank and roll.
+        hold: Whether a value is held until the next one.
+        remove_spikes: Whether single-sample spikes are treated as missing.
+        includes_gravity: Whether an accelerometer measures gravity through bank and roll.
         where: File and key, for errors.
     """
 

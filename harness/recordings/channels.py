@@ -1,4 +1,4 @@
-"""From the columns of a file to one channel per signal: SI units, its own instants, what was odd about it."""
+"""From the columns of a file to one channel per signal: SI units, its own instants, its irregularities."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Raw:
         held: Rows of the file that one sample stands for (1: nothing is repeated).
         gaps: Stretches without samples longer than that, start and end in s.
         missing: Rows of the file without a value.
-        spikes: Instants in s of single samples that jump out.
+        spikes: Instants in s of single-sample spikes.
     """
 
     channel: Channel
@@ -162,7 +162,7 @@ def _in_si(values: Floats, channel: Channel) -> Floats:
             worst = values[outside][np.abs(values[outside]).argmax()]
             raise UserError(
                 f"{channel.where}.curve: the channel reaches {worst:g}, the curve goes from {known[0]:g} to "
-                f"{known[-1]:g}; continue the curve"
+                f"{known[-1]:g}; extend the curve"
             )
         values = np.asarray(PchipInterpolator(known, given)(values))
     values = channel.scale * values + channel.offset

@@ -47,7 +47,7 @@ class Findings:
 
     @property
     def warnings(self) -> list[str]:
-        """Everything that needs the user's eye, with the evidence."""
+        """All irregularities, with the evidence."""
         return [*self.recording.attrs["warnings"], *(finding for fit in self.fits for finding in fit.findings)]
 
 
@@ -155,7 +155,7 @@ def print_findings(findings: Findings, console: Console) -> None:
     for warning in findings.warnings:
         console.print(Text(f"warning: {warning}", style="yellow"), soft_wrap=True)
     if not findings.warnings:
-        console.print(Text("nothing odd was found", style="green"))
+        console.print(Text("no irregularity was found", style="green"))
 
 
 def _axle_sentence(axle: Axle) -> str:
@@ -194,7 +194,10 @@ def _found(findings: Findings) -> list[Block]:
     read = Prose(plain(f"{attrs['file']}: {_overview(findings.recording)}.") + (plain(f" {attrs['source']}")))
     if warnings:
         return [read, Bullets([plain(w) for w in warnings])]
-    return [read, Prose(plain("Nothing odd was found: no gaps, spikes or repeated samples, and the signals agree."))]
+    return [
+        read,
+        Prose(plain("No irregularity was found: no gaps, spikes or repeated samples, and the signals agree.")),
+    ]
 
 
 def _agreement(findings: Findings) -> list[Block]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _PER_FIGURE = 6
 _TALLEST = 4.7
-"""Inches of the panels that are to stand on the first page, below the findings."""
+"""Inches of the panels on the first page, below the findings."""
 _POINTS = 1500
 _EXCERPT = 30.0
 """s of a comparison that are shown: those with most going on."""
@@ -72,7 +72,7 @@ def _shade_gaps(axes: Axes, time: Floats, values: Floats) -> bool:
 
 
 def _envelope(time: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return a line of few points that looks as the whole: smallest and largest value of each short stretch."""
+    """Return a line of few points that looks as the full one: smallest and largest value of each short stretch."""
     width = len(values) // (_POINTS // 2)
     if width < 2:
         return time, values
@@ -86,7 +86,7 @@ def _envelope(time: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 def agreement(fits: Sequence[Fit]) -> list[Picture]:
-    """Draw both sides of each exact comparison over its liveliest half minute."""
+    """Draw both sides of each exact comparison over its half minute of largest variance."""
     exact = [fit for fit in fits if fit.relation.exact]
     chunks = [exact[k : k + _PER_FIGURE] for k in range(0, len(exact), _PER_FIGURE)]
     return [_agreement(chunk) for chunk in chunks]

@@ -1,4 +1,4 @@
-"""What single channels tell about themselves: clocks that jump, samples that are only repeated, spikes."""
+"""Checks of single channels: clocks that jump, repeated samples, spikes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 
 _OUT_OF_ORDER = 0.01
-"""Share of the stamps that may stand still or jump back; with more of them the clock is no clock."""
+"""Share of the stamps that may stand still or jump back; with more of them the clock is unusable."""
 _SPIKE = 12.0
 """A spike leaves the median of its neighbourhood by this many robust standard deviations of what is usual."""
 
@@ -42,7 +42,7 @@ def check_clock(time: Floats, where: str) -> Clock:
         where: File and column, for messages.
 
     Raises:
-        UserError: If fewer than two rows are left, or so many stamps repeat or jump back that the clock is none.
+        UserError: If fewer than two rows are left, or too many stamps repeat or jump back.
     """
     finite = np.isfinite(time)
     latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
@@ -94,7 +94,7 @@ def updates(values: Floats) -> tuple[Mask, int]:
 
 
 def spikes(values: Floats) -> Mask:
-    """Return the single samples that jump out of their neighbourhood and back.
+    """Return the single-sample spikes.
 
     A sample is a spike if it leaves the median of five by twelve robust standard deviations of what the
     channel's samples usually do, and if it stands out by far more than its neighbours differ.

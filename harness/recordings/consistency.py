@@ -26,7 +26,7 @@ _LONGEST_DELAY = 0.5
 _MEMORY = 1.0
 """s over which the residual is taken to be correlated."""
 _RELATED = 0.5
-"""Least share of the variance that must be explained before slope and delay say anything."""
+"""Least share of the variance that must be explained for slope and delay to be meaningful."""
 _SURE = 4.0
 """Standard errors beyond which a deviation is reported."""
 _SAME = 1e-9

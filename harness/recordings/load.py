@@ -1,4 +1,4 @@
-"""The door for measured drives: file and channel map in, one recording on one time base out."""
+"""The entry point of measured drives: file and channel map in, one recording on one time base out."""
 
 from __future__ import annotations
 
@@ -226,7 +226,7 @@ def _about(raw: Raw, delay: float, spread: float, mapping: ChannelMap) -> dict[s
 
 
 def _warnings(raw: Raw, start: float) -> list[str]:
-    """Say what is odd about a channel, with the evidence."""
+    """Return the irregularities of a channel, with the evidence."""
     channel, found = raw.channel, []
     where = channel.signal
     if raw.gaps:
@@ -236,16 +236,16 @@ def _warnings(raw: Raw, start: float) -> list[str]:
             f"t = {a - start:.2f} s; they stay missing"
         )
     if len(raw.spikes):
-        done = "taken for missing" if channel.remove_spikes else "kept; remove_spikes = true takes them for missing"
+        done = "treated as missing" if channel.remove_spikes else "kept; remove_spikes = true treats them as missing"
         times = ", ".join(f"{t - start:.2f}" for t in raw.spikes[:3])
-        found.append(f"{where}: single samples that jump out and back: {len(raw.spikes)} (t = {times} s); {done}")
+        found.append(f"{where}: single-sample spikes: {len(raw.spikes)} (t = {times} s); {done}")
     if raw.held > 1:
         found.append(f"{where}: {raw.held} rows repeat each sample; only the first of them counts as measured")
     return found
 
 
 def _unknown_points(mapping: ChannelMap) -> list[str]:
-    """Say which signals could not be moved because nobody knows where they were measured."""
+    """Say which signals could not be moved because it is unknown where they were measured."""
     found = []
     for name, point in mapping.points.items():
         here = [c.signal for c in mapping.channels if c.point == name]

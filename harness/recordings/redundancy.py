@@ -1,7 +1,7 @@
 """What must agree in a recording, whatever the vehicle: the kinematics between its signals.
 
 Each relation computes a measured signal from others. ``exact`` relations hold for any rigid body, so that slope 1 and
-delay 0 are expected; the others hold for calm driving, and tell no more than a wrong sign or unit.
+delay 0 are expected; the others hold for calm driving, and show no more than a wrong sign or unit.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def onto_grid(time: Floats, values: Floats, grid: Floats, largest_gap: float, ho
         values: Samples, all finite.
         grid: Equidistant instants in s.
         largest_gap: Longest time in s between samples that is bridged.
-        hold: Whether each value stands until the next sample, as a command does.
+        hold: Whether each value is held until the next sample, as that of a command.
 
     Returns:
         Values on the grid; NaN in gaps and more than half a step of the grid beyond the ends.
@@ -69,7 +69,7 @@ def updated_on_grid(time: Floats, grid: Floats) -> Mask:
 
 
 def first_order_lag(values: Floats, step: float, time_constant: float) -> Floats:
-    """Return what a first-order lag makes of values that stand from sample to sample (exact for held values).
+    """Return the response of a first-order lag to values that are held from sample to sample (exact).
 
     The lag starts settled, and again settled after a gap.
     """

@@ -1,13 +1,13 @@
-"""A map of the bank of the road over the driven path, so that one lap teaches the next.
+"""A map of the bank of the road over the driven path, estimated on some laps and used on others.
 
-An accelerometer feels the bank, the velocities do not: with the bank ``phi`` positive where the left side is higher,
+An accelerometer measures the bank, the velocities do not: with the bank ``phi`` positive where the left side is higher,
 
     a_m - (dv_y/dt + v_x r) = b + k a_y + x dr/dt + g sin(phi),   a_y = dv_y/dt + v_x r
 
-where ``b`` is its bias, ``k`` the lean of the body (or an error of its gain) and ``x`` its lever arm. The bank belongs
-to the place, the others to the car: laps at different speeds tell them apart. ``k`` and ``x`` are what is common to all
-passages once the mean of each place is taken away (the within estimator of panel data; Wooldridge 2010, 10.5). The mean
-over the path is no bank but bias, as far as this can tell, and is left out.
+where ``b`` is its bias, ``k`` the roll gain of the body (or an error of the sensor's gain) and ``x`` its lever arm. The
+bank belongs to the place, the others to the car: laps at different speeds tell them apart. ``k`` and ``x`` are what is
+common to all passages once the mean of each place is taken away (the within estimator of panel data; Wooldridge 2010,
+10.5). The mean over the path is no bank but bias, as far as this can tell, and is left out.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class BankMap:
 
 @dataclass(frozen=True)
 class _Passages:
-    """What some drives felt on a road.
+    """What some drives measured on a road.
 
     Attributes:
         path: Its places ``(places, 4)``.
@@ -91,7 +91,7 @@ class _Passages:
     drives: tuple[Floats, ...]
 
     def slopes(self) -> Floats:
-        """Return the lean of the car and the lever arm of its accelerometer: within each place, over all drives."""
+        """Return the roll gain of the car and the lever arm of its accelerometer: within each place, all drives."""
         place, felt, *car = np.concatenate(self.drives).T
         _, place = np.unique(place.astype(int), return_inverse=True)
         count = np.bincount(place)
@@ -109,15 +109,18 @@ class _Passages:
 def with_bank(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> list[xr.Dataset]:
     """Return all drives with the signal ``bank_angle``.
 
-    No drive gets the bank that it felt itself: a held-out drive gets that of the fitted ones, a fitted one that of the
-    other fitted ones. Lean and lever arm are of the car and not of the place; all fitted drives tell them, because two
-    laps at one speed alone could not.
+    No drive gets a bank estimated from itself: a held-out drive gets that of the fitted ones, a fitted one that of the
+    other fitted ones. Roll gain and lever arm belong to the car and not to the place; they are estimated from all
+    fitted drives, because two laps at one speed do not determine them.
 
     Raises:
         UserError: If fewer than two drives are fitted, a drive lacks a signal, never moves, or does not fit the map.
     """
     if len(fitted) < 2:
-        raise UserError("bank_map: a road is mapped by at least two fitted drives, for no drive may teach itself")
+        raise UserError(
+            "bank_map: a road is mapped by at least two fitted drives, because no drive may use a bank estimated from "
+            "itself"
+        )
     passages = _passages(fitted)
     slopes = passages.slopes()
     whole = passages.bank(slopes)

@@ -71,11 +71,11 @@ class Listing:
 
 @dataclass(frozen=True)
 class Section:
-    """Blocks that are made when the report is written; if that fails a sentence stands for them, and the rest stands.
+    """Blocks that are made when the report is written; if that fails a sentence replaces them, and the rest is kept.
 
     Attributes:
         make: Returns the blocks, sections among them.
-        title: Heading that then stands above the sentence, as it would have above the blocks.
+        title: Heading of the sentence, as of the blocks.
     """
 
     make: Callable[[], Iterable[Block]]
@@ -84,7 +84,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure that is drawn when the report is written; if that fails a sentence stands for it.
+    """A figure that is drawn when the report is written; if that fails a sentence replaces it.
 
     Attributes:
         draw: Returns the figure as SVG.

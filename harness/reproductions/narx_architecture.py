@@ -41,7 +41,7 @@ from harness.reporting.document import (
 from harness.reproductions import narx_figures
 
 MOST = 32
-"""Neurons in all."""
+"""Neurons in total."""
 
 SPREAD = (2, 4)
 """Layers and neurons per layer of the architecture whose scatter is shown (Bild 5.4)."""
@@ -115,18 +115,19 @@ def document(indices, found, plan: Plan, restarts: int, spread: int, command: st
     blocks: list[Block] = [
         Prose(
             plain(
-                f"Running free, the network of {_words(second)} errs least: NRMSE {tuned[second]:.2e}, summed over the "
-                f"outputs on the test drives. One step ahead, {_words(first)} is the best with {one_step[first]:.2e}. "
-                f"The same trainings run free with {open_free[first]:.2g} at best before they are tuned on their own "
-                f"outputs, {open_free[first] / one_step[first]:.2g} times that one-step error; tuning lowers the "
-                f"free-running error of {sum(tuned[s] < open_free[s] for s in tuned)} of {len(tuned)} architectures."
+                f"In free run, the network of {_words(second)} has the least error: NRMSE {tuned[second]:.2e}, summed "
+                f"over the outputs on the test drives. One step ahead, {_words(first)} is the best with "
+                f"{one_step[first]:.2e}. In free run, the same trainings reach {open_free[first]:.2g} at best before "
+                f"they are tuned on their own outputs, {open_free[first] / one_step[first]:.2g} times that one-step "
+                f"error; tuning lowers the free-running error of {sum(tuned[s] < open_free[s] for s in tuned)} of "
+                f"{len(tuned)} architectures."
             )
         ),
         Heading("How many past samples does the network need?"),
         Picture(
             pictures["delays.svg"],
             "Lipschitz indices (He and Asada 1993) of regressors that grow by one delay at a time, on "
-            f"{len({i.drive for i in indices})} training drives chosen at random. Where the index stops to fall, the "
+            f"{len({i.drive for i in indices})} training drives chosen at random. Where the index stops falling, the "
             f"regressor holds what the output depends on; dashed: the delays of the networks below, {chosen[0]} of "
             f"the inputs and {chosen[1]} of the outputs.",
             "Lipschitz indices over the delays",
@@ -183,8 +184,8 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--most", type=int, default=MOST, help="neurons in all")
     parser.add_argument("--restarts", type=int, default=10, help="trainings of each architecture")
     parser.add_argument("--spread", type=int, default=50, help="trainings of 2 layers of 4 neurons")
-    parser.add_argument("--epochs", type=int, default=60, help="most steps of Levenberg-Marquardt")
-    parser.add_argument("--every", type=int, default=10, help="open loop, only every so-manieth sample is predicted")
+    parser.add_argument("--epochs", type=int, default=60, help="largest number of steps of Levenberg-Marquardt")
+    parser.add_argument("--every", type=int, default=10, help="open loop, only every n-th sample is predicted")
     parser.add_argument("--iterations", type=int, default=60, help="steps of the free-running tuning")
     parser.add_argument("--seed", type=int, default=1, help="of noise and first weights")
     parser.add_argument("--jobs", type=int, default=joblib.cpu_count(), help="trainings at once")

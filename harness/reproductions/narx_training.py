@@ -59,7 +59,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--trailer-mass", default="24 t", help="of the simulated semitrailer")
     parser.add_argument("--neurons", type=int, nargs="+", default=[32], help="neurons of each hidden layer")
     parser.add_argument("--delays", type=int, nargs=2, default=[2, 2], help="past samples of inputs and outputs")
-    parser.add_argument("--epochs", type=int, default=500, help="most steps of Levenberg-Marquardt")
+    parser.add_argument("--epochs", type=int, default=500, help="largest number of steps of Levenberg-Marquardt")
     parser.add_argument("--iterations", type=int, default=600, help="steps of the free-running tuning")
     parser.add_argument("--polish", type=int, default=2000, help="further such steps for the chosen candidate")
     parser.add_argument("--restarts", type=int, default=10, help="first weights to train from")
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str]) -> None:
     print(table(found, training_data.OUTPUTS))
     best = min(range(len(found)), key=lambda i: found[i].score)
     if not np.isfinite(found[best].score):
-        raise UserError("every candidate runs away on its own outputs; raise --iterations or --restarts")
+        raise UserError("every candidate diverges in free run; raise --iterations or --restarts")
     network, errors = _polished(data, plan, found[best], chosen)
     made = {
         "command": f"python -m harness.reproductions.narx_training {shlex.join(arguments)}",

@@ -1,4 +1,4 @@
-"""Simulated recordings, of which the parameters are known but not told."""
+"""Simulated recordings with hidden parameters."""
 
 from __future__ import annotations
 

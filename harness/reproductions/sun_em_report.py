@@ -39,7 +39,7 @@ class Outcome:
         values: Parameters found ``(free,)``.
         path: Iterates of EM, the start first ``(iterations + 1, free)``; empty for other methods.
         process: Square roots of the process variances along the path ``(iterations + 1, nx)``; likewise.
-        converged: Whether the method came to rest.
+        converged: Whether the method converged.
         seconds: CPU time of the fit.
     """
 
@@ -74,7 +74,7 @@ def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Flo
                 + ", ".join(f"{style.number(m, 2)} % for {s.split()[0]}" for m, s in zip(median, SYMBOLS, strict=True))
                 + f"; {within} of {len(GOALS)} meet their goal of "
                 + ", ".join(f"{g:g}" for g in GOALS)
-                + f" %. {sum(o.converged for o in runs)} of {len(runs)} came to rest, after "
+                + f" %. {sum(o.converged for o in runs)} of {len(runs)} converged, after "
                 f"{np.median([len(o.path) - 1 for o in runs]):.0f} iterations and "
                 f"{style.number(float(np.median([o.seconds for o in runs])), 2)} s of CPU time (medians)."
             )
@@ -96,7 +96,7 @@ def document(truth: Floats, found: Mapping[str, Sequence[Outcome]], q: tuple[Flo
             "Sun). Its maximum (dot) need not lie at the truth (dashed) while the others are wrong.",
             "Q over four parameters",
         ),
-        Heading("What do smoother, filter, search and likelihood differ in?"),
+        Heading("How do smoother, filter, search and likelihood differ?"),
         _comparison(found, truth),
         Prose(
             plain(
@@ -151,7 +151,7 @@ def _comparison(found: Mapping[str, Sequence[Outcome]], truth: Floats) -> Sheet:
                 f"{style.number(float(np.median([o.seconds for o in some])), 2)} s",
             ]
         )
-    header = ["method", *(s.split()[0] for s in SYMBOLS), "at rest", "CPU time"]
+    header = ["method", *(s.split()[0] for s in SYMBOLS), "converged", "CPU time"]
     return Sheet(header, rows, f"Median relative errors over the same {count} recordings; median CPU time of a fit.")
 
 
@@ -187,7 +187,7 @@ def convergence(runs: Sequence[Outcome], truth: Floats) -> bytes:
             Line2D([], [], color=_LINE, lw=0.6, label="the others"),
             Line2D([], [], color=style.TRUTH, lw=0.7, ls="--", label="truth"),
         ]
-        style.head(fig, "How fast does EM come to rest, and where?", handles)
+        style.head(fig, "How fast does EM converge, and to which values?", handles)
         return style.svg(fig)
 
 

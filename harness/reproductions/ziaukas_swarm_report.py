@@ -61,7 +61,7 @@ class Setup:
     profiles: dict[str, Profile]
 
     def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
-        """Return the outputs of the model alone on a drive to judge, by name; NaN from where it diverges on."""
+        """Return the simulated outputs on a drive to judge, by name; NaN from where it diverges on."""
         number = [d.name for d in self.judge.drives].index(drive)
         one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
         spec = self.plants[drive]
@@ -111,7 +111,7 @@ def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Set
             f"What {len(runs)} swarms found, over the search range (Bild 4.6).",
             "Histograms of the identified parameters over their search ranges",
         ),
-        Heading("Do the swarms come to rest?"),
+        Heading("Do the swarms converge?"),
         Picture(
             costs(found, hidden),
             "Cost (4.26) of the best candidate so far (Bild 4.7), with differential evolution of as many candidates "
@@ -121,7 +121,7 @@ def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Set
         _optimisers(found),
         Heading("What was found?"),
         _parameters(problem.fit.free, runs, (best, overall), problem.hidden),
-        Heading("Does the model follow drives it was not fitted to?"),
+        Heading("Does the simulation follow held-out drives?"),
         *_validation(problem, winner, overall),
     ]
     for drive in problem.judge.drives:
@@ -312,7 +312,7 @@ def over_time(problem: Setup, name: str, best: Found) -> bytes:
         panels[-1].set_xlabel("time in s")
         handles = [
             Line2D([], [], color="#9a9a9a", lw=0.9, label="measured"),
-            Line2D([], [], color=_BEST, lw=1.0, label="model alone, best parameters"),
+            Line2D([], [], color=_BEST, lw=1.0, label="simulated, best parameters"),
         ]
-        style.head(fig, f"Does the model alone follow {name}?", handles)
+        style.head(fig, f"Does the simulation follow {name}?", handles)
         return style.svg(fig)

@@ -3,7 +3,7 @@
 Each worker opens study and store for itself, once, and writes the chunks of its units; only the unit comes back.
 So the cluster needs a file system that all machines see, and every worker the same code and packages.
 
-Units are submitted as Dask futures. joblib's Dask backend would do the same call, but waits for ever for a task
+Units are submitted as Dask futures. joblib's Dask backend would do the same call, but waits forever for a task
 whose workers all died (joblib 1.6: ``DaskDistributedBackend._collect`` calls nobody back when a future has failed).
 """
 
@@ -46,7 +46,7 @@ _opening = threading.Lock()
 
 
 class ClusterFailure(RuntimeError):
-    """The cluster gave up; what is finished is in the store."""
+    """The cluster failed; what is finished is in the store."""
 
 
 @contextlib.contextmanager
@@ -64,7 +64,7 @@ def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Cli
         import distributed
     except ImportError:
         raise UserError(
-            "a cluster takes Dask, which is not installed; in the project's folder: pip install --editable '.[cluster]'"
+            "a cluster needs Dask, which is not installed; in the project's folder: pip install --editable '.[cluster]'"
         ) from None
     with contextlib.ExitStack() as stack:
         if scheduler is None:
@@ -178,11 +178,11 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
     except KilledWorker as error:
         raise ClusterFailure(
             f"a unit was lost with each of the workers that took it, the last {error.last_worker.address} (out of "
-            "memory?); what is finished is kept and the same command goes on from there"
+            "memory?); finished runs are kept and the same command continues from there"
         ) from error
     except (CancelledError, CommClosedError) as error:
         raise ClusterFailure(
-            "the scheduler is gone; what is finished is kept and the same command goes on from there"
+            "the scheduler is gone; finished runs are kept and the same command continues from there"
         ) from error
     finally:
         if client.status == "running":

@@ -1,4 +1,4 @@
-"""Evaluate a unit of a study: simulate its runs, let every estimator see the same ones, return the scores."""
+"""Evaluate a unit of a study: simulate its runs, run every estimator on the same ones, return the scores."""
 
 from __future__ import annotations
 

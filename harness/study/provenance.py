@@ -24,7 +24,7 @@ PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "S
 
 
 def code_state(study: Study) -> dict[str, str]:
-    """Return what the bits of a score depend on beside the study: ``engine`` and ``versions`` of the packages."""
+    """Return what scores depend on, to the bit, beside the study: ``engine`` and ``versions`` of the packages."""
     versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
     return {"versions": json.dumps(versions), "engine": engine_hash(study)}
 

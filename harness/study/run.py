@@ -76,7 +76,7 @@ def run_study(
 
     Raises:
         UserError: If the folder holds another study's result, or a worker of the cluster does not fit.
-        ClusterFailure: If the cluster gives up.
+        ClusterFailure: If the cluster fails.
     """
     console = console or Console(stderr=True)
     started = datetime.now(UTC)

@@ -7,8 +7,8 @@ They differ by what the factor does together with others.
 
 A diverged run has no error, and leaving it out would destroy the pairs of points that the estimates are made of.
 ``scored`` therefore gives every lost run the largest error that any finished run had for the same target on the same
-drive. How much depends on that rule is told by the indices of the ranks, which it does not change much, and of the
-share of lost runs, which it does not touch.
+drive. The influence of that rule is seen from the indices of the ranks, which it hardly changes, and of the share of
+lost runs, which it does not change.
 """
 
 from __future__ import annotations

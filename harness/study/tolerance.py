@@ -1,4 +1,4 @@
-"""How far may the vehicle drift? The largest box of perturbations that an estimator bears, from a ``tolerance`` design.
+"""The largest box of perturbations that an estimator tolerates, from a ``tolerance`` design.
 
 The design (``harness.study.design``) nests boxes about the nominal point; the same relative points lie in each, so that
 every point of the unit box is a ray along which all factors drift together. Along a ray, the error at the nominal
@@ -23,7 +23,7 @@ from harness.common.arrays import Floats
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What one estimator bears for one target, as shares of the box of the study.
+    """What one estimator tolerates for one target, as shares of the box of the study.
 
     Attributes:
         nominal: Error at the nominal point over the limit, on the worst drive; infinite if a run was lost there.
@@ -80,7 +80,7 @@ def reaches(errors: Floats, limit: float) -> Floats:
 
 
 def tolerance(errors: Floats, limit: float, factors: int, level: float = 0.95) -> Tolerance:
-    """Return what an estimator bears from its errors in a ``tolerance`` design.
+    """Return what an estimator tolerates from its errors in a ``tolerance`` design.
 
     Args:
         errors: Largest error over drives and repeats, ``(box, sample)`` in the order of the design, infinite where a

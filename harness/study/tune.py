@@ -1,4 +1,4 @@
-"""One rule of tuning for all: each estimator's noise by the likelihood of its innovations, within one budget.
+"""One tuning rule for all: each estimator's noise by the likelihood of its innovations, within one budget.
 
 In the ideal case every estimator believes the plant's noise (Ziaukas 2023, 5.1). Where a study asks for tuning
 instead, three factors multiply what it would believe: one for the process noise, one for the random walk of the

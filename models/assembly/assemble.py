@@ -382,8 +382,8 @@ def assemble(
         tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
         effects: Files in ``models/effects``, in the order they act; ``crosswind@trailer`` acts at one place only.
         sensors: File in ``models/sensors``; ``None`` for a model without outputs.
-        optional: Whether kernels shall skip effects that are neutral, at the price of a flag each. A model that is
-            asked which of many effects there are wants that.
+        optional: Whether kernels shall skip effects that are neutral, at the price of a flag each. For a model in which
+            effects are searched for.
 
     Raises:
         ModelError: If a part is unknown, incomplete or wired wrongly.

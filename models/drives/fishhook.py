@@ -19,7 +19,7 @@ OPTIONS: tuple[Option, ...] = (
     Option("rate", "rad/s", np.radians(720.0), 0.1, 30.0, "rate of the steering-wheel angle"),
     Option("dwell", "s", 0.25, 0.0, 10.0, "time at the first angle"),
     Option("hold", "s", 3.0, 0.0, 60.0, "time at the counter steer"),
-    Option("return_time", "s", 2.0, 0.1, 60.0, "time of the way back to straight ahead"),
+    Option("return_time", "s", 2.0, 0.1, 60.0, "time of the return to straight ahead"),
 )
 
 

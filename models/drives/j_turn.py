@@ -17,7 +17,7 @@ OPTIONS: tuple[Option, ...] = (
     *nhtsa.options(speed=80.0 / 3.6),
     Option("rate", "rad/s", np.radians(1000.0), 0.1, 30.0, "rate of the steering-wheel angle"),
     Option("hold", "s", 4.0, 0.0, 60.0, "time at the angle"),
-    Option("return_time", "s", 2.0, 0.1, 60.0, "time of the way back to straight ahead"),
+    Option("return_time", "s", 2.0, 0.1, 60.0, "time of the return to straight ahead"),
 )
 
 

@@ -1,4 +1,4 @@
-"""Steering that jumps smoothly between random angles at random times; the speed may wander likewise."""
+"""Steering that jumps smoothly between random angles at random times; the speed may vary likewise."""
 
 from __future__ import annotations
 

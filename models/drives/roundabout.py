@@ -15,11 +15,11 @@ from harness.models.drives import _shapes as shapes
 OPTIONS: tuple[Option, ...] = (
     *shapes.common(duration=90.0, speed=12.0),
     Option("radius", "m", 16.0, 5.0, 200.0, "radius driven in the roundabout (tractor's rear axle)"),
-    Option("angle", "rad", np.pi, np.radians(20.0), 3 * np.pi, "heading gained on the way round"),
+    Option("angle", "rad", np.pi, np.radians(20.0), 3 * np.pi, "heading gained in the roundabout"),
     Option("entry_angle", "rad", np.radians(35.0), 0.0, np.radians(80.0), "heading of each outward bend"),
-    Option("transition", "m", 12.0, 0.5, 50.0, "way in which the curvature of each bend rises and falls"),
+    Option("transition", "m", 12.0, 0.5, 50.0, "distance over which the curvature of each bend rises and falls"),
     Option("turn_speed", "m/s", 6.0, 0.3, 40.0, "speed in the roundabout"),
-    Option("straight", "m", 60.0, 0.0, 2e3, "straight way before each roundabout"),
+    Option("straight", "m", 60.0, 0.0, 2e3, "straight distance before each roundabout"),
     shapes.DIRECTION,
     Option("acceleration", "m/s^2", 0.8, 0.05, 5.0, "largest longitudinal acceleration and deceleration"),
 )

@@ -17,8 +17,8 @@ OPTIONS: tuple[Option, ...] = (
     *shapes.common(duration=100.0, speed=1.5),
     Option("radius", "m", 7.5, 4.0, 50.0, "radius of the turn (tractor's rear axle)"),
     Option("angle", "rad", np.radians(135.0), np.radians(20.0), 2 * np.pi, "heading laid out for each turn"),
-    Option("transition", "m", 5.0, 0.5, 50.0, "way in which the curvature rises and falls"),
-    Option("straight", "m", 8.0, 0.0, 500.0, "straight way before each turn"),
+    Option("transition", "m", 5.0, 0.5, 50.0, "distance over which the curvature rises and falls"),
+    Option("straight", "m", 8.0, 0.0, 500.0, "straight distance before each turn"),
     shapes.DIRECTION,
     Option("acceleration", "m/s^2", 0.3, 0.05, 5.0, "largest longitudinal acceleration and deceleration"),
 )

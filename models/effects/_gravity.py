@@ -1,4 +1,4 @@
-"""The acceleration due to gravity, for the effects of a road that is not level and of bodies that lean."""
+"""The acceleration due to gravity, for the effects of a road that is not level and of bodies that roll."""
 
 GRAVITY = 9.81
 

@@ -1,4 +1,4 @@
-"""Lags and delays that vanish without leaving a trace.
+"""Lags and delays that vanish exactly at zero.
 
 ``1 / (1 + T s)`` turns infinitely fast as ``T`` goes to zero: no step size would do, and a score test at zero has
 nothing to differentiate. Both forms below have poles that stop at a fixed speed, and zeros that cancel them exactly at

@@ -1,7 +1,7 @@
 """Still air pushes against a body that moves sideways (Mitschke and Wallentowitz 2014).
 
-The side force is ``c_y rho A v^2 beta / 2`` and ``v beta`` the lateral velocity, so it goes with speed times lateral
-velocity; the moment likewise, with the wheelbase in its coefficient.
+The side force is ``c_y rho A v^2 beta / 2`` and ``v beta`` the lateral velocity, so it is proportional to speed times
+lateral velocity; the moment likewise, with the wheelbase in its coefficient.
 """
 
 from __future__ import annotations

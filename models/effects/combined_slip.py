@@ -1,4 +1,4 @@
-"""Drive and brake force of an axle take from its lateral force (friction ellipse; Pacejka 2012, ch. 4).
+"""Drive and brake force of an axle reduce its lateral force (friction ellipse; Pacejka 2012, ch. 4).
 
 An axle with the share ``lambda`` of the whole force ``F_x`` keeps ``sqrt(1 - (lambda F_x / mu F_z)^2)`` of its
 lateral force. Here it keeps ``1 / sqrt(1 + q (F_x / F_z)^2)`` with ``q = (lambda / mu)^2``, the same for moderate

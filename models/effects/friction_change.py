@@ -1,7 +1,7 @@
 """The road's friction changes at a given time, as when a car drives onto ice; all axles at once.
 
 The rate of the change rises and falls as a raised cosine. It is zero where the change begins and ends, so it does not
-matter on which side of these moments a sample or a stage of the integrator falls, and a sum over samples gives the
+matter on which side of these times a sample or a stage of the integrator falls, and a sum over samples gives the
 whole change exactly if it lasts a whole number of them, two or more. A vehicle whose friction is a state gets the rate,
 one whose friction is a parameter the change itself.
 """
@@ -20,7 +20,7 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ()
 
 LOWEST_FRICTION = 0.05
-"""The road never has less, so that no tyre turns its force round."""
+"""The road never has less, so that no tyre reverses its force."""
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter("friction_change", r"\Delta\mu", "dimensionless", -1.5, 1.5, "change of the friction", neutral=0.0),

@@ -17,5 +17,5 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
-    """Take damping times articulation rate off the moment on the trailer."""
+    """Subtract damping times articulation rate from the moment on the trailer."""
     return value - e.p("kingpin_damping") * (e.read("yaw_rate_trailer") - e.read("yaw_rate_tractor"))

@@ -1,7 +1,7 @@
-"""Dry friction of the fifth wheel: a yaw moment against the articulation rate, of one size at any rate.
+"""Dry friction of the fifth wheel: a yaw moment against the articulation rate, constant in magnitude.
 
-The sign of the rate is smoothed, which leaves a stick-slip of the coupling out. Over which rate matters as much as the
-size: a coupling that turns slowly most of the time feels the slope between the signs.
+The sign of the rate is smoothed, so stick-slip of the coupling is left out. The rate of the smoothing matters as much
+as the magnitude: a coupling that turns slowly most of the time acts on the slope between the signs.
 """
 
 from __future__ import annotations
@@ -30,6 +30,6 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
-    """Take the moment off the trailer's turning against the tractor."""
+    """Subtract the moment from that on the trailer."""
     rate = e.read("yaw_rate_trailer") - e.read("yaw_rate_tractor")
     return value - e.p("kingpin_friction") * sp.tanh(rate / e.p("kingpin_friction_rate"))

@@ -1,4 +1,4 @@
-"""Load slides forward or back at a moment and moves the CoG of the body that carries it.
+"""Load slides forward or back at a given time and moves the CoG of the body that carries it.
 
 Loads and lever arms follow the CoG while it moves, and the lateral velocity stays that of the CoG; what the sliding
 itself does to it (Coriolis, yaw inertia) is left out. ``SLIDING`` is how long it takes.

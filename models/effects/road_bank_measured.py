@@ -1,7 +1,7 @@
 """A road whose bank is known over time, from a map along the driven path or from a survey: an input of the model.
 
-``bank_share`` is 1 where the stated bank is believed and 0 where it is not; estimated, it says whether the recording
-knows of that bank at all.
+``bank_share`` is 1 where the stated bank acts and 0 where it does not; its estimate says whether the recording shows
+that bank at all.
 """
 
 from __future__ import annotations

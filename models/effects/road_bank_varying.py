@@ -20,9 +20,16 @@ NOISE: dict[str, float] = {"bank_walk": 1.0}
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
-        "bank_wander", r"\sigma_B", "rad/s**0.5", 0.0, 0.3, "how fast the bank wanders", 0.0, grid=(0.003, 0.01, 0.03)
+        "bank_wander",
+        r"\sigma_B",
+        "rad/s**0.5",
+        0.0,
+        0.3,
+        "intensity of the noise that drives the bank",
+        0.0,
+        grid=(0.003, 0.01, 0.03),
     ),
-    Parameter("bank_memory", "T_B", "s", 0.2, 1e3, "time in which the road forgets its bank", grid=(2.0, 10.0)),
+    Parameter("bank_memory", "T_B", "s", 0.2, 1e3, "correlation time of the bank", grid=(2.0, 10.0)),
 )
 
 

@@ -1,6 +1,6 @@
 """An axle whose wheels trail behind their kingpins and turn where the axle goes: part of its slip angle is lost.
 
-Jujnovich and Cebon 2002: a self-steering axle of a trailer makes little lateral force; its steering damper and
+Jujnovich and Cebon 2002: a self-steering axle of a trailer generates little lateral force; its steering damper and
 return spring leave it the rest.
 """
 

@@ -1,6 +1,7 @@
 """The steered wheels yield to their lateral force (Pacejka 2012, 1.2.2: steer compliance through the pneumatic trail).
 
-The steering yields within ``YIELDING``, so that a tyre whose force follows at once from its slip makes no loop.
+The steering yields within ``YIELDING``, so that a tyre whose force follows at once from its slip makes no algebraic
+loop.
 """
 
 from __future__ import annotations

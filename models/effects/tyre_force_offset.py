@@ -1,4 +1,4 @@
-"""An axle pushes to one side at no slip: conicity and ply steer, or wheels out of track (Pacejka 2012, ch. 4)."""
+"""An axle has a lateral force at zero slip: conicity and ply steer, or wheels out of track (Pacejka 2012, ch. 4)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ()
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("tyre_force_offset", r"\Delta F_y", "N", -1e4, 1e4, "lateral force of an axle at no slip, left", 0.0),
+    Parameter("tyre_force_offset", r"\Delta F_y", "N", -1e4, 1e4, "lateral force of an axle at zero slip, left", 0.0),
 )
 
 

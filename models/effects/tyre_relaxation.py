@@ -1,4 +1,4 @@
-"""A tyre's lateral force builds up over a way rolled (Pacejka 2012, 7.1; Ziaukas 2023, 4.7).
+"""A tyre's lateral force builds up over a distance rolled (Pacejka 2012, 7.1; Ziaukas 2023, 4.7).
 
 It is for vehicles whose tyre force follows at once from the slip. A vehicle that has relaxing forces as states has
 their lengths as parameters, and this effect does not fit it.

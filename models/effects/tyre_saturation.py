@@ -1,4 +1,4 @@
-"""A tyre held for linear saturates: its force bends over to friction times load, as that of the brush tyre does.
+"""A tyre modelled as linear saturates: its force bends over to friction times load, as that of the brush tyre does.
 
 Pacejka 2012, 3.2.1, with the linear force ``F`` in place of stiffness times slip and ``q = 1 / mu``: with ``s = q
 |F| / (3 F_z)`` the force is ``F (1 - s + s^2 / 3)`` up to ``s = 1`` and ``F_z / q`` beyond. It makes ``linear``

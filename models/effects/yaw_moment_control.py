@@ -16,7 +16,7 @@ READS: tuple[str, ...] = ("road_wheel_angle",)
 STATES: tuple[str, ...] = ()
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("yaw_control_gain", "K_r", "N*m*s/rad", 0.0, 5e5, "moment over missing yaw rate", neutral=0.0),
+    Parameter("yaw_control_gain", "K_r", "N*m*s/rad", 0.0, 5e5, "moment over yaw rate error", neutral=0.0),
     Parameter(
         "yaw_control_speed",
         r"v_\mathrm{ch}",

@@ -2,7 +2,7 @@
 
 From the paper: the process noise ``Q = 0.001 I`` and the measurement noise ``R = 0.005`` (section 3). It prints no
 unit for either. ``R`` is read in (m/s^2)^2. ``Q`` is read in m/s, rad and rad/s for the motion, and in units of
-1e5 N/rad for the stiffnesses, which makes 1e7 (N/rad)^2: a stiffness then wanders by 3 kN/rad per step, 32 kN/rad per
+1e5 N/rad for the stiffnesses, which makes 1e7 (N/rad)^2: a stiffness then changes by 3 kN/rad per step, 32 kN/rad per
 second. In N/rad the same number would hold the stiffnesses fixed for hours. The step it belongs to is taken as
 10 ms, as the paper prints none either.
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harness.models.assembly.assemble import Builder
 
 LOWEST_FRICTION = 0.05
-"""The tyres get at least this friction, so that a random walk below zero does not turn their force round."""
+"""The tyres get at least this friction, so that a random walk below zero does not reverse their force."""
 
 STATES: tuple[str, ...] = ("lateral_velocity", "yaw_rate", "friction_coefficient")
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")

@@ -3,13 +3,13 @@
 Longitudinal, lateral, yaw and roll motion of a car with a front-steered axle, four wheels with their own load,
 slip angle and lateral force. It takes the place of the commercial simulator in Li et al. 2017, and its layout
 follows the textbook two-track model with a roll axis (Mitschke and Wallentowitz 2014; the multi-body model of
-Althoff and Wuersching 2020 with its masses and springs condensed). What it holds and what it leaves out:
+Althoff and Wuersching 2020 with its masses and springs condensed). What it includes and what it leaves out:
 
 * *Roll.* The sprung mass turns about a roll axis through the roll centres; its height above that axis is ``h``.
   Products of roll angle and yaw rate are left out, pitch and heave are quasi-static.
 * *Loads.* Lateral transfer by springs and dampers of the axle, by the roll centres and by the unsprung masses;
   longitudinal transfer by the acceleration that drive and steering ask for. At most ``FULL_TRANSFER`` of the load of
-  an axle moves to one side, so that the loads always add up to the weight and no wheel pulls at the road.
+  an axle moves to one side, so that the loads always add up to the weight and none is negative.
 * *Combined slip* by the friction ellipse: drive and brake force use the share ``u = F_x / (mu F_z)`` of an axle's
   grip and leave ``sqrt(1 - u^2)`` of each steady lateral force. ``F_x`` approaches its limit by a tangent
   hyperbolic, so the wheels never lock or spin (there are no wheel speeds).
@@ -101,7 +101,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("camber_per_roll_rear", r"c_{\gamma2}", "dimensionless", -1.5, 1.5, "camber over roll angle, rear"),
     Parameter("camber_thrust", r"\kappa_\gamma", "dimensionless", 0.0, 0.3, "slip angle that one camber angle equals"),
     Parameter("friction", r"\mu_0", "dimensionless", 0.05, 1.5, "largest force over load at the start"),
-    Parameter("relaxation_length", r"\ell", "m", 0.01, 2.0, "way over which a lateral force builds up"),
+    Parameter("relaxation_length", r"\ell", "m", 0.01, 2.0, "distance over which a lateral force builds up"),
     Parameter("steering_ratio", r"i_\mathrm{L}", "dimensionless", 5.0, 40.0, "steering wheel over road wheel angle"),
     Parameter("speed_gain", "k_v", "1/s", 0.0, 20.0, "gain of the speed controller; 0 releases the throttle"),
     Parameter("driving_share_front", r"\lambda_D", "dimensionless", 0.0, 1.0, "share of the drive at the front axle"),

@@ -7,7 +7,7 @@ against an independent derivation.
 Two things go beyond the print, both switched by a parameter or vanishing at constant speed:
 
 * The lateral velocities of both bodies are tied by the kingpin (4.17 and 4.18 together say
-  ``v_y1 - h_1 w_1 = cos(theta) (v_y2 + a_2 w_2) + sin(theta) v_x2``), so ten states hold one too many. The
+  ``v_y1 - h_1 w_1 = cos(theta) (v_y2 + a_2 w_2) + sin(theta) v_x2``), so one of the ten states is redundant. The
   coupling force is found from the time derivative of that tie, which lets process noise and integration errors
   make it drift. ``constraint_rate`` pulls the violation back at that rate (Baumgarte 1972); 0 gives the
   equations as printed.

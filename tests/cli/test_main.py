@@ -144,7 +144,7 @@ def test_cluster_options_that_do_not_fit(harness, small_study, options, message)
         (UserError("a.toml: key: wrong; do this"), 2, "error: a.toml: key: wrong; do this"),
         (ModelError("unknown tyre 'x'"), 2, "error: unknown tyre 'x'"),
         (RuntimeError("disk on fire"), 1, "failed: RuntimeError: disk on fire"),
-        (KeyboardInterrupt(), 130, "interrupted: what is finished is kept; the same command goes on from there"),
+        (KeyboardInterrupt(), 130, "interrupted: finished runs are kept; the same command continues from there"),
     ],
 )
 def test_exit_status_says_what_kind_of_error(harness, small_study, tmp_path, monkeypatch, raised, status, begins):

@@ -334,7 +334,10 @@ def test_a_study_built_in_python_takes_numbers_of_numpy_and_says_only_what_was_s
     [
         ({"sed": 1}, "my study: sed: unknown key 'sed'; closest: seed"),
         ({"targets": ["speeed"]}, r"my study: targets\[0\]: .*'speeed'"),
-        ({"drive": [{"name": "a", "kind": "sine", "speed": object()}]}, "my study: holds what no study file can hold"),
+        (
+            {"drive": [{"name": "a", "kind": "sine", "speed": object()}]},
+            "my study: contains what a study file cannot represent",
+        ),
     ],
 )
 def test_a_study_built_in_python_is_refused_like_a_file(change, message):

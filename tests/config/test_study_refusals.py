@@ -35,7 +35,7 @@ REFUSALS = {
         [("levels =", "level =")],
         "design[0].factor[0].level: unknown key 'level'; closest: levels",
     ),
-    "name with a blank": ([('name = "small"', 'name = "a b"')], "name: 'a b' does not do as the name of a file; use"),
+    "name with a blank": ([('name = "small"', 'name = "a b"')], "name: 'a b' cannot be the name of a file; use"),
     "missing name": ([('name = "small"\n', "")], "name: this key is required; add 'name'"),
     "no targets": ([('["lateral_force_axle_21", "articulation_angle"]', "[]")], "targets: is empty; give at least 1"),
     "unknown target": (

@@ -72,6 +72,8 @@ def reported(outcome, folder):
 
 def test_a_trace_that_found_nothing_has_a_report(outcome, tmp_path):
     text, record = reported(dataclasses.replace(outcome, failures=Failures(tmp_path)), tmp_path)
+    assert next(iter(record)) == "schema_version"
+    assert record["schema_version"] == 1
     assert record["verdict"] == "unresolved"
     assert record["not_made"] == []
     assert not (tmp_path / FILE).exists()

@@ -296,7 +296,7 @@ def test_a_wrong_sign_and_spikes_are_reported_with_the_evidence(tmp_path):
     table.to_csv(tmp_path / "drive.csv", index=False)
     notes = recording_warnings([load_recording(tmp_path / "drive.csv").assign_attrs(name="drive")])
     assert any("wrong sign" in n and "R²" in n for n in notes), notes
-    assert any("yaw_rate: single samples that jump out and back: 2 (t = 3.00, 9.00 s)" in n for n in notes), notes
+    assert any("yaw_rate: single-sample spikes: 2 (t = 3.00, 9.00 s)" in n for n in notes), notes
     names["yaw_rate"] = recording["yaw_rate"].to_numpy()
     pd.DataFrame(names).to_csv(tmp_path / "right.csv", index=False)
     assert not recording_warnings([load_recording(tmp_path / "right.csv").assign_attrs(name="right")])
@@ -306,7 +306,7 @@ def test_the_same_drive_under_another_name_is_refused(tmp_path):
     recording = driven(40, duration=25.0)
     result = traced(tmp_path, [recording, recording])
     assert result.exit_code == 2
-    assert "keep another one aside" in result.output
+    assert "hold out another one" in result.output
 
 
 def test_a_recording_that_is_too_short_says_what_to_drive(tmp_path):

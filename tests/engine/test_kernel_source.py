@@ -105,7 +105,10 @@ def test_machine_code_for_plain_lanes_is_refused_over_duals(write):
         ("from math import inf\ndef f(x):\n    return inf\n", r"uses 'inf', which is inf; write np.inf"),
         ("WORDS = {'a': 1}\ndef f(x):\n    return WORDS\n", r"uses 'WORDS', a dict, which cannot be compiled in"),
         ("f = lambda x: x\n", r"no function that a kernel can be made of"),
-        ("def g():\n    def f(x):\n        return x\n    return f\nf = g()\n", r"must be defined at the margin of its"),
+        (
+            "def g():\n    def f(x):\n        return x\n    return f\nf = g()\n",
+            r"must be defined at the top level of its",
+        ),
         (
             "from harness.engine.time_loops import step\ndef f(x):\n    step(x)\n",
             r"uses 'step', which the module .* not define",

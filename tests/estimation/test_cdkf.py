@@ -21,7 +21,7 @@ INTERVALS = [1.0, 2.0, 3.0]
 @pytest.mark.parametrize("square", INTERVALS)
 @pytest.mark.parametrize("nx", [1, 3, 11])
 def test_weights(square, nx):
-    """(12) with its two weights told apart; constants keep their mean, linear maps their covariance."""
+    """(12) with its two weights separated; constants keep their mean, linear maps their covariance."""
     h, w0m, wim, first, second = cdkf.tuning(cdkf.Settings(interval_squared=square), nx, 1)
     assert h**2 == pytest.approx(square)
     assert w0m + 2 * nx * wim == pytest.approx(1, abs=1e-12)

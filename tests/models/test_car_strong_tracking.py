@@ -1,4 +1,4 @@
-"""Li's car with stiffnesses as states: the equations, first values, inputs from sensors, and a drop of stiffness."""
+"""Li's car with stiffnesses as states: the equations, initial values, inputs from sensors, and a drop of stiffness."""
 
 from __future__ import annotations
 

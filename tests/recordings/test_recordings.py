@@ -254,7 +254,7 @@ def test_spikes_are_found_reported_and_removed_on_request(tmp_path):
         tmp_path, {"time": TIME, "w": values}, time=CLOCK, yaw_rate='{ channel = "w", unit = "rad/s" }'
     )
     kept = load_recording(path, channels)
-    assert "single samples that jump out and back: 2 (t = 7.00, 30.00 s); kept" in kept.attrs["warnings"][0]
+    assert "single-sample spikes: 2 (t = 7.00, 30.00 s); kept" in kept.attrs["warnings"][0]
     assert kept["yaw_rate"].values[700] == pytest.approx(values[700])
     channels.write_text(channels.read_text().replace('"rad/s"', '"rad/s", remove_spikes = true'))
     removed = load_recording(path, channels)["yaw_rate"].values

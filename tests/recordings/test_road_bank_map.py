@@ -55,7 +55,7 @@ def test_laps_at_one_speed_are_told_by_the_others_how_the_car_leans():
     assert np.std((found - expected)[inner]) < 0.1 * np.std(expected)
 
 
-def test_one_lap_cannot_teach_itself():
+def test_one_lap_is_not_mapped_from_itself():
     with pytest.raises(UserError, match="at least two fitted drives"):
         with_bank([lap(8.0)[0]], [lap(12.0)[0]])
 

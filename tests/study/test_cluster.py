@@ -112,7 +112,7 @@ def test_a_unit_that_kills_its_workers_is_reported_and_the_run_goes_on_later(stu
     out = tmp_path / "killed"
     try:
         deadly(mortal, 1)
-        with pytest.raises(cluster.ClusterFailure, match="goes on from there"):
+        with pytest.raises(cluster.ClusterFailure, match="continues from there"):
             run_study(study, out, console=console, client=mortal)
     finally:
         scheduler.allowed_failures = usual

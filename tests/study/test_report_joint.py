@@ -126,6 +126,6 @@ def test_a_whole_report_is_written(folder):
     html = Page(write_report(analyse(folder))[0].read_text(encoding="utf-8")).text
     assert "the error of the articulation angle is driven by trailer mass (total index 0." in html
     assert "How far may all factors drift? For the articulation angle: " in html
-    for question in ("Which parameter drives the error?", "How far may the vehicle drift in everything at once?",
-                     "When does which parameter make the error?"):  # fmt: skip
+    for question in ("Which parameter drives the error?", "How far may the vehicle drift in all factors at once?",
+                     "Which parameter causes the error, and when?"):  # fmt: skip
         assert question in html

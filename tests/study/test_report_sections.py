@@ -145,7 +145,7 @@ def test_history_errors_and_thinning():
 def test_a_signal_without_truth_is_drawn_alone(small):
     analysis = Analysis(read(small))
     caption = next(b.caption for b in history.blocks(analysis) if isinstance(b, Picture))
-    assert "The plant has no stiffness factor: the estimate stands alone." in caption
+    assert "The plant has no stiffness factor: only the estimate is drawn." in caption
     runs = analysis.store.histories
     assert history.inside(runs[0], "EKF").keys() == {"articulation_angle"}
 

@@ -1,8 +1,8 @@
 """Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
 
 Parameters move by Fisher scoring with the gains held as they are (``FilteredModel.slopes``), variances by steps of
-their own (``variances``). Process noise is first looked for far down: left too large it hides what the model lacks, and
-afterwards looks like an effect. Both take turns until neither gains, judged by the likelihood itself.
+their own (``noise_search``). The search for the process noise begins far below: left too large it hides what the model
+lacks, and afterwards looks like an effect. Both take turns until neither gains, judged by the likelihood itself.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
 
 @dataclass(frozen=True)
 class Point:
-    """Values of everything, for each drive.
+    """Parameters and noise, for each drive.
 
     Attributes:
-        values: Parameters of the augmented model ``(np, drives)``; they differ in moments only.
+        values: Parameters of the augmented model ``(np, drives)``; they differ in change times only.
         process: Logarithm of a factor on the first process-noise variances, by unit ``(groups,)``.
         measurement: Logarithm of the measurement-noise variances ``(ny,)``.
     """
@@ -82,7 +82,7 @@ class Fitting:
     Args:
         model: The compiled filter.
         drives: The recordings.
-        variances: First measurement variance of each output ``(ny,)``.
+        variances: Initial measurement variance of each output ``(ny,)``.
         noise_held: Whether all noise stays as it starts.
     """
 
@@ -104,7 +104,7 @@ class Fitting:
         return int(sum(np.isfinite(d.measurements[1:]).sum() for d in self.drives))
 
     def first(self) -> Point:
-        """Return the nominal model with its first noise."""
+        """Return the nominal model with its initial noise."""
         values = np.repeat(self._first.values, len(self.drives), axis=1)
         return Point(values, np.zeros(self._groups), self._first_measurement.copy())
 
@@ -172,7 +172,7 @@ class Fitting:
         moved = [
             replace(c, upper=min(c.upper, float(self.drives[c.drives[0]].time[-1]))) if c.drives else c
             for c in coordinates
-        ]  # a moment lies within its drive
+        ]  # a change time lies within its drive
         base = [replace(self._first, values=start.values[:, [i]]) for i in self._range]
         space = Coordinates(self.augmented.spec, self.augmented.names, (*moved, *self._noise), base)
         z = np.array([c.coordinate(start.value(c)) for c in coordinates])
@@ -207,5 +207,5 @@ def in_rows(columns: Floats) -> Floats:
 
 
 def moved_to(point: Point, drives: int) -> Point:
-    """Return a point of some drives for others: what drives share, with the moments of the first."""
+    """Return a point of some drives for others: what drives share, with the change times of the first."""
     return replace(point, values=np.repeat(point.values[:, [0]], drives, axis=1))

@@ -26,7 +26,7 @@ _NEAR = 0.3
 """Largest way of a logarithm behind which the curvature counts as that before it."""
 
 _QUIET = 0.05
-"""Share of the gain at which to stop that a logarithm must promise by itself to be looked at again in a climb."""
+"""Share of the gain at which to stop that must be predicted of a logarithm for it to be moved again in a climb."""
 
 _LENGTHS = (0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 4.0)
 """Of a step, tried together; with the point itself they are the lanes of one run."""

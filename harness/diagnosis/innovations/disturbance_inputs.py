@@ -1,6 +1,6 @@
 """Where an unknown disturbance may enter a model: its state equations, the forces and angles it publishes, its sensors.
 
-The library of effects knows the ways into the published quantities: an amplitude by which a port changes, whatever the
+The library of effects knows the inputs of the published quantities: an amplitude by which a port changes, whatever the
 vehicle does, is a disturbance of that port, and its direction in the space of parameters is all that is needed.
 """
 
@@ -30,7 +30,7 @@ _COUPLING = "coupling_moment"
 
 @dataclass(frozen=True)
 class DisturbanceInput:
-    """A way into a model.
+    """An input by which a disturbance enters a model.
 
     Attributes:
         name: The ports it changes, or ``d/dt`` of the state.
@@ -58,7 +58,7 @@ class DisturbanceInput:
         return hash(self.name)
 
     def values(self, augmented: AugmentedModel, at: Floats) -> Floats:
-        """Return parameters ``(np,)`` at which the channel is open over the whole drive, else as they are."""
+        """Return parameters ``(np,)`` at which the input acts over the whole drive, else as they are."""
         opened = at.copy()
         for name in self.begins:
             opened[augmented.row(name)] = augmented.model.parameters[augmented.row(name)].lower
@@ -77,7 +77,7 @@ class DisturbanceInput:
 
 
 def disturbance_inputs_of(augmented: AugmentedModel) -> tuple[DisturbanceInput, ...]:
-    """Return every way into a model: its state equations first, then what it publishes."""
+    """Return every disturbance input of a model: its state equations first, then what it publishes."""
     found = [
         DisturbanceInput(f"d/dt {s}", "equation", _per_second(SIGNALS[s].unit), (s,)) for s in augmented.nominal.states
     ]

@@ -1,7 +1,7 @@
-"""What an unknown disturbance does to the innovations of a finished pass, and the disturbance given the innovations.
+"""The response of the innovations of a finished run to an unknown disturbance, and the disturbance given them.
 
 The innovations of a filter hold all that its recording says, so what is missing can be looked for in them without
-running the filter again (Friedland 1969 for a constant; ``disturbance_kernels`` states the equations). On a linear
+running the filter again (Friedland 1969 for a constant; ``time_loops`` states the equations). On a linear
 model the answers are those of a Kalman filter and smoother whose state holds the disturbance as well.
 """
 
@@ -26,7 +26,7 @@ from harness.identification.data import Drive
 from harness.identification.filtered_model import FilterRun
 
 _PROBED = 200
-"""Samples at which it is looked which states of effects matter."""
+"""Samples at which the states of effects that matter are determined."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _loops() -> ModuleType:
 
 
 def lasso(gram: Floats, pull: Floats, floor: float, wanted: int) -> Floats:
-    """Return the weights of the first ``wanted`` terms that the lasso takes in (``time_loops.lasso``)."""
+    """Return the weights of the first ``wanted`` terms that the lasso selects (``time_loops.lasso``)."""
     weights = np.zeros(len(pull))
     _loops().lasso(np.ascontiguousarray(gram), pull, floor, wanted, 50, weights)
     return weights

@@ -62,7 +62,7 @@ class AugmentedModel(FilteredModel):
         return paste(self._nominal, "filter_whole", [time_loops.filter_whole], given)
 
     def stated(self) -> Floats:
-        """Return the parameters with which it is the nominal model ``(np,)``; what then means nothing as it starts."""
+        """Return the parameters with which it is the nominal model ``(np,)``; those of absent effects as they start."""
         values = np.empty(len(self.names))
         for i, p in enumerate(self.model.parameters):
             if p.name in self.spec.values:
@@ -114,9 +114,9 @@ def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[st
 
 
 def _assembled(spec: ModelSpec, files: tuple[str, ...]) -> Model:
-    """Return the nominal model with all of these effects; one that does not go with the others is refused by name."""
+    """Return the nominal model with all of these effects; an incompatible one is refused by name."""
     VEHICLES.load(spec.vehicle)
     try:
         return assemble(spec.vehicle, spec.tyre, (*spec.effects, *files), spec.sensors, optional=True)
     except ModelError as error:
-        raise UserError(f"the effects of the library do not go together: {error}") from None
+        raise UserError(f"effects of the library are incompatible: {error}") from None

@@ -19,7 +19,7 @@ from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
 
 SHOWN = 15
-"""Entries in the ranking."""
+"""Inputs in the ranking."""
 
 DRAWN = 5
 """Signals in the figure of correlations."""
@@ -30,7 +30,7 @@ _BEFORE, _AFTER = style.looks(["before", "after"]).values()
 
 
 def ranking(nominal: Sequence[RankedInput], final: Sequence[RankedInput]) -> bytes:
-    """Return what a disturbance at each of the most suspect entries gains, before and after what was added, if any."""
+    """Return the gain of a disturbance at each of the best inputs, before and after what was added, if any."""
     drawn = [s for s in nominal[:SHOWN] if s.gain > 0]
     rankings = {"nominal model": nominal} if nominal is final else {"nominal model": nominal, "final model": final}
     gains = [{s.disturbance_input.name: s.gain for s in ranked_inputs} for ranked_inputs in rankings.values()]
@@ -53,7 +53,7 @@ def ranking(nominal: Sequence[RankedInput], final: Sequence[RankedInput]) -> byt
 
 
 def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], found: Sequence[History]) -> bytes:
-    """Return the disturbance over one drive at the most suspect entries, each with its 95 % band."""
+    """Return the disturbance over one drive at the inputs of the largest gain, each with its 95 % band."""
     with style.drawing():
         fig = style.figure(0.8 + 1.5 * len(ranked_inputs))
         panels = fig.subplots(len(ranked_inputs), 1, sharex=True, squeeze=False)[:, 0]
@@ -167,7 +167,7 @@ def spectra(found: Sequence[PeriodicDisturbance]) -> bytes:
 
 
 def shown_regressor(regressor: Regressor) -> tuple[str, float]:
-    """Return the unit in which reports show a driver, and how many of it make an SI unit."""
+    """Return the unit in which reports show a regressor, and how many of it make an SI unit."""
     q = quantity(regressor.name, regressor.unit)
     return (q.unit, q.scale) if q.meaning else (print_unit(regressor.unit), 1.0)
 

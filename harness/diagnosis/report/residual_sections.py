@@ -34,7 +34,7 @@ def where(outcome: Outcome) -> list[Block]:
     found, augmented = outcome.where, outcome.trace.fitting.augmented
     blocks: list[Block] = [Heading("Where is something missing?")]
     if found.nominal is None or found.final is None:
-        return [*blocks, Prose(plain("It could not be looked for."))]
+        return [*blocks, Prose(plain("It could not be computed."))]
     if not found.shown:
         said = "Nowhere: no slowly varying disturbance raises the likelihood of the drives."
         return [*blocks, Prose(strong(said))]

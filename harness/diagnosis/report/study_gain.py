@@ -1,4 +1,4 @@
-"""The part of a trace's report that says what the amendment is worth in a study."""
+"""The part of a trace's report that says what the amendment gains in a study."""
 
 from __future__ import annotations
 

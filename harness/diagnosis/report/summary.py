@@ -29,7 +29,7 @@ _NAMELESS = "amended: what is missing has no name, but its effect is known and i
 
 
 def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
-    """Return the answer, the table, what was odd about the recordings, and how each round of the search ended.
+    """Return the answer, the table, the irregularities of the recordings, and how each round of the search ended.
 
     Args:
         outcome: The trace, judged.
@@ -38,7 +38,7 @@ def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
     found: list[Block] = [Heading("What was found?")]
     if answer:
         found += [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))]
-    found += [Prose(strong(outcome.answer)), Section(lambda: [_table(outcome)], "The answer at a glance")]
+    found += [Prose(strong(outcome.answer)), Section(lambda: [_table(outcome)], "Summary")]
     if outcome.failures.sentences:
         found += [
             Prose(plain("These parts of the result could not be made:")),
@@ -68,7 +68,7 @@ def _table(outcome: Outcome) -> Sheet:
     if isinstance(outcome.study_gain, StudyGain):
         rows.append(["in a study", study_gain.answer(outcome.study_gain)])
     shown = [[label if i == 0 or rows[i - 1][0] != label else "", text] for i, (label, text) in enumerate(rows)]
-    return Sheet(["", ""], shown, "The answer at a glance; the sections below give the evidence.", left=2)
+    return Sheet(["", ""], shown, "Summary; the sections below give the evidence.", left=2)
 
 
 def _sizes(outcome: Outcome) -> list[str]:

@@ -17,10 +17,10 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class Where:
-    """The pinpointed model.
+    """Where the nominal and the final model lack something.
 
     Attributes:
-        nominal: The nominal model, refitted; ``None`` if it could not be pinpointed.
+        nominal: The nominal model, refitted; ``None`` if it could not be localised.
         final: With everything added; the same if nothing was.
         histories: Disturbances at the inputs of the largest gain of the nominal model, each over every fitted drive.
         unmodelled: What is left, as curves; ``None`` if it was not sought or nothing improves the held-out drives.

@@ -64,7 +64,7 @@ class PeriodicDisturbance:
     """A disturbance that is periodic in the distance driven.
 
     Attributes:
-        disturbance_input: The entry.
+        disturbance_input: The input.
         wavelength: m.
         growth: Power of the speed with which it grows.
         speed: At which it has its amplitude, in m/s.
@@ -157,7 +157,7 @@ class DistanceDomainDrive:
 
 
 def in_distance_domain(ranking: DisturbanceRanking, speeds: Sequence[Floats]) -> list[DistanceDomainDrive]:
-    """Return the drives of a pinpointed model with the speed of each ``(samples,)``."""
+    """Return the drives of a localised model with the speed of each ``(samples,)``."""
     found = []
     for linear, v in zip(ranking.linear, speeds, strict=True):
         model = linear.innovations
@@ -176,7 +176,7 @@ def find_periodic(
 
     Args:
         ranking: Of the fitted drives.
-        disturbance_inputs: Entries at which it may act.
+        disturbance_inputs: Inputs at which it may act.
         distance_drives: The same drives.
         needed: Gain over the background, beyond what the best of as many tries as there are lines reaches by chance.
     """

@@ -4,7 +4,7 @@ Such an effect has no response to test and does not lower the simulation error, 
 selection. Where an unknown disturbance at the ports that the effect changes explains as much as one at any other input,
 its parameters are fitted by the likelihood of a filter that holds it as a state. It is accepted if the likelihood of
 both the fitted and the held-out drives rises and the innovations on the latter become white, or almost: a random
-process that stands for something else leaves them coloured.
+process that replaces another effect leaves them coloured.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def _first(filters: Innovations, drives: Sequence[Drive], parameters: Sequence[P
 
 
 def _with(trace: Trace, final: ModelSpec, name: str) -> ModelSpec:
-    """Return the final model with a random process and the first noise, which nothing missing has made larger yet."""
+    """Return the final model with a random process and the initial noise, which nothing missing has enlarged yet."""
     larger, first = replace(final, effects=(*final.effects, name)), trace.fitting.augmented.spec.process_noise
     model = larger.model()
     process = {s: first.get(s, model.noise.get(s, 0.0) * final.step) for s in model.states}

@@ -66,7 +66,7 @@ class Regressor:
 
 
 def regressors_of(augmented: AugmentedModel) -> tuple[Regressor, ...]:
-    """Return the drivers that a nominal model has, as functions of states and inputs of the augmented one."""
+    """Return the regressors that a nominal model has, as functions of states and inputs of the augmented one."""
     model, column = augmented.nominal, augmented.model.inputs.index
     inputs = [n for n in model.inputs if n != "time"]
     measured = [s for s in model.states if _measured(model, s) and SIGNALS[s].unit != "N"]
@@ -85,7 +85,7 @@ def regressors_of(augmented: AugmentedModel) -> tuple[Regressor, ...]:
 
 
 def with_quick(regressors: Sequence[Regressor]) -> tuple[Regressor, ...]:
-    """Return drivers and the quick parts of those that are angles or rates of turn."""
+    """Return regressors and the quick parts of those that are angles or rates of turn."""
     found = list(regressors)
     for d in regressors:
         if d.name in SIGNALS and d.unit in ("rad", "rad/s"):

@@ -1,4 +1,4 @@
-"""Which signal drives a disturbance, and where? A sparse dictionary with stability selection.
+"""On which signal does a disturbance depend, and where? Sparse regression with stability selection.
 
 The terms are a few functions of every regressor at the inputs of the largest gain. Each is filtered as the innovations
 are, so that the innovations themselves are explained and not a smoothed disturbance. The lasso selects terms on halves

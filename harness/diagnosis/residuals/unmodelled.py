@@ -1,10 +1,10 @@
 """An unmodelled disturbance that no effect of the library explains: a function of a signal, or periodic in distance.
 
-What is periodic in the distance driven is sought first (``periodic``), because no function of a signal explains it. The
-dictionary proposes pairs of an input and a signal. For each pair a smooth curve is fitted to the innovations together
-with the fitted parameters of the model, and assessed by cross-validation over the drives. Forward selection takes the
-best, then the best beside it, as long as the cross-validated likelihood rises. The likelihood of the held-out drives
-must rise as well.
+What is periodic in the distance driven is sought first (``order_analysis``), because no function of a signal explains
+it. ``stability_selection`` proposes pairs of an input and a signal. For each pair a smooth curve is fitted to the
+innovations together with the fitted parameters of the model, and assessed by cross-validation over the drives. Forward
+selection takes the best, then the best beside it, as long as the cross-validated likelihood rises. The likelihood of
+the held-out drives must rise as well.
 
 In the simulation, a curve over motion is a function of the simulated motion and not of the measured one, so that its
 part in the simulation error is a prediction. Inputs are those of the recording, as for every model. What is periodic
@@ -57,7 +57,7 @@ TURNS = 3
 _ENTRIES = 8
 _PAIRS = 12
 _STABLE = 0.2
-"""Entries that the dictionary sees, pairs of which curves are fitted, and the least stability of a pair."""
+"""Inputs in the stability selection, pairs of which curves are fitted, and the least stability of a pair."""
 
 _SPEED = ("speed", "longitudinal_velocity")
 """Signals, the integral of either of which is the distance driven."""
@@ -103,7 +103,7 @@ class _Sums:
 
 
 class _Drives:
-    """Drives with a pinpointed model: signals, and the innovations' response to curves and to parameters."""
+    """Drives with a localised model: signals, and the innovations' response to curves and to parameters."""
 
     def __init__(
         self, ranking: DisturbanceRanking, fitting: Fitting, point: Point, moved: Sequence[Coordinate]
@@ -306,7 +306,7 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[
 
 
 def _possible(sums: Sequence[_Sums], prior: Floats, terms: Sequence[_Term], tension: float) -> bool:
-    """Whether no curve leaves the range that the library allows at its entry; B-splines lie within their weights."""
+    """Whether no curve leaves the range that the library allows at its input; B-splines lie within their weights."""
     weights, _ = _solved(sums, prior, len(terms), tension)
     sizes = np.abs(weights[len(prior) :]).reshape(len(terms), FUNCTIONS).max(axis=1)
     return all(size <= term.proposal.disturbance_input.limit for size, term in zip(sizes, terms, strict=True))

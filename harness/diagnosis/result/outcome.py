@@ -44,12 +44,12 @@ class Outcome:
         values: What each addition holds, by its name.
         judged: Every drive against the nominal model and the final one.
         nominal: The nominal model, refitted, for studies.
-        amended: The final model, for studies; effects with moments hold those of the first fitted drive.
+        amended: The final model, for studies; effects with change times hold those of the first fitted drive.
         where: Where the model lacks something, and the unmodelled disturbance that is left.
         estimators: Estimators on the held-out drives with the nominal and the amended model, where asked for.
         study_gain: A study with the amended plant against both beliefs, where asked for; why it could not be run, in
         words.
-        notes: What is odd about the recordings, with the evidence.
+        notes: Irregularities of the recordings, with the evidence.
         failures: What could not be made after the search.
     """
 
@@ -91,7 +91,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     errors = failures.attempt("the standard errors", lambda: _errors(trace), lambda _: {})
     values = _values(trace, errors)
     judged = failures.attempt("the tests of the innovations", lambda: _judged(trace), lambda _: ())
-    # Innovations that could not be tested are not taken for white.
+    # Innovations that could not be tested do not count as white.
     coloured = not judged or any(
         min(w.ljung_box, w.periodogram) < EXPLAINED for j in judged if j.held_out for w in j.whiteness
     )

@@ -24,6 +24,9 @@ from harness.diagnosis.selection.validation import Judgement
 from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.signals import SIGNALS
 
+SCHEMA_VERSION = 1
+"""Version of the keys of ``trace.json``: one more when a key is removed or changes its meaning."""
+
 
 def record(outcome: Outcome) -> dict[str, Any]:
     """Return the content of ``trace.json`` in SI units; a part that cannot be made is ``None``."""
@@ -31,7 +34,7 @@ def record(outcome: Outcome) -> dict[str, Any]:
     found = {
         key: outcome.failures.attempt(f"“{key}” of trace.json", make, lambda _: None) for key, make in parts.items()
     }
-    said = {"verdict": outcome.verdict, "answer": outcome.answer}
+    said = {"schema_version": SCHEMA_VERSION, "verdict": outcome.verdict, "answer": outcome.answer}
     return {**said, **found, "not_made": list(outcome.failures.sentences)}
 
 
@@ -187,7 +190,7 @@ def _models(outcome: Outcome) -> dict[str, str]:
 
 
 def ranking_record(found: Where) -> list[dict[str, Any]]:
-    """Return ``ranking`` of ``trace.json``: every entry, the one that explains most first."""
+    """Return ``pinpoint`` of ``trace.json``: every input, the one that explains most first."""
     if found.nominal is None or found.final is None:
         return []
     left = {s.disturbance_input.name: s.gain for s in found.final.ranked_inputs}
@@ -207,7 +210,7 @@ def ranking_record(found: Where) -> list[dict[str, Any]]:
 
 
 def unmodelled_record(found: UnmodelledDisturbance | None) -> dict[str, Any] | None:
-    """Return ``unmodelled`` of ``trace.json``."""
+    """Return ``unnamed`` of ``trace.json``."""
     if found is None:
         return None
     return {

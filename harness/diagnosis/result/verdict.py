@@ -19,10 +19,10 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     """Return whether the model is adequate, amended, or lacks something that has no name here.
 
     Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
-    added: then an effect may stand for another one. So it is if the simulation error there, with the unmodelled
-    disturbance if one was found, exceeds the sensor noise, and either one was found or the last round held a hypothesis
-    that gained enough but was not accepted. A random process is accepted where it leaves white innovations, or almost.
-    Many wrong parameters explain nothing if one would be wrong by an implausible factor.
+    added: then an effect may have been mistaken for another. So it is if the simulation error there, with the
+    unmodelled disturbance if one was found, exceeds the sensor noise, and either one was found or the last round held a
+    hypothesis that gained enough but was not accepted. A random process is accepted where it leaves white innovations,
+    or almost. Many wrong parameters explain nothing if one would be wrong by an implausible factor.
     """
     if beyond_belief(trace.final):
         return "unresolved"

@@ -1,4 +1,4 @@
-"""Judge what was tried in a round: what is added, why, and what the drives hardly distinguish from it."""
+"""Judge the candidates of a round: what is added, why, and what the drives hardly distinguish from it."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def passes_except_error(c: Candidate, before: Judgement) -> bool:
 
 
 def with_further(found: Round, further: Round) -> Round:
-    """Return a round with what was hopeful added, because with a further addition it is among what passes."""
+    """Return a round with the hopeful candidate added, because with a further addition it meets the criteria."""
     assert further.added is not None
     reason = f"meets all three criteria together with {words(further.added.hypothesis.name.replace('@', ' of '))}"
     return replace(found, added=found.hopeful, reason=reason)
@@ -204,8 +204,8 @@ def lookalikes(
 ) -> list[Score]:
     """Return what acts like the best of what was tried, if that passes, or may yet, but leaves something.
 
-    Another may be meant: a promise is linear, and of two that act alike, one that bends may promise less than half and
-    reach far more.
+    Another may be the right one: the prediction is linear, and of two of like response, a nonlinear one may be
+    predicted less than half the gain and reach far more.
     """
     assert winner.held_out is not None
     passes = not objections(winner, before) or passes_except_error(winner, before)

@@ -21,7 +21,7 @@ _CLOSE = 500.0
 
 
 class CandidateFits:
-    """Models with additions, on the drives to fit and on those to judge on.
+    """Models with additions, on the fitted and on the held-out drives.
 
     Args:
         fitting: The fitted drives.

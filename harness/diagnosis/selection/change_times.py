@@ -1,7 +1,7 @@
-"""When did something change? Choices of moments for a hypothesis that begins, and may end, once in every drive.
+"""When did something change? Choices of change times for a hypothesis that begins, and may end, once in every drive.
 
-A second moment ends what the first one began, so its response is that of the beginning, taken back. With the responses
-``X_k`` to changes at the moments of a grid, ``b_k = -X_k'r`` and ``G_km = X_k'X_m``, every pair of moments is scored
+A second time ends what the first one began, so its response is that of the beginning, taken back. With the responses
+``X_k`` to changes at the times of a grid, ``b_k = -X_k'r`` and ``G_km = X_k'X_m``, every pair of times is scored
 without another run.
 """
 
@@ -24,7 +24,7 @@ _BEAM = 60
 
 @dataclass(frozen=True)
 class Choices:
-    """Choices of moments for some drives.
+    """Choices of change times for some drives.
 
     Attributes:
         b: Sum over the drives ``(choices, amplitudes)``.
@@ -72,7 +72,7 @@ def choices(b: Floats, G: Floats, ends: bool) -> Choices:
 
 
 def join(by_drive: Sequence[Choices]) -> tuple[tuple[int, int], ...]:
-    """Return the moments for all drives with amplitudes in common, the best few of each drive at a time."""
+    """Return the change times for all drives with amplitudes in common, the best few of each drive at a time."""
     beam = by_drive[0].best()
     for found in by_drive[1:]:
         ranked = found.best()

@@ -1,8 +1,8 @@
 """Find what a model lacks: forward selection over everything it may lack, checked backwards at the end.
 
-In each round (``rounds``) the score test ranks all hypotheses, the best few are fitted jointly with the nominal
-parameters, and the best of these is added if it meets three criteria: the Bayes information criterion on the fitted
-drives, the likelihood and the simulation error of drives that were never fitted.
+In each round (``selection_round``) the score test ranks all hypotheses, the best few are fitted jointly with the
+nominal parameters, and the best of these is added if it meets three criteria: the Bayes information criterion on the
+fitted drives, the likelihood and the simulation error of drives that were never fitted.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def trace(
     Args:
         augmented: The nominal model with everything it may lack.
         train: Drives to fit.
-        test: Drives to judge on.
+        test: Held-out drives.
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
         rounds: Largest number of additions.
@@ -141,9 +141,10 @@ class _Search:
         )
 
     def _passed(self, tried: SelectionRound) -> list[Round]:
-        """Return a round; if what it found is hopeful, with the next one if that adds something to it.
+        """Return a round; if its best candidate is hopeful, with the next one if that adds something to it.
 
-        Of two effects one may make the error and the other most of the innovations: then neither passes alone.
+        Of two effects one may cause the simulation error and the other most of the innovations: then neither passes
+        alone.
         """
         room = self.rounds + 1 - tried.number
         found = tried.decided(room)

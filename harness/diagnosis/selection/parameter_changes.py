@@ -1,6 +1,6 @@
-"""Which parameter of a model is another one in new drives: each is refitted there alone, over all its range.
+"""Which parameter of a model changed in new drives: each is refitted there alone, over all its range.
 
-The score test promises what a small change would bring. Ice for dry road is none: halfway there the car may slide, and
+The score test predicts the gain of a small change. From dry road to ice is none: halfway there the car may slide, and
 the likelihood has more than one maximum. So every parameter is first tried at values far and near.
 """
 
@@ -37,7 +37,7 @@ class Change:
         parameter: Which.
         stated: Its value before, in SI units.
         value: Its value in these drives.
-        std: Standard error of that by the likelihood; infinite if these drives say nothing of it.
+        std: Standard error of that by the likelihood; infinite if these drives do not determine it.
         bic: Gain in BIC on the fitted drives.
         held_out: What the held-out drives say.
     """
@@ -64,7 +64,7 @@ class Changes:
 
     @property
     def found(self) -> Change | None:
-        """The likeliest change, if it passes the judges that an addition to a model has to pass."""
+        """The likeliest change, if it meets the criteria of an addition to a model."""
         best = self.tried[0]
         passes = (
             best.bic >= BIC_NEEDED
@@ -86,7 +86,7 @@ def single_changes(
     Args:
         augmented: The model as it was before.
         train: Drives to fit.
-        test: Drives to judge on.
+        test: Held-out drives.
         stated_noise: Whether errors count against the noise that the model states, as in ``trace``.
         say: Is told what is being tried.
     """

@@ -1,8 +1,8 @@
 """Score (Lagrange-multiplier) test of everything a model may lack, at a fit without it.
 
 One pass gives the derivatives ``X`` of the whitened innovations ``r`` to the amplitudes of a hypothesis, its shapes and
-moments at one value of a grid. With what the fit moves projected out (``X`` less its regression on the fit's own
-derivatives ``N``), ``b = -X'r`` and ``G = X'X`` promise the gain ``max_a b'a - a'G a / 2`` in log-likelihood within the
+change times at one value of a grid. With what the fit moves projected out (``X`` less its regression on the fit's own
+derivatives ``N``), ``b = -X'r`` and ``G = X'X`` predict the gain ``max_a b'a - a'G a / 2`` in log-likelihood within the
 bounds of the amplitudes, and ``G^-1`` is the smallest covariance with which these drives could show them (Rao 1948;
 Engle 1984).
 """
@@ -29,21 +29,21 @@ _ROUNDED = 1e-4
 """Share of the power of responses at single precision that may be left of them by rounding."""
 
 SPACING = 2.0
-"""s between the moments at which a change is tried."""
+"""s between the times at which a change is tried."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """What a hypothesis promises at a fit without it.
+    """The score of a hypothesis at a fit without it.
 
     Attributes:
         hypothesis: What was tried.
-        gain: Promised gain in log-likelihood.
+        gain: Predicted gain in log-likelihood.
         amplitudes: With these values.
-        error: Standard error that the drives would leave of each amplitude, infinite if they do not tell it.
+        error: Standard error that the drives would leave of each amplitude, infinite if they do not determine it.
         freedom: Numbers that it adds to the fit; under a prior, as many as the drives know better than the prior.
         shapes: Values of the grid.
-        change_times: By drive and moment ``(drives, change_times)``, in s.
+        change_times: By drive and parameter ``(drives, change_times)``, in s.
         response: Of the whitened innovations, projected, to the amplitudes: one array per drive ``(samples, ny)``.
         excited: Whether the drives could show it at all.
     """
@@ -162,7 +162,7 @@ class ScoreTest:
     def _change_times(self, h: Hypothesis) -> Score:
         """Score a change at a time of its own in every drive, at the best of a grid of times.
 
-        A second moment ends what the first one began, so its response is that of the beginning, taken back.
+        A second time ends what the first one began, so its response is that of the beginning, taken back.
         """
         chosen = join(self.augmented.share(lambda i: self._choices(h, i), range(len(self.drives))))
         X, change_times = [], np.zeros((len(self.drives), len(h.change_times)))
@@ -174,10 +174,10 @@ class ScoreTest:
         return self._judged(h, X, np.array(self._grid(h)[0]), change_times)
 
     def moments_of(self, h: Hypothesis) -> Floats:
-        """Return the likeliest moments of a hypothesis whose amplitudes are known ``(drives, change_times)``.
+        """Return the likeliest change times of a hypothesis whose amplitudes are known ``(drives, change_times)``.
 
-        The fit is that without it; its amplitudes are those of the point, which mean nothing as long as its moments
-        are never.
+        The fit is that without it; its amplitudes are those of the point, which have no effect as long as its change
+        times are never.
         """
         a = self.point.values[[self.augmented.row(n) for n in h.amplitudes], 0]
         found = np.zeros((len(self.drives), len(h.change_times)))
@@ -230,7 +230,7 @@ class ScoreTest:
         return self._products[drive, one, other]
 
     def _choices(self, h: Hypothesis, drive: int) -> Choices:
-        """Return all choices of moments in one drive by themselves, and first that of no change there."""
+        """Return all choices of change times in one drive by themselves, and first that of no change there."""
         G = np.array([[self._sums(drive, h, a, c) for c in h.amplitudes] for a in h.amplitudes])
         residual = self.residual[drive].astype(np.float32)
         b = -np.array([residual @ self._steps(h, a, drive) for a in h.amplitudes], dtype=float)
@@ -238,7 +238,7 @@ class ScoreTest:
 
 
 def _response(steps: Columns, moment: int) -> Columns:
-    """Return the response to a change at a moment of the grid; none to one that never comes."""
+    """Return the response to a change at a time of the grid; none to one that never comes."""
     return steps[:, moment] if moment >= 0 else np.zeros_like(steps[:, 0])
 
 
@@ -254,7 +254,7 @@ def scaled(G: Floats) -> tuple[Floats, Floats]:
 
 
 def best_amplitudes(b: Floats, G: Floats, seen: NDArray[np.bool_], down: Floats, up: Floats) -> tuple[Floats, float]:
-    """Return the amplitudes within bounds that promise most, and the gain they promise.
+    """Return the amplitudes within bounds of the largest predicted gain, and that gain.
 
     Args:
         b: ``(n,)``.
@@ -277,7 +277,7 @@ def best_amplitudes(b: Floats, G: Floats, seen: NDArray[np.bool_], down: Floats,
 
 
 def cosine(one: Score, other: Score) -> float:
-    """Return the cosine between the responses that two scores promise; 1 if the drives cannot tell them apart."""
+    """Return the cosine between the predicted responses of two scores; 1 if the drives cannot distinguish them."""
     inner = sum(float(np.vdot(x, y)) for x, y in zip(one.response, other.response, strict=True))
     squares = [sum(float(np.vdot(x, x)) for x in s.response) for s in (one, other)]
     return inner / float(np.sqrt(squares[0] * squares[1])) if min(squares) > 0 else 0.0

@@ -27,7 +27,7 @@ from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import EXCESS, Judgement, leaves_nothing
 
 _FAVOUR = 2.0
-"""Lead in BIC that a parameter of the model gets over an effect, which may be the same thing in other words."""
+"""Lead in BIC that a parameter of the model gets over an effect, which may be equivalent to it."""
 
 _OWN = 0.5
 """Share of the best hypothesis's gain from which, reached by the refitted model without it, a round starts again from
@@ -160,7 +160,7 @@ class SelectionRound:
         assert winner.fitted is not None
         start = self.taken_back(winner.hypothesis, winner.fitted)
         for s in lookalikes(winner, self.before, self.promised, self.fits)[:_REFITTED]:
-            self.say(f"fitting {s.hypothesis.name.replace('_', ' ')}, which acts alike")
+            self.say(f"fitting {s.hypothesis.name.replace('_', ' ')}, of like response")
             starts = [self.start(self.best.point, s), self.start(start, s)]
             self.fits[s.hypothesis] = self.candidate_fits.fit(
                 (*self.added, s.hypothesis), self.candidate_fits.fitting.best(starts)

@@ -1,4 +1,4 @@
-"""How the innovations respond to a change, for each moment of a grid at which it may begin.
+"""How the innovations respond to a change, for each time of a grid at which it may begin.
 
 A change acts from its beginning as it would if it had been there all along, so the augmented model is linearised once
 along the pass and led through with the same entry from another sample on; only how the change rises in between is its
@@ -48,7 +48,7 @@ class Onsets:
         drive: The recording.
         values: Parameters of the pass ``(np,)``.
         kept: The pass.
-        grid: Moments in s.
+        grid: Times in s.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Onsets:
         self._later = np.round((grid - self._middle) / self._whole.spec.step).astype(int)
 
     def responses(self, changes: Sequence[Change]) -> list[Columns]:
-        """Return how whitened innovations respond to each change at every moment ``(samples * ny, change_times)``."""
+        """Return how whitened innovations respond to each change at every time ``(samples * ny, change_times)``."""
         values, directions = [], []
         for c in changes:
             for begins in (_LONG_AGO, self._middle):
@@ -79,7 +79,7 @@ class Onsets:
         return found
 
     def _shifted(self, full: Floats, part: Floats) -> Floats:
-        """Return how much of a change is done, for each moment at which it may begin ``(samples, change_times)``."""
+        """Return how much of a change is done, for each time at which it may begin ``(samples, change_times)``."""
         samples = np.arange(len(full))
         power = np.einsum("ki,ki->k", full, full)
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -16,7 +16,7 @@ from harness.identification.data import Drive
 from harness.identification.judgement import DriveJudgement, judged_on
 
 EXCESS = 0.05
-"""Mean square of the free-running error over the sensors' noise, less one, below which nothing is left to explain."""
+"""Mean square of the simulation error over the sensors' noise, less one, below which nothing is left to explain."""
 
 LITTLE = 0.01
 """Share of the excess of the model without additions below which nothing is left to explain either."""
@@ -27,12 +27,12 @@ class Judgement:
     """A model on the held-out drives.
 
     Attributes:
-        log_likelihood: Of all of them; half the logarithm of the samples less for each moment looked for there.
-        error: Root mean square of measurement less the model alone ``(ny,)``.
+        log_likelihood: Of all of them; half the logarithm of the samples less for each change time fitted there.
+        error: Root mean square of measurement less free run ``(ny,)``.
         normalised_excess_mses: Mean square of that over the variance of the sensor's noise, less one, not negative
         ``(ny,)``.
         drives: The same drive by drive; empty for what is no model of its own.
-        point: Values with which it was judged; moments are those of the held-out drives.
+        point: Values with which it was judged; change times are those of the held-out drives.
     """
 
     log_likelihood: float
@@ -57,7 +57,7 @@ def leaves_nothing(after: Judgement, before: Judgement) -> bool:
 
 
 class HeldOut:
-    """Drives to judge on.
+    """Held-out drives.
 
     Args:
         augmented: The model.
@@ -70,7 +70,7 @@ class HeldOut:
         self.fitting = Fitting(augmented, drives, variances)
 
     def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
-        """Return how a model does; nothing but the moments of changes is looked for in these drives."""
+        """Return how a model does; only the change times are fitted to these drives."""
         here, change_times = self._own_change_times(added, moved_to(point, len(self.drives)))
         found = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
         likelihood = sum(d.log_likelihood for d in found) - 0.5 * change_times * np.log(self.fitting.samples)
@@ -78,7 +78,7 @@ class HeldOut:
         return Judgement(likelihood, error, normalised_excess_mses, found, here)
 
     def _own_change_times(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
-        """Return the point with the moments of these drives: the best of a grid, then of their neighbourhood."""
+        """Return the point with the change times of these drives: the best of a grid, then of their neighbourhood."""
         names = tuple(dict.fromkeys(n for h in added for n in h.change_times))
         if not names:
             return point, 0
@@ -97,11 +97,11 @@ class HeldOut:
 
 
 def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, Floats]:
-    """Return error and excesses of a model alone, as ``Judgement`` has them.
+    """Return error and excesses of a free run, as ``Judgement`` has them.
 
     Args:
         drives: The recordings.
-        free: Outputs of the model alone, by drive ``(samples, ny)``.
+        free: Outputs of the free run, by drive ``(samples, ny)``.
         variances: Of the sensors' noise ``(ny,)``.
     """
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])

@@ -183,7 +183,7 @@ def _without_tangents(expr: sp.Expr) -> sp.Expr:
 def _tangent(angle: sp.Expr) -> sp.Expr:
     """Write ``tan(a + atan(b))``, a slip variable behind a steered wheel, without tangent and arc tangent.
 
-    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the dearest functions.
+    It is ``(sin a + b cos a) / (cos a - b sin a)``, a fraction instead of two of the most expensive functions.
     """
     for term in angle.args if angle.is_Add else ():
         sign, inner = (-1, -term) if term.could_extract_minus_sign() else (1, term)

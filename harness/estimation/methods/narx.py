@@ -1,4 +1,4 @@
-"""NARX network: trained on drives, runs on its own outputs, knows no equations (Ziaukas 2023, ch. 3 and 5.2).
+"""NARX network: trained on drives, runs on its own outputs, uses no equations (Ziaukas 2023, ch. 3 and 5.2).
 
 From past samples of the measured and known inputs and of its own outputs it computes the outputs of this sample
 (3.1 to 3.4). It takes nothing from the belief but the places of its signals: parameters and noise are what it was

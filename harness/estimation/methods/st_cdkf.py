@@ -67,7 +67,7 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
 
 
 def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries: per output its residual variance, 0 at first."""
+    """Return how many rows of memory the filter carries: the residual variance of each output, 0 at first."""
     return ny
 
 

@@ -182,7 +182,7 @@ def train(
     Args:
         problem: Gives the normal equations.
         first: First parameters ``(P,)``.
-        epochs: Most steps.
+        epochs: Largest number of steps.
         validate: Error on data that are not trained on; training stops when it has not fallen ``patience`` times.
         patience: See ``validate``.
         tolerance: Training stops when the sum of squares falls by a smaller share in ten steps.

@@ -1,9 +1,9 @@
 """How many delays does a NARX model need? Lipschitz indices after He and Asada (1993).
 
-If a regressor holds all that an output depends on, the quotient ``|y_i - y_j| / |x_i - x_j|`` is bounded; if a
-variable is missing, samples with nearly equal regressors differ in the output and the quotient grows without bound.
-The index of a regressor of n variables is the geometric mean of the p largest quotients times ``sqrt(n)``; where it
-stops to fall, the regressor is complete.
+If a regressor holds all that an output depends on, the quotient ``|y_i - y_j| / |x_i - x_j|`` is bounded; if a variable
+is missing, samples with nearly equal regressors differ in the output and the quotient grows without bound. The index of
+a regressor of n variables is the geometric mean of the p largest quotients times ``sqrt(n)``; where it stops falling,
+the regressor is complete.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class Network:
         layers: Matrices ``(to, from + 1)``, the last column the bias; ``tanh`` in all but the last, which is linear.
         input_range: Smallest and largest value of each input in the training data, ``(inputs, 2)``.
         output_range: The same of each output, ``(outputs, 2)``.
-        made: How it was made: command, seed, errors; free of form.
+        made: How it was made: command, seed, errors; any keys.
     """
 
     inputs: tuple[str, ...]

@@ -1,6 +1,6 @@
 """Train a network: several first weights, each open loop and then free-running; the best on the test drives is kept.
 
-Open loop the network sees the true past outputs. To repeat the last one is then nearly right, so that an error of some
+Open loop the network sees the true past outputs. Repeating the last one is then nearly right, so that an error of some
 1e-4 says nothing about a network that runs on its own outputs for minutes. Therefore each candidate is tuned further by
 backpropagation through time over windows of growing length and at last whole drives, and candidates are compared by
 their free-running error.
@@ -39,10 +39,10 @@ class Plan:
     Attributes:
         neurons: Neurons of each hidden layer.
         input_delays, output_delays: Past samples of inputs and outputs.
-        epochs: Most steps of Levenberg-Marquardt.
+        epochs: Largest number of steps of Levenberg-Marquardt.
         tolerance: It stops when ten steps lower the sum of squares by a smaller share.
         iterations: Steps of the free-running tuning on whole drives; a sixth of it on each length of window.
-        every: Open loop, only every so-manieth sample is predicted; the free-running tuning takes all.
+        every: Open loop, only every n-th sample is predicted; the free-running tuning takes all.
     """
 
     neurons: tuple[int, ...] = (32,)
@@ -214,7 +214,7 @@ class Trainer:
 
 
 def _guarded(problem: ClosedLoop):
-    """Return value and gradient with a large finite value where the network runs away, which a line search needs."""
+    """Return value and gradient with a large finite value where the network diverges, which a line search needs."""
 
     def evaluate(p: Floats) -> tuple[float, Floats]:
         value, gradient = problem.value_and_gradient(p)

@@ -37,13 +37,13 @@ from harness.simulation.simulate import variances
 
 
 class Settings(BaseModel):
-    """How EM goes about it; particles as Sun."""
+    """Settings of EM; the number of particles is Sun's."""
 
     model_config = ConfigDict(extra="forbid")
 
     particles: int = Field(default=50, ge=2, le=100_000, description="of filter and smoother")
     e_step: Literal["smoother", "filter"] = Field(
-        default="smoother", description="whether all measurements count or only those up to the next sample"
+        default="smoother", description="whether all measurements are used or only those up to the next sample"
     )
     search: Literal["gradient", "coordinate"] = Field(
         default="gradient",
@@ -52,7 +52,7 @@ class Settings(BaseModel):
     process_noise: bool = Field(default=True, description="whether the process covariance is estimated")
     measurement_noise: bool = Field(default=False, description="whether the measurement covariance is estimated")
     window: int = Field(default=10, ge=2, le=10_000, description="iterations whose mean is the result")
-    iterations: int = Field(default=200, ge=1, le=100_000, description="most E-steps")
+    iterations: int = Field(default=200, ge=1, le=100_000, description="largest number of E-steps")
     bounds: dict[str, tuple[float, float]] = Field(
         default_factory=dict, description="search range by parameter, SI; by default the model's bounds"
     )
@@ -80,7 +80,7 @@ class Maximisation:
         spec: The model; its values and variances are where EM begins. Every state needs process noise.
         free: Names of the parameters to be found.
         drives: Recordings.
-        settings: How EM goes about it.
+        settings: Of the method.
 
     Raises:
         UserError: If nothing is free or recorded, a name is unknown, or a parameter starts outside its search range.
@@ -152,11 +152,11 @@ class Maximisation:
             point.free[own],
             method="Nelder-Mead",
             bounds=self._bounds[own],
-        )  # what Sun's fminsearch is
+        )  # as Sun's fminsearch
         return np.where(own, found.x, point.free)
 
     def run(self, seed: int, say: Callable[[str], None] = lambda _: None) -> Found:
-        """Iterate until the mean over a window no longer moves by more than the particles make it scatter.
+        """Iterate until the mean over a window changes by no more than the scatter of the particles.
 
         A window of the coordinate search counts rounds in which every parameter had its turn.
 
@@ -214,7 +214,7 @@ def _search_ranges(spec: ModelSpec, free: Sequence[str], given: Mapping[str, tup
 
 
 def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = lambda _: None) -> Fit:
-    """Return the parameters and variances at which EM comes to rest.
+    """Return the parameters and variances to which EM converges.
 
     Raises:
         UserError: As ``Maximisation``; if a state has no process noise or the filter diverges.

@@ -1,11 +1,11 @@
 """Prediction-error maximum likelihood: parameters and noise through the innovations of the extended Kalman filter.
 
-The innovations of a filter that holds the right model are white and normal with the covariance it states, so their
-density is the likelihood of the parameters (Kristensen, Madsen and Joergensen 2004, eqs 6 to 8; Ljung 1999, 7.4).
-Gradient and Fisher information are exact (``harness.identification.innovations``). Process and measurement noise are
-estimated with the parameters: process noise held too large hides what a parameter does, held too small it makes the
-model look wrong. The search fits the parameters first with the error in the measurement noise, then the noise, then
-both; at last it forces the process noise down and refits, for as long as that gains.
+The innovations of a filter with the right model are white and normal with the covariance it states, so their density is
+the likelihood of the parameters (Kristensen, Madsen and Joergensen 2004, eqs 6 to 8; Ljung 1999, 7.4). Gradient and
+Fisher information are exact (``harness.identification.innovations``). Process and measurement noise are estimated with
+the parameters: too large a process noise hides the effect of a parameter, too small a one makes the model look wrong.
+The search fits the parameters first with the error in the measurement noise, then the noise, then both; at last it
+forces the process noise down and refits, for as long as that gains.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ _REACH = np.log(2.0)
 
 
 class Settings(BaseModel):
-    """How far the search goes."""
+    """Settings of the search."""
 
     model_config = ConfigDict(extra="forbid")
 
-    starts: int = Field(1, ge=1, le=64, description="points from which the search begins; the first is the given one")
-    iterations: int = Field(60, ge=1, description="largest number of passes with derivatives per stage")
+    starts: int = Field(1, ge=1, le=64, description="number of starting points; the first is the given one")
+    iterations: int = Field(60, ge=1, description="largest number of filter runs with derivatives per stage")
     annealings: int = Field(3, ge=0, description="how often the process noise is forced down, while that gains")
     profiles: bool = Field(True, description="whether the likelihood along each parameter is computed")
     process_noise: bool = Field(True, description="whether the process noise is estimated; false holds it as stated")
@@ -56,7 +56,7 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
     """Return the parameters and variances that make the recordings most likely.
 
     Raises:
-        UserError: If nothing is free or the filter diverges at the first values and all other starts.
+        UserError: If nothing is free or the filter diverges at the initial values and all other starts.
     """
     if not problem.free:
         raise UserError("free: no parameter is free; name at least one")
@@ -110,7 +110,7 @@ class Search:
         finite = [p for p in points if np.isfinite(self.objective.values(p[:, None])[0])]
         if not finite:
             raise UserError(
-                "the filter diverges on these recordings at the first values; check units and signs of the recorded "
+                "the filter diverges on these recordings at the initial values; check units and signs of the recorded "
                 "signals, start from other values, or ask for more starts"
             )
         return finite
@@ -166,12 +166,12 @@ class Search:
         notes = []
         if not best.converged:
             notes.append(
-                f"The search stopped early: a further step still promises {best.predicted:.2g} units of "
+                f"The search stopped early: a further step still predicts a gain of {best.predicted:.2g} units of "
                 "log-likelihood. More iterations or another start may do better."
             )
         diverged = self.objective.diverged
         if diverged:
-            notes.append(f"{diverged} candidates diverged and were passed over.")
+            notes.append(f"{diverged} candidates diverged and were discarded.")
         return Fit(
             method="likelihood",
             spec=self.coordinates.fitted(best.z),
@@ -202,5 +202,5 @@ def white_noise(drives: Sequence[Drive], output: int) -> float:
     """Return the variance of the white noise on an output, from its fourth differences; 0 if there are none."""
     rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
     rest = rest[np.isfinite(rest)]
-    # The median is deaf to spikes; 0.6745 is the median magnitude of a standard normal number.
+    # The median is robust against spikes; 0.6745 is the median magnitude of a standard normal number.
     return float(np.median(np.abs(rest)) / 0.6745) ** 2 / 70.0 if rest.size else 0.0

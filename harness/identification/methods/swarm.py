@@ -37,7 +37,7 @@ class Settings(BaseModel):
 
 @dataclass(frozen=True)
 class Found:
-    """What a global optimiser found.
+    """Result of a global optimiser.
 
     Attributes:
         values: The best candidate ``(free,)``; NaN if every candidate diverged.
@@ -63,7 +63,7 @@ def optimise(
     """Minimise a cost over a box.
 
     First positions are uniform over the box, first velocities uniform within its width. A particle that would leave the
-    box stops at its wall and loses the velocity across it. A candidate of infinite cost is never anybody's best.
+    box stops at its wall and loses the velocity across it. A candidate of infinite cost is never a best position.
 
     Args:
         cost: Costs ``(candidates,)`` of candidates ``(candidates, free)``; infinite where there is none.
@@ -100,7 +100,7 @@ def optimise(
 
 
 def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = lambda _: None) -> Fit:
-    """Return the parameters with which the model, running free, errs least.
+    """Return the parameters of the least simulation error.
 
     Raises:
         UserError: If a search range is of no free parameter, or every candidate diverges.

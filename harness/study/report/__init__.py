@@ -1,7 +1,7 @@
 """Stage *report*: a finished result folder becomes ``report.html`` and ``report.pdf``; nothing is run again.
 
-The parts: ``store`` reads, ``analysis`` computes every number once, each file of ``sections`` writes one part,
-``document`` turns the list of content blocks into both files, ``style`` says how everything looks.
+``harness.study.results`` reads, ``analysis`` computes every number once, each file of ``sections`` writes one part,
+``harness.reporting`` turns the list of content blocks into both files.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _SECTIONS = {
     "Answer": answer.blocks,
     "How large are the errors?": boxes.blocks,
     "Which parameter drives the error?": sensitivity.blocks,
-    "How far may the vehicle drift in everything at once?": tolerance.blocks,
-    "When does which parameter make the error?": over_time.blocks,
+    "How far may the vehicle drift in all factors at once?": tolerance.blocks,
+    "Which parameter causes the error, and when?": over_time.blocks,
     "Which estimator is better, run by run?": paired.blocks,
     "What do runs look like over time?": history.blocks,
     "How much weight does a measurement get?": weights.blocks,
-    "When does the drive tell the estimators something?": certainty.blocks,
-    "Do the estimators know how wrong they are?": consistency.blocks,
+    "When is the drive informative?": certainty.blocks,
+    "Are the stated covariances consistent?": consistency.blocks,
     "On which drives are the estimators wrong?": drives.blocks,
     "How does the error depend on the actual value?": scatter.blocks,
     "How was this made?": made.blocks,

@@ -15,7 +15,7 @@ from harness.study.results import Design, Store
 from harness.study.scores import OK
 
 NEGLIGIBLE = 0.01
-"""Share of the error below which a difference between estimators is of no use to anybody."""
+"""Share of the error below which a difference between estimators is negligible."""
 
 HARDLY_MORE = 0.001
 """Share of the runs by which an estimator may lose more than another and still be compared by its median."""

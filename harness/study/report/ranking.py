@@ -77,7 +77,7 @@ def limits_of(attributes: dict[str, Any]) -> dict[str, float]:
 
 
 def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int], Tolerance]:
-    """Return what each estimator bears in a ``tolerance`` design, by target and estimator.
+    """Return what each estimator tolerates in a ``tolerance`` design, by target and estimator.
 
     Args:
         design: The design.

@@ -18,7 +18,7 @@ from harness.study.report.sections.history import inside
 from harness.study.results import FATES, Design
 from harness.study.scores import OK, PENDING
 
-SURE = 0.5  # share within ± 2σ below which an estimator is sure of a wrong value
+SURE = 0.5  # share within ± 2σ below which an estimator is over-confident
 _NAMED = 3  # up to so many estimators are all named in a sentence; of more, the best and the worst
 
 
@@ -214,12 +214,12 @@ def _p(pair: Paired, equals: str = "") -> str:
 
 
 def _standing(findings: Findings, pairs: list[Paired], where: str) -> str:
-    """Sort many estimators into better than, worse than and not told apart from the best."""
+    """Sort many estimators into better than, worse than and not distinguished from the best."""
     names = findings.design.estimators
-    groups: dict[str, list[str]] = {"better": [], "worse": [], "within 1 %": [], "not told apart": []}
+    groups: dict[str, list[str]] = {"better": [], "worse": [], "within 1 %": [], "not distinguished": []}
     for pair in sorted(pairs, key=lambda p: p.relative):
         shown = pair.shown and not pair.negligible
-        close = "within 1 %" if pair.negligible else "not told apart"
+        close = "within 1 %" if pair.negligible else "not distinguished"
         key = ("better" if pair.relative < 0 else "worse") if shown else close
         by = f" by {percent(abs(pair.relative))}" if shown else ""
         groups[key].append(names[pair.second] + by)
@@ -248,7 +248,7 @@ def _lost(analysis: Analysis) -> str:
 
 
 def _only_on(designs: Sequence[Design], estimator: str, fate: int) -> str:
-    """Name the drive on which an estimator met its fate, if there is only one of several."""
+    """Name the drive on which an estimator lost its runs, if there is only one of several."""
     where = {
         d.drives[k]
         for d in designs
@@ -318,13 +318,13 @@ def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.
         if share < SURE:
             told.append(
                 f"In the run drawn at {label} the true {quantity.words} lies within ± 2σ of the estimate in only "
-                f"{100 * share:.0f} % of the samples (95 % expected): the filter is sure of a wrong value."
+                f"{100 * share:.0f} % of the samples (95 % expected): the filter is over-confident."
             )
     if abs(innovation.ratio - 1.0) < 0.1:
         told.append(
-            f"The innovations do not give it away: NIS there is {innovation.ratio:.2f} times its expectation, so a "
+            f"The innovations do not reveal it: NIS there is {innovation.ratio:.2f} times its expectation, so a "
             "monitor of the innovations raises no alarm."
         )
     elif innovation.ratio > innovation.upper:
-        told.append(f"The innovations give it away: NIS there is {number(innovation.ratio)} times its expectation.")
+        told.append(f"The innovations reveal it: NIS there is {number(innovation.ratio)} times its expectation.")
     return told

@@ -42,7 +42,7 @@ def _explain(design: Design) -> str:
         names = " and ".join(f.words for f in design.factors)
         text += (
             f"Within each band {names} takes {samples} values of a Sobol sequence, so a box also shows what small "
-            "departures from the middle of the band do."
+            "departures from the centre of the band do."
         )
     return text
 

@@ -1,8 +1,8 @@
-"""Where a run tells an estimator something: the width of its posterior by lateral acceleration.
+"""Where a run is informative: the width of the posterior by lateral acceleration.
 
-A quantity that the measurements do not show keeps or widens the uncertainty the estimator gives it; one that they
-show narrows it. For a car's friction that is the case near the limit of the tyres (Lex 2015), so the section is there
-for runs that were drawn with a lateral acceleration.
+The stated uncertainty of a quantity stays or grows where the measurements do not show it, and falls where they do. For
+a car's friction that is the case near the limit of the tyres (Lex 2015), so the section is there for runs that were
+drawn with a lateral acceleration.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ EDGES = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, np.inf)
 """m/s^2; borders of the classes."""
 
 WINDOW = 2.0
-"""s; a moment belongs to the class of the largest acceleration in this time before it, as estimates remember."""
+"""s; a sample belongs to the class of the largest acceleration in this time before it, as estimates have memory."""
 
 SHOWN = 2.0
 """A quantity counts as shown by a class if its stated standard deviation is that many times below the widest."""
@@ -32,11 +32,11 @@ _SPARSE = 0.5  # s; shorter stays in a class say nothing
 def blocks(analysis: Analysis) -> list[Block]:
     """Return a table for each run drawn with a lateral acceleration and stated uncertainties; else nothing."""
     found = [block for data in analysis.store.histories for block in _run(data)]
-    return [Heading("When does the drive tell the estimators something?"), *found] if found else []
+    return [Heading("When is the drive informative?"), *found] if found else []
 
 
 def classes(data: xr.Dataset) -> tuple[NDArray[np.intp], str] | None:
-    """Return the class of each moment and the name of the acceleration; nothing without one.
+    """Return the class of each sample and the name of the acceleration; nothing without one.
 
     The acceleration is the true one, of a car or, for a combination, of the tractor.
     """

@@ -21,7 +21,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     if not findings.with_covariance:
         return []
     return [
-        Heading("Do the estimators know how wrong they are?"),
+        Heading("Are the stated covariances consistent?"),
         Prose(_explain(findings)),
         _picture(analysis, findings),
         *blocks_by_drive(findings),
@@ -64,10 +64,8 @@ def _picture(analysis: Analysis, findings: Findings) -> Picture:
         style.head(fig, "Are the stated covariances as large as the errors?", handles)
         svg = style.svg(fig)
     caption = (
-        f"Average NEES and NIS over their expectation, design “{design.name}”, with the bounds within "
-        "which a "
-        "consistent estimator stays, and the share of samples inside the 95 % region (filled: NEES; "
-        "open: NIS)."
+        f"Average NEES and NIS over their expectation, design “{design.name}”, with the bounds within which a "
+        "consistent estimator stays, and the share of samples inside the 95 % region (filled: NEES; open: NIS)."
     )
     return Picture(svg, caption, "NEES and NIS per level and estimator with their bounds")
 

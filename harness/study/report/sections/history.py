@@ -17,8 +17,8 @@ from harness.study.report.analysis import Analysis
 from harness.study.results import run_in_words
 
 _EXPLAIN = (
-    "A median hides how an error comes about. Drawn are the true value, what each estimator makes of it, and how sure "
-    "it says it is; the study names the run."
+    "A median hides how an error arises. Drawn are the true value, each estimate and its stated uncertainty; the study "
+    "names the run."
 )
 _ROW = 1.65  # inches per quantity
 _LOWEST = 1.1  # inches per quantity where that saves a page
@@ -75,11 +75,12 @@ def _picture(data: xr.Dataset, rows: list[Quantity], chosen: dict[str, Look]) ->
     names = ", ".join(row.words for row in rows)
     caption = (
         f"The run “{run_in_words(data)}”: true and estimated {names}. The band in the colour of an estimator is twice "
-        "the standard deviation it states to either side; a true value outside it is an error it does not know of."
+        "the standard deviation it states to either side; a true value outside it is an error larger than "
+        "stated."
     )
     alone = [row.words for row in rows if not _has_truth(data, row)]
     if alone:
-        caption += f" The plant has no {' and no '.join(alone)}: the estimate stands alone."
+        caption += f" The plant has no {' and no '.join(alone)}: only the estimate is drawn."
     return Picture(svg, caption + _ended(data), f"Time history of {names}")
 
 

@@ -30,8 +30,7 @@ _DEFINITIONS = (
     r"$[chi^2_(0.025)(M m), chi^2_(0.975)(M m)] \/ M$ with a probability of 95 %; the average NEES over "
     r"$N$ runs in "
     r"$[chi^2_(0.025)(N n), chi^2_(0.975)(N n)] \/ N$ with at least that.",
-    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled "
-    "within itself, "
+    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled within itself, "
     "seeded with the seed of the study.",
 )
 
@@ -131,7 +130,9 @@ def _models(store: Store) -> list[Block]:
         unit = print_unit(str(entry.get("unit") or ""))
         texts = [with_unit(entry[s], unit) if isinstance(entry.get(s), int | float) else "–" for s in _SIDES]
         rows.append([words(name), *texts])
-    caption = "What drives (plant) and what the estimators hold for true (belief), before a design changes it."
+    caption = (
+        "The simulated vehicle (plant) and the model that the estimators assume (belief), before a design changes them."
+    )
     return [Sheet(["item", "plant", "belief"], rows, caption, left=3)]
 
 

@@ -1,4 +1,4 @@
-"""Along a drive: when does which factor make the error?"""
+"""Along a drive: which factor causes the error, and when?"""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         "The same indices from the error in each window of one drive, for the estimator with the smallest median "
         "error. A lost run has in the windows after its end the largest error that any run had there."
     )
-    return [Heading("When does which parameter make the error?"), Prose(plain(text)), *found]
+    return [Heading("Which parameter causes the error, and when?"), Prose(plain(text)), *found]
 
 
 class AlongDrive:
@@ -94,7 +94,7 @@ class AlongDrive:
 def _picture(along: AlongDrive) -> Picture:
     design, quantity = along.design, along.design.targets[along.target]
     name = design.estimators[along.estimator]
-    question = f"When does which parameter make the error of the {quantity.words}?"
+    question = f"Which parameter causes the error of the {quantity.words}, and when?"
     with style.drawing():
         fig = style.figure(1.1 + 2 * _ROW)
         upper, lower = fig.subplots(2, 1, sharex=True)

@@ -1,4 +1,4 @@
-"""Within a band: error over the value the factor really had in each run."""
+"""Within a band: error over the actual value of the factor in each run."""
 
 from __future__ import annotations
 

@@ -127,7 +127,8 @@ def _by_ranks(ranking: Ranking, target: int) -> str:
     if not other:
         return " By ranks of the error the same factor leads."
     return (
-        f" By ranks of the error another factor leads for {listed(other)}: there, few large errors make the variance."
+        f" By ranks of the error another factor leads for {listed(other)}: there, few large errors dominate the "
+        "variance."
     )
 
 

@@ -38,7 +38,7 @@ def blocks(analysis: Analysis) -> list[Block]:
                 limit = with_unit(limits[target.name] * target.scale, target.unit)
                 found += [_picture(analysis, design, t, limit, borne), _summary(design, t, limit, borne)]
                 found.append(_box(design, t, borne))
-    return [Heading("How far may the vehicle drift in everything at once?"), *found] if found else []
+    return [Heading("How far may the vehicle drift in all factors at once?"), *found] if found else []
 
 
 def value_at(factor: Factor, share: float) -> float:
@@ -62,7 +62,7 @@ def breaks_first(design: Design, borne: Tolerance) -> str:
 def told(
     design: Design, limits: dict[str, float], borne: dict[tuple[int, int], Tolerance]
 ) -> list[tuple[Quantity, str]]:
-    """Say for each target with a limit which estimator bears the largest box, and what breaks the limit first."""
+    """Say for each target with a limit which estimator tolerates the largest box, and what breaks the limit first."""
     items = []
     for t, target in enumerate(design.targets):
         if target.name not in limits:
@@ -83,9 +83,9 @@ def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
         times = "in a lost run" if np.isinf(borne.nominal) else f"{number(borne.nominal, 2)} times as large"
         return (
             f"No estimator stays below {limit} even where the vehicle is as believed: the best, {name}, has an "
-            f"error {times} on the worst drive. No box bears this limit."
+            f"error {times} on the worst drive. No box meets this limit."
         )
-    text = f"{name} bears most: its error stays below {limit} on every drive"
+    text = f"{name} tolerates most: its error stays below {limit} on every drive"
     text += f" while all factors together stay within {100 * borne.box:.0f} % of the way to the edges of the box."
     if borne.first is None:
         return f"{text} No factor alone breaks it."
@@ -163,7 +163,7 @@ def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], To
         nominal = "lost" if np.isinf(one.nominal) else f"{100 * one.nominal:.0f} %"
         rows.append([name, breaks_first(design, one), nominal, f"{100 * one.box:.0f} %", f"{100 * one.typical:.0f} %"])
     caption = (
-        f"What the estimators bear until the RMSE of {design.targets[t].words} exceeds {limit}. As believed: error "
+        f"What the estimators tolerate until the RMSE of {design.targets[t].words} exceeds {limit}. As believed: error "
         "on the worst drive over the limit. Box: of the way to the edges, all factors at once; half of the points "
         "break the limit before the median."
     )
@@ -171,7 +171,7 @@ def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], To
 
 
 def _box(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> Sheet:
-    """Write the box of the estimator that bears most in the units of the factors."""
+    """Write the box of the estimator that tolerates most in the units of the factors."""
     best = max(range(len(design.estimators)), key=lambda e: (borne[t, e].box, borne[t, e].typical))
     one = borne[t, best]
     rows = []
@@ -181,7 +181,7 @@ def _box(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> She
         alone = f"{number(value_at(f, -float(one.lower[i])))} to {number(value_at(f, float(one.upper[i])))}"
         rows.append([f.words + unit, number(f.nominal), together, alone])
     caption = (
-        f"The box that {design.estimators[best]} bears for {design.targets[t].words}, and what it bears of each "
-        "factor alone."
+        f"The box that {design.estimators[best]} tolerates for {design.targets[t].words}, and what it tolerates of "
+        "each factor alone."
     )
     return Sheet(["factor", "believed", "all at once", "alone"], rows, caption)

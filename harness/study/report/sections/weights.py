@@ -28,9 +28,9 @@ def blocks(analysis: Analysis) -> list[Block]:
         for target, estimator, gains in gains_of(data):
             rows.append([name, quantity(target).words, estimator, *(f"{k:.4f}" for k in [*gains[:_FIRST], gains[-1]])])
             if gains[-1] >= FOLLOWS:
-                said.append(f"{name}: {estimator} ends up following the measured {quantity(target).words}.")
+                said.append(f"{name}: {estimator} finally follows the measured {quantity(target).words}.")
             elif gains[-1] <= IGNORES:
-                said.append(f"{name}: {estimator} ends up going on with its model and its inputs.")
+                said.append(f"{name}: {estimator} finally relies on its model and its inputs.")
     if not rows:
         return []
     text = (
