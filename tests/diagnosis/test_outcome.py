@@ -9,9 +9,7 @@ import pytest
 
 from harness.common.failures import FILE, Failures
 from harness.common.files import json_text
-from harness.config import resolve_single
 from harness.diagnosis import run
-from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.report import document
@@ -26,14 +24,10 @@ from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.selection.acceptance import Round
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.identification.whiteness import whiteness
 from harness.reporting.document import write
-from support.driven_car import CAR, FREE, SIGNALS, driven, fitted
+from support.driven_car import FREE, driven, fitted
 from support.report_parts import Page
-
-
-@pytest.fixture(scope="module")
-def augmented():
-    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +166,7 @@ def test_a_missing_output_and_a_short_drive_are_no_obstacle():
     short = np.random.default_rng(1).normal(size=(120, 2))  # shorter than the largest lag
     found = cross_correlation([short, short], [short, short], 0.01)
     assert np.isfinite(found.values).all()
-    assert _left(short[:, 0], nothing[:, 0]) == 0.0
+    assert _left(whiteness(short[:, 0]), whiteness(nothing[:, 0])) == 0.0
 
 
 def test_what_is_not_finite_is_null():
