@@ -3,23 +3,16 @@
 import numpy as np
 import pytest
 
-from harness.config import resolve_single
 from harness.diagnosis.innovations.innovation_model import InnovationModel, InputDirection
-from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.order_analysis import DistanceDomainDrive, Waves, find_periodic, in_distance_domain
 from harness.diagnosis.residuals.unmodelled import find_unmodelled
 from harness.diagnosis.result.wording import described
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut
-from support.driven_car import CAR, SIGNALS, driven, fitted
+from support.driven_car import driven, fitted
 
 TURN, SIZE = 2.1, 3e-3
-
-
-@pytest.fixture(scope="module")
-def augmented():
-    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def distance(recording):

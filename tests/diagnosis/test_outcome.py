@@ -9,9 +9,7 @@ import pytest
 
 from harness.common.failures import FILE, Failures
 from harness.common.files import json_text
-from harness.config import resolve_single
 from harness.diagnosis import run
-from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.report import document
@@ -28,13 +26,8 @@ from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.whiteness import whiteness
 from harness.reporting.document import write
-from support.driven_car import CAR, FREE, SIGNALS, driven, fitted
+from support.driven_car import FREE, driven, fitted
 from support.report_parts import Page
-
-
-@pytest.fixture(scope="module")
-def augmented():
-    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 @pytest.fixture(scope="module")

@@ -6,16 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from harness.config import resolve_single
-from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.report.parameter_changes import answer, record
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
-from support.driven_car import CAR, SIGNALS, driven
-
-
-@pytest.fixture(scope="module")
-def augmented():
-    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
+from support.driven_car import driven
 
 
 def changes_of(augmented, **values) -> Changes:

@@ -8,7 +8,6 @@ import pytest
 
 from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitting
-from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.random_process import (
@@ -24,14 +23,9 @@ from harness.diagnosis.selection.validation import HeldOut
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.whiteness import whiteness
-from support.driven_car import CAR, FREE, SIGNALS, driven
+from support.driven_car import CAR, FREE, driven
 
 WANDER, MEMORY = 0.02, 5.0
-
-
-@pytest.fixture(scope="module")
-def augmented():
-    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def search(augmented, recordings):

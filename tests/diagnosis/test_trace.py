@@ -33,11 +33,6 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def augmented():
-    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
-
-
-@pytest.fixture(scope="module")
 def gusty(augmented):
     """Two drives with a gust of 400 N at different times, with a fit that does not know of it."""
     times = ((20.0, 31.0), (35.0, 44.0))

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.config import load_study
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import assemble, symbol
 from harness.models.assembly.expressions import larger
-from harness.models.contracts import ModelError
 from harness.models.roles import PARAMETERS, VEHICLES
 from harness.simulation.drives import build_drive
 from harness.simulation.simulate import Batch, first_state, in_lanes, input_table

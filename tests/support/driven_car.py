@@ -2,11 +2,8 @@
 
 import dataclasses
 
-import pytest
-
 from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitting
-from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.models.contracts import DriveContext
@@ -43,11 +40,6 @@ def driven(seed, effects=(), duration=60.0, **values):
     recording = simulate_drive(spec, profile, [], seed).isel(time=slice(None, None, 10))
     names = {f"measured_{n}": n for n in SIGNALS if f"measured_{n}" in recording}
     return recording.drop_vars([n for n in names.values() if n in recording]).rename(names)
-
-
-@pytest.fixture(scope="module")
-def augmented():
-    return AugmentedModel(resolve_single({**CAR, "integrator": "rk4"}, "test"), SIGNALS, jobs=2)
 
 
 def fitted(augmented, drives):
