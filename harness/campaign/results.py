@@ -12,7 +12,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.realtime import outcome
 from harness.study.report.analysis import Analysis
-from harness.study.results import Design, Store, read
+from harness.study.results import Design, StudyResults, read
 from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
 from harness.study.store import STORE
 
@@ -41,7 +41,7 @@ class Results:
             raise UserError(f"{folder}: no finished study {', '.join(missing)}; make them with 'make {made}'")
 
     @cached_property
-    def stores(self) -> dict[str, Store]:
+    def stores(self) -> dict[str, StudyResults]:
         """The stores of the campaign, by the name of their study."""
         found = {name: read(self.folder / name) for name in STUDIES}
         for name, store in found.items():

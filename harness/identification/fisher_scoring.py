@@ -43,7 +43,7 @@ class Objective(Protocol):
 
 
 @dataclass(frozen=True)
-class Found:
+class Maximum:
     """Where a search ended.
 
     Attributes:
@@ -64,7 +64,7 @@ class Found:
         return self.predicted < ENOUGH
 
 
-def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, enough: float = ENOUGH) -> Found:
+def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, enough: float = ENOUGH) -> Maximum:
     """Climb from a point until the predicted gain of a step is below ``enough``.
 
     Args:
@@ -103,7 +103,7 @@ def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, 
         z, value = better, float(values[best])
         if gained < 0.1 * enough and predicted < 10 * enough:
             break  # rounding of the likelihood
-    return Found(z, value, information, predicted)
+    return Maximum(z, value, information, predicted)
 
 
 def bounded_step(gradient: Floats, information: Floats, damping: float, lower: Floats, upper: Floats) -> Floats:

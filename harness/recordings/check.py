@@ -15,7 +15,7 @@ from harness.config.parameter_set import load_set
 from harness.models.quantities import print_unit, quantity, words
 from harness.recordings import check_figures
 from harness.recordings.axle_curves import Axle, axles_of, signals_of
-from harness.recordings.consistency import Fit, check, in_report_unit
+from harness.recordings.consistency import Agreement, check, in_report_unit
 from harness.recordings.load import load_recording
 from harness.reporting.document import (
     Block,
@@ -42,7 +42,7 @@ class Findings:
     """
 
     recording: xr.Dataset
-    fits: list[Fit]
+    fits: list[Agreement]
     axles: list[Axle]
 
     @property
@@ -71,7 +71,7 @@ def check_recording(file: str | Path, channels: Path | None = None, parameters: 
     return Findings(recording, agreement(recording), axles)
 
 
-def agreement(recording: xr.Dataset) -> list[Fit]:
+def agreement(recording: xr.Dataset) -> list[Agreement]:
     """Compare the signals of a recording with what kinematics makes of the others; derived ones need no check."""
     signals = signals_of(recording)
     derived = [n for n in signals if recording[n].attrs["derived"]]
@@ -117,7 +117,7 @@ def content_rows(recording: xr.Dataset) -> list[list[str]]:
 AGREEMENT = ("signal", "against", "slope", "offset", "delay", "lever arm", "R²")
 
 
-def agreement_rows(fits: list[Fit]) -> list[list[str]]:
+def agreement_rows(fits: list[Agreement]) -> list[list[str]]:
     """Return a row per comparison in the order of ``AGREEMENT``; values with one standard error."""
     rows = []
     for fit in fits:

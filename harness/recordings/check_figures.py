@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from harness.common.arrays import Floats
 from harness.models.quantities import print_unit, quantity, words
-from harness.recordings.consistency import Fit, in_report_unit
+from harness.recordings.consistency import Agreement, in_report_unit
 from harness.reporting import style
 from harness.reporting.document import Picture
 
@@ -85,14 +85,14 @@ def _envelope(time: Floats, values: Floats) -> tuple[Floats, Floats]:
     return np.repeat(time[:count:width], 2), pairs.ravel()
 
 
-def agreement(fits: Sequence[Fit]) -> list[Picture]:
+def agreement(fits: Sequence[Agreement]) -> list[Picture]:
     """Draw both sides of each exact comparison over its half minute of largest variance."""
     exact = [fit for fit in fits if fit.relation.exact]
     chunks = [exact[k : k + _PER_FIGURE] for k in range(0, len(exact), _PER_FIGURE)]
     return [_agreement(chunk) for chunk in chunks]
 
 
-def _agreement(fits: Sequence[Fit]) -> Picture:
+def _agreement(fits: Sequence[Agreement]) -> Picture:
     with style.drawing():
         fig = style.figure(0.9 + min(1.05 * len(fits), _TALLEST))
         panels = fig.subplots(len(fits), 1, squeeze=False)[:, 0]
@@ -119,7 +119,7 @@ def _agreement(fits: Sequence[Fit]) -> Picture:
     return Picture(image, caption, "Measured and computed signals over time")
 
 
-def _liveliest(fit: Fit) -> slice:
+def _liveliest(fit: Agreement) -> slice:
     """Return the stretch in which the computed side varies most."""
     length = min(int(_EXCERPT / fit.step), len(fit.computed))
     starts = range(0, len(fit.computed) - length + 1, max(length // 4, 1))

@@ -48,7 +48,7 @@ _UNITS: tuple[tuple[float, str], ...] = (
 
 
 @dataclass(frozen=True)
-class Fit:
+class Agreement:
     """How one signal agrees with what the others make of it.
 
     Attributes:
@@ -84,7 +84,7 @@ class Fit:
     findings: tuple[str, ...] = ()
 
 
-def check(signals: dict[str, Floats], step: float, derived: Collection[str] = ()) -> list[Fit]:
+def check(signals: dict[str, Floats], step: float, derived: Collection[str] = ()) -> list[Agreement]:
     """Compare every signal with what kinematics makes of the others.
 
     Args:
@@ -96,7 +96,7 @@ def check(signals: dict[str, Floats], step: float, derived: Collection[str] = ()
         One fit per relation that the signals allow, the exact ones first; a signal with an exact relation is not
         compared by an approximate one of the same kind, and one channel under two names is compared once.
     """
-    fits: list[Fit] = []
+    fits: list[Agreement] = []
     done: set[tuple[str, bool]] = set()
     for relation in sorted(RELATIONS, key=lambda r: not r.exact):
         known = (
@@ -137,7 +137,7 @@ def find_delay(signal: str, signals: dict[str, Floats], step: float, where: str)
     raise UserError(f"{where}: '{signal}' has nothing to be compared with ({hint}); state the delay in s")
 
 
-def compare(relation: Relation, signals: dict[str, Floats], step: float) -> Fit | None:
+def compare(relation: Relation, signals: dict[str, Floats], step: float) -> Agreement | None:
     """Fit one relation; None if too little of both sides is known.
 
     The delay starts from the peak of the cross-correlation and is refined together with the other parameters.
@@ -175,7 +175,7 @@ def compare(relation: Relation, signals: dict[str, Floats], step: float) -> Fit 
     if left.std() < _SAME * measured[rows].std():
         return None  # one channel under two names says nothing
     spread = _robust_errors(design, left, int(_MEMORY / step))
-    fit = Fit(
+    fit = Agreement(
         relation=relation,
         samples=int(rows.sum()),
         slope=float(first[0]),
@@ -222,7 +222,7 @@ def _robust_errors(design: Floats, left: Floats, lags: int) -> Floats:
     return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
 
 
-def _with_findings(fit: Fit) -> Fit:
+def _with_findings(fit: Agreement) -> Agreement:
     """Say what the fit shows to be wrong."""
     relation = fit.relation
     name = (
@@ -257,7 +257,7 @@ def _with_findings(fit: Fit) -> Fit:
     return replace(fit, findings=tuple(found))
 
 
-def _scale_findings(fit: Fit, name: str, evidence: str) -> list[str]:
+def _scale_findings(fit: Agreement, name: str, evidence: str) -> list[str]:
     """Say whether the slope is that of a wrong unit or of a calibration that is off."""
     tolerance = 0.07 if fit.relation.exact else 0.3
     unit = next((words for ratio, words in _UNITS if abs(np.log(fit.slope / ratio)) < tolerance), None)
@@ -273,7 +273,7 @@ def _scale_findings(fit: Fit, name: str, evidence: str) -> list[str]:
     return []
 
 
-def in_report_unit(fit: Fit, value: float) -> tuple[float, str]:
+def in_report_unit(fit: Agreement, value: float) -> tuple[float, str]:
     """Return a value that is in the unit of the compared signal as reports show it, with the unit."""
     signal = SIGNALS[fit.relation.signal]
     per = "/s" if fit.relation.order else ""

@@ -26,7 +26,7 @@ from harness.common.errors import UserError
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.engine.compile import compile_model
 from harness.identification.data import Drive
-from harness.identification.methods.swarm import Found, Settings, optimise
+from harness.identification.methods.swarm import Settings, SwarmResult, optimise
 from harness.identification.simulation_error import Free, Misfit
 from harness.models.contracts import Profile
 from harness.reporting.document import write
@@ -100,7 +100,7 @@ def setup(path: Path, seed: int, jobs: int) -> Setup:
     return Setup(costs["fit"], costs["judge"], np.array(hidden), plants, profiles)
 
 
-def swarm_over_logarithms(cost: Misfit, seed: int, settings: Settings) -> Found:
+def swarm_over_logarithms(cost: Misfit, seed: int, settings: Settings) -> SwarmResult:
     """Minimise by the swarm with the stiffnesses' coefficients, whose ranges span decades, on a logarithmic scale."""
     wide = np.array([f.parameter.startswith("stiffness_") for f in cost.free])
 
@@ -112,7 +112,7 @@ def swarm_over_logarithms(cost: Misfit, seed: int, settings: Settings) -> Found:
     return replace(found, values=to_si(found.values))
 
 
-def evolve(cost: Misfit, seed: int, settings: Settings) -> Found:
+def evolve(cost: Misfit, seed: int, settings: Settings) -> SwarmResult:
     """Minimise by SciPy's differential evolution with as many candidates as the swarm tries."""
     history: list[float] = []
     diverged = 0
@@ -138,7 +138,7 @@ def evolve(cost: Misfit, seed: int, settings: Settings) -> Found:
         rng=rng,
     )
     values = np.asarray(best.x) if np.isfinite(history[-1]) else np.full(len(cost.lower), np.nan)
-    return Found(values, np.array(history), settings.particles * len(history), diverged)
+    return SwarmResult(values, np.array(history), settings.particles * len(history), diverged)
 
 
 def _arguments() -> argparse.ArgumentParser:
@@ -167,7 +167,7 @@ def main(arguments: Sequence[str]) -> None:
         "swarm, logarithmic": [lambda s: swarm_over_logarithms(problem.fit, s, settings)] * chosen.beside,
         "differential evolution": [lambda s: evolve(problem.fit, s, settings)] * chosen.beside,
     }
-    found: dict[str, list[Found]] = {}
+    found: dict[str, list[SwarmResult]] = {}
     for name, runs in searches.items():
         found[name] = []
         for number, search in enumerate(runs):

@@ -12,7 +12,7 @@ from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.identification.methods.swarm import Found, Settings
+from harness.identification.methods.swarm import Settings, SwarmResult
 from harness.identification.simulation_error import Free, Misfit
 from harness.models.contracts import Profile
 from harness.models.quantities import quantity, words
@@ -81,7 +81,7 @@ class Setup:
         return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
 
 
-def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Settings, command: str) -> Document:
+def document(problem: Setup, found: Mapping[str, Sequence[SwarmResult]], settings: Settings, command: str) -> Document:
     """Return the report.
 
     Args:
@@ -137,14 +137,14 @@ def document(problem: Setup, found: Mapping[str, Sequence[Found]], settings: Set
     return Document("Which parameters of the semitrailer does a particle swarm find?", blocks)
 
 
-def _spread(free: Sequence[Free], runs: Sequence[Found]) -> Floats:
+def _spread(free: Sequence[Free], runs: Sequence[SwarmResult]) -> Floats:
     """Return the interquartile range of each parameter over its search range."""
     width = np.array([f.upper - f.lower for f in free])
     low, high = np.quantile([f.values for f in runs], [0.25, 0.75], axis=0)
     return np.asarray((high - low) / width)
 
 
-def _scatter(free: Sequence[Free], runs: Sequence[Found]) -> str:
+def _scatter(free: Sequence[Free], runs: Sequence[SwarmResult]) -> str:
     order = np.argsort(_spread(free, runs))
     least, most = (", ".join(_label(free[i]) for i in some) for some in (order[:3], order[-3:][::-1]))
     return f"Over its range scatter least: {least}; most: {most}."
@@ -155,7 +155,7 @@ def _label(free: Free) -> str:
     return words(free.parameter) + load
 
 
-def _optimisers(found: Mapping[str, Sequence[Found]]) -> Sheet:
+def _optimisers(found: Mapping[str, Sequence[SwarmResult]]) -> Sheet:
     rows = []
     for name, runs in found.items():
         cost = [f.cost for f in runs]
@@ -177,7 +177,9 @@ def _optimisers(found: Mapping[str, Sequence[Found]]) -> Sheet:
     )
 
 
-def _parameters(free: Sequence[Free], runs: Sequence[Found], chosen: tuple[Found, Found], hidden: Floats) -> Sheet:
+def _parameters(
+    free: Sequence[Free], runs: Sequence[SwarmResult], chosen: tuple[SwarmResult, SwarmResult], hidden: Floats
+) -> Sheet:
     rows, spread = [], _spread(free, runs)
     for i, one in enumerate(free):
         rows.append(
@@ -200,7 +202,7 @@ def _value(free: Free, value: float) -> str:
     return style.number(float(value)) + (" (bound)" if free.end_at(value) else "")
 
 
-def _validation(problem: Setup, winner: str, best: Found) -> list[Block]:
+def _validation(problem: Setup, winner: str, best: SwarmResult) -> list[Block]:
     """Return table 4.6, a table per drive to judge, which come empty first."""
     sheets: list[Block] = []
     for number, drive in enumerate(problem.judge.drives):
@@ -233,7 +235,9 @@ def _errors(error: Floats) -> tuple[float, float]:
     return float(np.sqrt(np.nanmean(error**2))), float(np.nanmax(np.abs(error)))
 
 
-def histograms(free: Sequence[Free], runs: Sequence[Found], best: Found, worst: Found, hidden: Floats) -> bytes:
+def histograms(
+    free: Sequence[Free], runs: Sequence[SwarmResult], best: SwarmResult, worst: SwarmResult, hidden: Floats
+) -> bytes:
     """Draw what was found as strips over the search ranges, a row per parameter (Bild 4.6)."""
     values = np.array([f.values for f in runs])
     with style.drawing():
@@ -264,7 +268,7 @@ def histograms(free: Sequence[Free], runs: Sequence[Found], best: Found, worst: 
         return style.svg(fig)
 
 
-def costs(found: Mapping[str, Sequence[Found]], hidden: float) -> bytes:
+def costs(found: Mapping[str, Sequence[SwarmResult]], hidden: float) -> bytes:
     """Draw the cost over the iterations, a panel per optimiser (Bild 4.7)."""
     with style.drawing():
         fig = style.figure(1.0 + 2.1 * len(found))
@@ -289,7 +293,7 @@ def costs(found: Mapping[str, Sequence[Found]], hidden: float) -> bytes:
         return style.svg(fig)
 
 
-def over_time(problem: Setup, name: str, best: Found) -> bytes:
+def over_time(problem: Setup, name: str, best: SwarmResult) -> bytes:
     """Draw inputs and outputs of a drive to judge (Bild 4.8, 4.9)."""
     drive = next(d for d in problem.judge.drives if d.name == name)
     some = slice(None, None, max(1, len(drive.time) // _POINTS))

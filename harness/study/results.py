@@ -199,7 +199,7 @@ def run_in_words(history: xr.Dataset, drive: bool = True) -> str:
 
 
 @dataclass
-class Store:
+class StudyResults:
     """A finished result folder.
 
     Attributes:
@@ -251,7 +251,7 @@ def _design(path: Path, name: str) -> Design:
     )
 
 
-def read(directory: Path) -> Store:
+def read(directory: Path) -> StudyResults:
     """Read ``scores.zarr`` and ``run.json`` of a result folder.
 
     Raises:
@@ -294,4 +294,4 @@ def read(directory: Path) -> Store:
             run = json.loads(run_file.read_text(encoding="utf-8"))
         except json.JSONDecodeError as error:
             raise UserError(f"{run_file}: line {error.lineno}: not JSON; delete it or run again") from error
-    return Store(directory, attributes, designs, histories, run)
+    return StudyResults(directory, attributes, designs, histories, run)

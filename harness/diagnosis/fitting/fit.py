@@ -23,7 +23,7 @@ from harness.identification.coordinates import (
 )
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates, FilterRun
-from harness.identification.fisher_scoring import Found, maximise
+from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.uncertainty import covariance_of
 
@@ -150,7 +150,7 @@ class Fitting:
         found = maximise(objective, z, parameters, iterations, ENOUGH)
         return self._fitted(coordinates, objective, found)
 
-    def _fitted(self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Found) -> Fitted:
+    def _fitted(self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Maximum) -> Fitted:
         space, n = objective.coordinates, len(coordinates)
         values = np.column_stack([space.candidates(found.z, i).values for i in self._range])
         process, measurement = np.split(found.z[n:].copy(), [self._groups])

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking, History, RankedInput
-from harness.diagnosis.residuals.innovation_tests import Consistency, CrossCorrelation
+from harness.diagnosis.residuals.innovation_tests import CrossCorrelation, NisOverTime
 from harness.diagnosis.residuals.order_analysis import WAVELENGTHS, PeriodicDisturbance
 from harness.diagnosis.residuals.regressors import Regressor
 from harness.diagnosis.residuals.spline_curves import Curve
@@ -72,7 +72,7 @@ def histories(drive: Drive, ranked_inputs: Sequence[RankedInput], found: Sequenc
         return style.svg(fig)
 
 
-def nis(names: Sequence[str], found: Sequence[Consistency]) -> bytes:
+def nis(names: Sequence[str], found: Sequence[NisOverTime]) -> bytes:
     """Return the normalised innovation squared over time with its 95 % band, a panel per drive."""
     with style.drawing():
         fig = style.figure(0.9 + min(1.5, 7.5 / len(found)) * len(found))

@@ -11,7 +11,7 @@ from harness.reporting import style
 from harness.reporting.document import Block, Heading, Prose, Sheet, plain, strong
 from harness.study.report.analysis import Analysis
 from harness.study.report.sections import boxes
-from harness.study.results import Design, Store
+from harness.study.results import Design, StudyResults
 
 BELIEFS = ("nominal", "amended")
 
@@ -100,7 +100,7 @@ def _analysis(study_gain: StudyGain) -> Analysis:
         state_dimension=like.state_dimension,
         output_dimension=like.output_dimension,
     )
-    analysis = Analysis(Store(study_gain.study, {"seed": study_gain.seed}, [both], []))
+    analysis = Analysis(StudyResults(study_gain.study, {"seed": study_gain.seed}, [both], []))
     own = style.looks(study_gain.nominal.estimators)
     for name, belief in ((n, b) for n in own for b in BELIEFS):
         look = own[name]

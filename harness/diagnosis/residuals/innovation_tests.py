@@ -15,7 +15,7 @@ LARGEST_LAG = 2.0
 
 
 @dataclass(frozen=True)
-class Consistency:
+class NisOverTime:
     """Normalised innovation squared (NIS), against the chi-square distribution that it has if the filter is right.
 
     Attributes:
@@ -31,7 +31,7 @@ class Consistency:
     inside: float
 
 
-def consistency(time: Floats, whitened: Floats, window: float = 1.0) -> Consistency:
+def consistency(time: Floats, whitened: Floats, window: float = 1.0) -> NisOverTime:
     """Return the NIS of whitened innovations ``(samples, ny)`` over windows of so many seconds."""
     square, seen = np.nansum(whitened**2, axis=1), np.isfinite(whitened).sum(axis=1)
     low, high = stats.chi2.ppf([[0.025], [0.975]], np.maximum(seen, 1))
@@ -43,7 +43,7 @@ def consistency(time: Floats, whitened: Floats, window: float = 1.0) -> Consiste
     kept = count > 0
     band = stats.chi2.ppf([[0.025], [0.975]], count[kept]) / count[kept]
     share = float(inside[seen > 0].mean()) if kept.any() else np.nan
-    return Consistency(edges[kept] + 0.5 * window, total[kept] / count[kept], band, share)
+    return NisOverTime(edges[kept] + 0.5 * window, total[kept] / count[kept], band, share)
 
 
 @dataclass(frozen=True)

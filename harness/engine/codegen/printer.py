@@ -14,7 +14,7 @@ from harness.engine.codegen.derivatives import Entries, Equations, needed
 from harness.models.assembly.assemble import symbol
 from harness.models.assembly.expressions import flags_in, present
 
-Store = tuple[sp.Expr, str]
+Assignment = tuple[sp.Expr, str]
 """An expression and where it goes, e.g. ``(expr, "J, 2, 3")``."""
 
 
@@ -96,12 +96,12 @@ def text(expr: sp.Expr) -> str:
     return str(_PRINTER.doprint(expr))
 
 
-def vector(array: str, values: Iterable[sp.Expr]) -> list[Store]:
+def vector(array: str, values: Iterable[sp.Expr]) -> list[Assignment]:
     """Return the stores of a vector."""
     return [(value, f"{array}, {i}") for i, value in enumerate(values)]
 
 
-def matrix(array: str, entries: Entries, rows: int, columns: int) -> list[Store]:
+def matrix(array: str, entries: Entries, rows: int, columns: int) -> list[Assignment]:
     """Return the stores of a dense matrix, zeros included."""
     zero = sp.Float(0.0)
     return [(entries.get((i, j), zero), f"{array}, {i}, {j}") for i in range(rows) for j in range(columns)]
@@ -126,7 +126,7 @@ def function(name: str, arguments: str, lines: Sequence[str]) -> str:
     return "\n".join(["@jit", f"def {name}({arguments}):", *(f"    {line}" for line in lines or ["pass"])])
 
 
-def kernel(eqs: Equations, name: str, arguments: str, stores: Sequence[Store]) -> str:
+def kernel(eqs: Equations, name: str, arguments: str, stores: Sequence[Assignment]) -> str:
     """Return a kernel that computes expressions of states, inputs and constants and stores them."""
     lines = body(eqs, [expr for expr, _ in stores])
     return function(name, arguments, lines + [f"put({text(expr)}, {where})" for expr, where in stores])

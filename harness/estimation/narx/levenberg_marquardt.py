@@ -146,7 +146,7 @@ def _normal_of_one_layer(problem: Pairs, layers: Sequence[Floats]) -> Normal:
 
 
 @dataclass(frozen=True)
-class Fit:
+class TrainedParameters:
     """The end of a training.
 
     Attributes:
@@ -176,7 +176,7 @@ def train(
     patience: int = 6,
     tolerance: float = 1e-5,
     regularise: bool = True,
-) -> Fit:
+) -> TrainedParameters:
     """Minimise a least-squares problem.
 
     Args:
@@ -220,7 +220,7 @@ def train(
             stopped = "converged"
             break
     chosen = p if validate is None else best
-    return Fit(chosen, epoch, gamma, alpha, beta, problem.squares(chosen), stopped)
+    return TrainedParameters(chosen, epoch, gamma, alpha, beta, problem.squares(chosen), stopped)
 
 
 def _step(problem: Problem, p: Floats, at: Normal, alpha: float, beta: float, mu: float) -> Floats | None:

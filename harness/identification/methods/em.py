@@ -59,7 +59,7 @@ class Settings(BaseModel):
 
 
 @dataclass(frozen=True)
-class Found:
+class EmResult:
     """What EM found.
 
     Attributes:
@@ -155,7 +155,7 @@ class Maximisation:
         )  # as Sun's fminsearch
         return np.where(own, found.x, point.free)
 
-    def run(self, seed: int, say: Callable[[str], None] = lambda _: None) -> Found:
+    def run(self, seed: int, say: Callable[[str], None] = lambda _: None) -> EmResult:
         """Iterate until the mean over a window changes by no more than the scatter of the particles.
 
         A window of the coordinate search counts rounds in which every parameter had its turn.
@@ -179,7 +179,7 @@ class Maximisation:
             if (len(history) - 1) % window == 0:
                 values = zip(self.free, history[-1].free, strict=True)
                 say(f"iteration {len(history) - 1}: " + ", ".join(f"{name} {value:.4g}" for name, value in values))
-        return Found(_mean(history[-window:]), tuple(history), converged)
+        return EmResult(_mean(history[-window:]), tuple(history), converged)
 
 
 def settled(iterates: Floats) -> bool:

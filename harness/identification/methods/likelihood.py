@@ -22,7 +22,7 @@ from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
 from harness.identification.coordinates import Coordinates
 from harness.identification.data import Drive
-from harness.identification.fisher_scoring import Found, maximise
+from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.uncertainty import Summit, estimates_of, limits_of_knowledge
 
@@ -63,7 +63,7 @@ def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = 
     search = Search(problem, settings)
     say("first values")
     before = float(search.objective.values(search.coordinates.centre[:, None])[0])
-    best: Found | None = None
+    best: Maximum | None = None
     for number, start in enumerate(search.starts(settings.starts, problem.seed), 1):
         say(f"start {number} of {settings.starts}")
         found = search.climb(start)
@@ -115,7 +115,7 @@ class Search:
             )
         return finite
 
-    def climb(self, start: Floats) -> Found:
+    def climb(self, start: Floats) -> Maximum:
         """Fit the parameters with all of the error in the measurement noise, then the noise, then everything.
 
         Process noise that is free from the beginning would grow until it explains the error of the first values, and
@@ -135,11 +135,11 @@ class Search:
         squares = np.nanmean(np.concatenate([r.innovation for r in runs]) ** 2, axis=0)
         return np.maximum(squares, held.measurement[:, 0])
 
-    def together(self, start: Floats) -> Found:
+    def together(self, start: Floats) -> Maximum:
         """Move everything."""
         return maximise(self.objective, start, np.ones(len(self.coordinates), dtype=bool), self.iterations)
 
-    def anneal(self, best: Found, times: int, say: Callable[[str], None]) -> Found:
+    def anneal(self, best: Maximum, times: int, say: Callable[[str], None]) -> Maximum:
         """Force the process noise down and refit, for as long as that gains."""
         process, parameters = self.coordinates.kind("process"), self.coordinates.kind("parameter")
         for turn in range(times if process.any() else 0):
@@ -155,7 +155,7 @@ class Search:
                 break
         return best
 
-    def report(self, best: Found, before: float, profiles: bool, say: Callable[[str], None]) -> Fit:
+    def report(self, best: Maximum, before: float, profiles: bool, say: Callable[[str], None]) -> Fit:
         """Return what was found with its uncertainty."""
         history = tuple(self.objective.history)
         everything = np.ones(len(self.coordinates), dtype=bool)

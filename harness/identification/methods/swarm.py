@@ -36,7 +36,7 @@ class Settings(BaseModel):
 
 
 @dataclass(frozen=True)
-class Found:
+class SwarmResult:
     """Result of a global optimiser.
 
     Attributes:
@@ -59,7 +59,7 @@ class Found:
 
 def optimise(
     cost: Callable[[Floats], Floats], lower: Floats, upper: Floats, seed: int, settings: Settings | None = None
-) -> Found:
+) -> SwarmResult:
     """Minimise a cost over a box.
 
     First positions are uniform over the box, first velocities uniform within its width. A particle that would leave the
@@ -96,7 +96,7 @@ def optimise(
         place = np.clip(moved, lower, upper)
         velocity[place != moved] = 0.0
     best = own[leader] if np.isfinite(history[-1]) else np.full(len(lower), np.nan)
-    return Found(best, history, chosen.particles * len(history), diverged)
+    return SwarmResult(best, history, chosen.particles * len(history), diverged)
 
 
 def identify(problem: Problem, settings: Settings, say: Callable[[str], None] = lambda _: None) -> Fit:

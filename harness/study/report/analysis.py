@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from harness.common import statistics
 from harness.reporting.style import Look, looks
 from harness.study.report.ranking import Ranking
-from harness.study.results import Design, Store
+from harness.study.results import Design, StudyResults
 from harness.study.scores import OK
 
 NEGLIGIBLE = 0.01
@@ -55,7 +55,7 @@ class Paired:
 
 
 @dataclass(frozen=True)
-class Consistency:
+class FilterConsistency:
     """NEES or NIS of a band and estimator, each divided by its expectation.
 
     Attributes:
@@ -179,7 +179,7 @@ class Findings:
             if np.isfinite(nees[:, e]).any() or np.isfinite(nis[:, e]).any()
         ]
 
-    def consistency(self, score: str, band: int, estimator: int) -> Consistency:
+    def consistency(self, score: str, band: int, estimator: int) -> FilterConsistency:
         """Return ``nees`` or ``nis`` of a band and estimator against its bounds."""
         d = self.design
         averages = d.per_run(score)[band, estimator]
@@ -187,7 +187,7 @@ class Findings:
         runs = int(used.sum())
         dimension = d.state_dimension if score == "nees" else d.output_dimension
         if runs == 0 or dimension < 1:
-            return Consistency(np.nan, np.nan, np.nan, np.nan, runs)
+            return FilterConsistency(np.nan, np.nan, np.nan, np.nan, runs)
         weights = np.ones(runs)
         count = float(runs)
         if score == "nis":
@@ -195,7 +195,7 @@ class Findings:
             count = float(weights.sum())
         lower, upper = statistics.average_bounds(dimension, count)
         inside = d.per_run(f"{score}_inside")[band, estimator][used]
-        return Consistency(
+        return FilterConsistency(
             float(np.average(averages[used], weights=weights)) / dimension,
             lower / dimension,
             upper / dimension,
@@ -244,7 +244,7 @@ def _relative(result: statistics.Comparison, first: NDArray[np.float64], second:
 class Analysis:
     """A store with its numbers and the looks of its estimators."""
 
-    def __init__(self, store: Store):
+    def __init__(self, store: StudyResults):
         self.store = store
         self.findings = [Findings(design, store.seed) for design in store.designs]
         names = list(dict.fromkeys(e for d in store.designs for e in d.estimators))

@@ -11,7 +11,7 @@ from harness.models.quantities import print_unit, quantity, words
 from harness.reporting.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
 from harness.reporting.style import number, with_unit
 from harness.study.report.analysis import Analysis
-from harness.study.results import Store
+from harness.study.results import StudyResults
 
 NOT_VERIFIABLE = "the scores have no checksums, so whether files of them are missing or damaged cannot be told"
 
@@ -59,7 +59,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     return found
 
 
-def _facts(store: Store) -> list[list[str]]:
+def _facts(store: StudyResults) -> list[list[str]]:
     a = store.attributes
     rows = []
     for key, label in (("study_name", "study"), ("study_hash", "hash of the study"), ("seed", "seed")):
@@ -110,14 +110,14 @@ _SIDES = ("plant", "belief")
 _NOISES = {"process_noise": "process", "measurement_noise": "measurement"}
 
 
-def _sides(store: Store) -> dict[str, dict[str, Any]]:
+def _sides(store: StudyResults) -> dict[str, dict[str, Any]]:
     """Return what the store says of plant and belief; empty where it says nothing."""
     description = store.attributes.get("description")
     found = description if isinstance(description, dict) else {}
     return {side: found[side] for side in _SIDES if isinstance(found.get(side), dict)}
 
 
-def _models(store: Store) -> list[Block]:
+def _models(store: StudyResults) -> list[Block]:
     """Return plant and belief side by side: the models, and the parameters in which they differ."""
     sides = _sides(store)
     if len(sides) < 2:
@@ -136,7 +136,7 @@ def _models(store: Store) -> list[Block]:
     return [Sheet(["item", "plant", "belief"], rows, caption, left=3)]
 
 
-def _noise(store: Store) -> list[Block]:
+def _noise(store: StudyResults) -> list[Block]:
     """Return the noise of plant and belief as standard deviations in report units."""
     sides = _sides(store)
     rows = []
@@ -192,7 +192,7 @@ def _text(entry: Any) -> str:
     return str(entry)
 
 
-def _drives(store: Store) -> Sheet:
+def _drives(store: StudyResults) -> Sheet:
     rows: dict[str, str] = {}
     for design in store.designs:
         for k, name in enumerate(design.drives):
@@ -201,7 +201,7 @@ def _drives(store: Store) -> Sheet:
     return Sheet(["drive", "duration in s"], [list(item) for item in rows.items()], "Drives.")
 
 
-def _targets(store: Store) -> Sheet:
+def _targets(store: StudyResults) -> Sheet:
     names = dict.fromkeys(t.name for _, _, t in store.pairs())
     for run in store.histories:
         names |= dict.fromkeys(str(t) for t in run["target"].values)
