@@ -189,7 +189,5 @@ def test_what_does_not_exist_is_found(text, problem):
 
 
 def test_what_exists_is_passed_over():
-    text = (
-        "`harness/study/run.py`, `harness.config.load_study`, `harness run <file> -j 2`, [keys](docs/studies.md#keys)"
-    )
+    text = "`harness/study/run.py`, `harness.config.load_study`, `harness run x -j 2`, [keys](docs/studies.md#keys)"
     assert wrong("README.md", text) == []
