@@ -213,8 +213,8 @@ def test_the_gain_of_a_measured_state_is_told(one_design):
     assert sheet.rows == [
         [", ".join(("8 t",)), "articulation angle", "KF", "0.5000", "0.3333", "0.2500", "0.2000", "0.0200"]
     ]
-    assert "going on with its model" in prose.markup
+    assert "relies on its model" in prose.markup
     run["std"][:, 0, 0] = np.sqrt(0.99 * 4e-4)
-    assert "following the measured articulation angle" in weights.blocks(analysis)[1].markup
+    assert "follows the measured articulation angle" in weights.blocks(analysis)[1].markup
     caption = [b for b in history.blocks(analysis) if isinstance(b, Picture)]
     assert len(caption) == 1
