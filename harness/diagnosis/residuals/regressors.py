@@ -80,7 +80,7 @@ def regressors_of(augmented: AugmentedModel) -> tuple[Regressor, ...]:
         speed = column("speed")
         for s in measured:
             if SIGNALS[s].unit == "rad/s":
-                found += _periodic(s, model.states.index(s), speed)
+                found += _cornering(s, model.states.index(s), speed)
     return tuple(found)
 
 
@@ -134,7 +134,7 @@ def _rate_of_state(model: Model, state: str, measured: list[str]) -> Regressor |
     return Regressor(f"{state}_rate", words, f"{SIGNALS[state].unit}/s", lambda x, u, du: x[:, : len(slopes)] @ slopes)
 
 
-def _periodic(state: str, i: int, speed: int) -> list[Regressor]:
+def _cornering(state: str, i: int, speed: int) -> list[Regressor]:
     of = state.removeprefix("yaw_rate").replace("_", " ")
     return [
         Regressor(
