@@ -78,7 +78,7 @@ def test_a_run_that_leaves_the_model_is_reported_as_lost(monkeypatch):
     [
         ("drive = 3", "holds no [[drive]] table"),
         ("", "holds no [[drive]] table"),
-        ("[[drive]", "cannot be read as TOML"),
+        ("[[drive]", "not valid TOML"),
         ("[[drive]]\nname = 'a'", "number 1: 'kind' is missing"),
         ("[[drive]]\nkind = 'sine'", "number 1: 'name' is missing"),
         ("[[drive]]\nname='a'\nkind='sine'\n[[drive]]\nname='a'\nkind='step'", "two drives are named 'a'"),

@@ -18,7 +18,7 @@ from harness.reporting.document import (
     source,
     write,
 )
-from harness.study.report import write_report
+from harness.study.report import analyse, write_report
 from support.report_parts import Page
 
 PLAIN = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"/>'
@@ -104,14 +104,14 @@ def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path)
 @pytest.mark.fails_in_part
 def test_a_study_keeps_its_report_when_a_section_fails(small, monkeypatch, capsys):
     monkeypatch.setattr("harness.study.report.sections.boxes.pictures", broken)
-    files = write_report(small)
+    files = write_report(analyse(small))
     shown = text_of(files[0])
     assert "This section could not be made: ZeroDivisionError" in shown
     assert "How was this made?" in shown
     assert (small / FILE).exists()
     assert "warning: " in capsys.readouterr().err
     monkeypatch.undo()
-    assert "could not be made" not in text_of(write_report(small)[0])
+    assert "could not be made" not in text_of(write_report(analyse(small))[0])
     assert not (small / FILE).exists()
 
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.reporting import document
 from harness.reporting.document import render, source
-from harness.study.report import analyse, headline, write_report
+from harness.study.report import analyse, document, headline, write_report
 from support import synthetic
 from support.report_parts import ANGLE, Page, everything, everything_at_8_t, pages
 
