@@ -9,7 +9,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -67,7 +67,10 @@ report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done
 
 test: $(VENV)/dev.stamp ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof"
+
+proof: $(VENV)/dev.stamp ## run the tests that take long: the cluster, the blind plant, a trace from end to end
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m proof
 
 lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 	$(BIN)/ruff check .

@@ -18,6 +18,9 @@ from plant_simulation import drive
 
 from support.blind_vehicles import EARLY, NOMINAL, respond
 
+pytestmark = pytest.mark.proof
+
+
 # --- every effect
 
 

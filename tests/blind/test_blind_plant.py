@@ -21,6 +21,9 @@ from plant_simulation import solve
 from harness.models.assembly.assemble import assemble, symbol
 from support.blind_vehicles import EARLY, NOMINAL
 
+pytestmark = pytest.mark.proof
+
+
 FOLDER = Path(plant.__file__).parent
 
 

@@ -233,6 +233,7 @@ design = [{ name = "load", factor = [{ parameter = "mass", shift = ["0 %", "10 %
 """
 
 
+@pytest.mark.proof
 def test_a_trace_finds_what_nobody_told_it_of(tmp_path):
     drives = [driven(i + 30, ["steering_lag"], steering_lag=0.08) for i in range(2)]
     (tmp_path / "load.toml").write_text(STUDY)

@@ -211,6 +211,7 @@ def renamed(text, moved):
     return text
 
 
+@pytest.mark.proof
 def test_renaming_modules_changes_nothing_but_import_statements(tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(ROOT / "harness", copy / "harness", ignore=shutil.ignore_patterns("__pycache__"))

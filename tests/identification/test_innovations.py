@@ -41,6 +41,7 @@ def test_the_gradient_is_that_of_central_differences_for_a_car(kind):
     check_gradient(innovations, [drive], LENGTHS)
 
 
+@pytest.mark.proof
 def test_the_gradient_is_that_of_central_differences_for_the_semitrailer():
     spec = model_of(TRUCK, trailer_mass=23000.0)
     recording = recorded(model_of(TRUCK), 2, duration=20.0, speed=15.0, amplitude=0.5)

@@ -22,6 +22,8 @@ from harness.study.scores import OK, PENDING
 from harness.study.store import STORE
 from support.probe_study import STUDY, bits
 
+pytestmark = pytest.mark.proof
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):

@@ -73,6 +73,7 @@ def test_the_report_says_how_it_was_made(files):
     assert re.search(r"process\s*lateral force axle 21\s*kN\s*0\.0316\s*–\s*1000\s*–", text)
 
 
+@pytest.mark.proof
 def test_the_same_store_gives_the_same_bytes(small):
     """In another process, since the order of a set depends on the process."""
     files = write_report(analyse(small))
