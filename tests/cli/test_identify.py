@@ -73,7 +73,7 @@ def test_a_fit_is_kept_where_the_comparison_with_the_recordings_fails(folder, tm
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--free", ""], "--free: name the parameters to find; the model has: stiffness_over_load_front"),
+        (["--free", ""], "--free: name the parameters to estimate; the model has: stiffness_over_load_front"),
         (["--free", "stiffness_front"], "closest: stiffness_over_load_front"),
         (["--free", "cog_height", "--method", "likelyhood"], "closest: likelihood"),
         (["--free", "cog_height", "--setting", "stats=2"], "no setting 'stats'; closest: starts"),

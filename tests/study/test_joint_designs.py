@@ -99,7 +99,7 @@ def test_mass_cog_and_inertia_follow_from_the_load(load):
 REFUSALS = {
     "not a power of two": (JOINT.replace("samples = 4", "samples = 6"), "design[0].samples: 6 is no power of two"),
     "any n": (JOINT.replace("samples = 4", "samples = 4\nsobol_any_n = true"), "design[0].sobol_any_n: sampling"),
-    "one point": (JOINT.replace("samples = 4", "samples = 1"), "design[0].samples: one point tells nothing"),
+    "one point": (JOINT.replace("samples = 4", "samples = 1"), "design[0].samples: one point does not sample a box"),
     "levels": (JOINT.replace('bands = ["20 %"]', "levels = [0.5, 0.7]"), "design[0].factor[1]: sampling = 'saltelli'"),
     "twice": (
         JOINT.replace('"friction"', '"trailer_mass"'),
