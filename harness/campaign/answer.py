@@ -186,7 +186,7 @@ def _errors(axes: Axes, joint: Joint, target: int) -> None:
     style.logarithmic(axes, lowest, float(high.max()))
     axes.set_xticks(range(len(joint.design.estimators)), joint.design.estimators)
     axes.tick_params(axis="x", length=0)
-    axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}")
+    axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
     axes.grid(axis="y")
 

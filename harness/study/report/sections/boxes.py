@@ -174,7 +174,7 @@ def _boxes(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> N
         axes.vlines(places, low, high, color="white", lw=3.6, zorder=5)
         axes.vlines(places, low, high, color="black", lw=2.2, zorder=6)
     quantity = design.targets[target]
-    axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}")
+    axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
     scale_errors(axes, design.rmse[target])
     axes.grid(axis="y")

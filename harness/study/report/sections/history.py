@@ -106,7 +106,7 @@ def _has_truth(data: xr.Dataset, row: Quantity) -> bool:
 def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look]) -> None:
     time = data["time"].values
     targets = [str(t) for t in data["target"].values]
-    axes.set_ylabel(f"${row.symbol}${style.in_unit(row.unit)}")
+    axes.set_ylabel(f"${row.symbol}${style.in_unit(row.unit)}", parse_math=True)
     axes.set_title(row.words, loc="left")
     axes.grid(axis="y")
     axes.set_xlim(time[0], time[-1])

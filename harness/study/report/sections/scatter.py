@@ -100,7 +100,7 @@ def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, t
         middle = np.nanmedian(points[some], axis=-1)
         axes.plot(factor.values[some], middle, look.marker, ms=3.4, color=look.colour, mec=look.line, mew=0.4)
     quantity = design.targets[target]
-    axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}")
+    axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
     scale_errors(axes, values)
     axes.grid(axis="y")
