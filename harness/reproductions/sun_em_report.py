@@ -176,7 +176,7 @@ def convergence(runs: Sequence[Outcome], truth: Floats) -> bytes:
                 axes.axhline(0.0, color=style.TRUTH, lw=0.7, ls="--")
                 axes.set_yscale("symlog", linthresh=1.0)
                 axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-                axes.set_ylabel(f"{_formula(SYMBOLS[i])}\nerror in %")
+                axes.set_ylabel(f"{_formula(SYMBOLS[i])}\nerror in %", parse_math=True)
             else:
                 path = np.concatenate([run.process[:, 0] for run in runs])
                 style.logarithmic(axes, float(path.min()), float(path.max()))
@@ -199,7 +199,7 @@ def profiles(values: Floats, q: Floats, truth: Floats) -> bytes:
             axes.plot(v, height, color=_LINE)
             axes.plot(v[height.argmax()], height.max(), "o", color=_MARK, ms=5)
             axes.axvline(true, color=style.TRUTH, lw=0.8, ls="--")
-            axes.set_xlabel(f"{_formula(name)} in {name.split()[-1]}")
+            axes.set_xlabel(f"{_formula(name)} in {name.split()[-1]}", parse_math=True)
             axes.set_ylabel("Q")
             axes.grid(axis="y")
         handles = [
