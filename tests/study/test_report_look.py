@@ -23,6 +23,7 @@ from harness.reporting.document import (
     render,
     source,
 )
+from harness.study.report.sections import boxes
 from support.report_parts import Page, pages
 
 
@@ -97,3 +98,13 @@ def test_any_text_survives_typst():
     assert Page(html.decode()).text.count(nasty) == 10  # title twice, each block once, the table 3 times
     assert pages(pdf) == 1
     assert set(source(Document(nasty, blocks))[1]) == {"figure-01.svg"}
+
+
+def test_symbols_on_axes_are_set_as_formulas(one_design, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(style, "svg", lambda fig, *_, **__: drawn.append(fig) or b"<?xml?>")
+    analysis = one_design()
+    boxes.pictures(analysis, analysis.main)
+    labels = [axes.yaxis.label for fig in drawn for axes in fig.axes if "$" in axes.get_ylabel()]
+    assert labels
+    assert all(label.get_parse_math() for label in labels)
