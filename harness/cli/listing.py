@@ -34,14 +34,14 @@ LISTED: dict[str, Role] = {**MODEL_ROLES, "estimators": ESTIMATORS, "readers": R
 ROLES: tuple[str, ...] = ("models", *LISTED, "signals", "studies")
 
 
-def show(console: Console, role: str, name: str | None = None, studies: Path = Path("studies")) -> None:
+def show(console: Console, role: str, name: str | None = None, studies: Sequence[Path] = ()) -> None:
     """Print a role as a table, or one file of it with its settings.
 
     Args:
         console: Where to print.
         role: One of ``ROLES``; ``models`` is every part of a model.
         name: One file of the role; its settings are printed then.
-        studies: Folder of the study files.
+        studies: Folders of study files; one of a name that an earlier folder has is passed over.
 
     Raises:
         UserError: If there is no such role.
@@ -78,14 +78,15 @@ def summary(role: Role, name: str) -> str:
     return " ".join(doc.split("\n\n")[0].split())
 
 
-def _studies(folder: Path) -> list[tuple[str, str]]:
-    """Return name and question of every study file in a folder."""
+def _studies(folders: Sequence[Path]) -> list[tuple[str, str]]:
+    """Return name and question of every study file."""
+    found = {path.stem: path for folder in reversed(folders) for path in folder.glob("*.toml")}
     rows = []
-    for path in sorted(folder.glob("*.toml")):
+    for name, path in sorted(found.items()):
         try:
-            rows.append((path.stem, str(read_toml(path).get("title", ""))))
+            rows.append((name, str(read_toml(path).get("title", ""))))
         except UserError as error:
-            rows.append((path.stem, str(error)))
+            rows.append((name, str(error)))
     return rows
 
 

@@ -104,7 +104,7 @@ def _fail(title: str, message: str, status: int) -> NoReturn:
 @app.command()
 @_answers_errors
 def run(
-    study: Annotated[str, typer.Argument(help="Study file, or the name of one in studies/.")],
+    study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
     jobs: Annotated[
         int | None,
         typer.Option("--jobs", "-j", min=1, help="Worker threads, or processes of --dask local; all cores if absent."),
@@ -118,6 +118,10 @@ def run(
     dask: Annotated[
         Literal["local"] | None, typer.Option("--dask", help="Run on Dask worker processes of this machine.")
     ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="A first look: fewer drives, repeats and Sobol points, in results/<name>-quick."),
+    ] = False,
 ) -> None:
     """Run a study and write its report.
 
@@ -129,7 +133,7 @@ def run(
     from harness.config import load_study
 
     path = study_path(study)
-    loaded = load_study(path.resolve() if scheduler is not None else path)  # workers start in other folders
+    loaded = load_study(path.resolve() if scheduler is not None else path, quick)  # workers start in other folders
     from harness.study.run import run_study
 
     console = Console()
@@ -199,7 +203,7 @@ def _closest(word: str, choices: list[str]) -> str:
 @app.command()
 @_answers_errors
 def tune(
-    study: Annotated[str, typer.Argument(help="Study file, or the name of one in studies/.")],
+    study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
     drives: Annotated[str, typer.Option("--drives", help="Training drives: a name in studies/drives or a TOML file.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Tuning file to write; a study names it by tuning = ...")],
     budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator.")] = 240,

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.common.errors import ModelError, UserError
+from harness.common.files import BUNDLED_STUDIES
 from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
 
 if TYPE_CHECKING:
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 
     from harness.config import DriveSpec, ModelSpec
 
-STUDIES = Path("studies")
+STUDIES = (Path("studies"), BUNDLED_STUDIES)
+"""Folders in which a study is found by its name, the user's own first."""
 RESULTS = Path("results")
 DEFAULT_SENSORS = "series"
 """Sensors of a model without recordings, where the vehicle has them."""
@@ -73,20 +75,21 @@ def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequen
 
 
 def study_path(study: str) -> Path:
-    """Return the file of a study given by path or by its name in ``studies/``.
+    """Return the file of a study given by path or by its name, one in ``studies/`` before one of the package.
 
     Raises:
         UserError: If there is neither, with the closest names.
     """
     from harness.common.registry import closest
 
-    path, named = Path(study), STUDIES / f"{study}.toml"
+    path = Path(study)
     if path.is_file() or path.suffix == ".toml":
         return path
-    if named.is_file():
-        return named
-    there = sorted(p.stem for p in STUDIES.glob("*.toml"))
-    raise UserError(f"there is no study file '{study}' and no {named}{closest(study, there)}")
+    for folder in STUDIES:
+        if (folder / f"{study}.toml").is_file():
+            return folder / f"{study}.toml"
+    there = sorted({p.stem for folder in STUDIES for p in folder.glob("*.toml")})
+    raise UserError(f"there is no study file '{study}' and no study of that name{closest(study, there)}")
 
 
 def pairs(given: list[str] | None, option: str) -> dict[str, Any]:

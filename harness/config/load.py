@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,12 +13,13 @@ from pydantic import BaseModel, ValidationError
 
 from harness.common import registry
 from harness.common.errors import ModelError, UserError
-from harness.common.files import parse_toml, read_text, read_toml, toml_text
+from harness.common.files import BUNDLED_STUDIES, parse_toml, read_text, read_toml, toml_text
 from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
 from harness.config.problems import Problems, add_validation_errors
+from harness.config.quick import shortened
 from harness.config.report_options import limits, over_time
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
@@ -30,11 +31,12 @@ from harness.models.drive_options import options_of
 _Table = TypeVar("_Table", bound=BaseModel)
 
 
-def load_study(path: str | Path) -> Study:
+def load_study(path: str | Path, quick: bool = False) -> Study:
     """Read a study file, check everything in it and return it with all defaults and units resolved.
 
     Args:
         path: The TOML file. Files it names are looked for in its folder first, then in the working directory.
+        quick: Return the study shortened, under a name of its own, see ``harness.config.quick``.
 
     Raises:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem, each with
@@ -46,7 +48,12 @@ def load_study(path: str | Path) -> Study:
     raw = _validated(parse_toml(text, str(path)), StudyFile, problems)
     problems.stop()
     assert raw is not None
-    return _resolve(raw, text, path)
+    if not quick:
+        return _resolve(raw, text, path)
+    drives = _drives(raw, path.parent, problems)
+    problems.stop()
+    found = [replace(d, options=_with_whole_paths(d.options, d.base)) for d in drives]
+    return _resolve_tables(shortened(raw, found), path)
 
 
 def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "study") -> Study:
@@ -67,6 +74,11 @@ def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "stud
     raw = content if isinstance(content, StudyFile) else _validated(content, StudyFile, problems)
     problems.stop()
     assert raw is not None
+    return _resolve_tables(raw, path)
+
+
+def _resolve_tables(raw: StudyFile, path: Path) -> Study:
+    """Check a study that stands in no file as it is, see ``_resolve``; its text is the file that states the same."""
     try:
         text = toml_text(raw.model_dump(exclude_unset=True, exclude_none=True))
     except (TypeError, ValueError) as error:
@@ -141,7 +153,7 @@ def _refuse_twice(names: list[str], table: str, key: str, problems: Problems) ->
 
 
 def load_drives(name: str, folder: Path) -> tuple[DriveSpec, ...]:
-    """Return the drives of a file of drives: its name in ``<folder>/drives`` or the path of a TOML file.
+    """Return the drives of a file of drives, by its path or by its name in ``<folder>/drives`` or in the package.
 
     Raises:
         UserError: If there is no such file or a drive in it is wrong.
@@ -156,10 +168,12 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
     """Return the drives of the named files, in order, and then those of the study itself."""
     drives: list[DriveSpec] = []
     for name in [raw.drives] if isinstance(raw.drives, str) else raw.drives:
-        path = folder / name if name.endswith(".toml") else folder / "drives" / f"{name}.toml"
-        if not path.is_file():
-            there = sorted(p.stem for p in (folder / "drives").glob("*.toml"))
-            problems.add("drives", f"there is no file {path}{registry.closest(name, there)}")
+        named = [f / "drives" for f in (folder, BUNDLED_STUDIES)]
+        candidates = [folder / name] if name.endswith(".toml") else [f / f"{name}.toml" for f in named]
+        path = next((c for c in candidates if c.is_file()), None)
+        if path is None:
+            there = sorted({p.stem for f in named for p in f.glob("*.toml")})
+            problems.add("drives", f"there is no file {candidates[0]}{registry.closest(name, there)}")
             continue
         inner = problems.of(str(path))
         try:
@@ -210,6 +224,11 @@ def _check_options(table: DriveTable, known: list[str], required: list[str], key
 def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
     """Return the first folder in which a file named by an option exists (the first folder if none does)."""
     return next((c for c in candidates if any(_names_file(c, v) for v in options.values())), candidates[0])
+
+
+def _with_whole_paths(options: dict[str, Any], base: Path) -> dict[str, Any]:
+    """Return options whose files are found from any folder."""
+    return {k: str((base / v).resolve()) if _names_file(base, v) else v for k, v in options.items()}
 
 
 def _names_file(folder: Path, value: Any) -> bool:

@@ -191,7 +191,7 @@ def test_study_by_name(harness, small_study, monkeypatch):
     assert names == [("mass", Path("results/mass"))]
     status, _, err = harness("run", "mas")
     assert status == 2
-    assert "there is no study file 'mas' and no studies/mas.toml; closest: mass" in err
+    assert "there is no study file 'mas' and no study of that name; closest: mass" in err
 
 
 def test_recorded_study_stops_with_the_reason_without_the_recording(harness, tmp_path, monkeypatch):
