@@ -1,5 +1,7 @@
 # One command per job. Everything runs from .venv, which is built from the lock files.
-PYTHON ?= python3.11
+# The newest interpreter of this machine that pyproject.toml allows; PYTHON=... names another.
+PYTHON ?= $(shell for p in python3.15 python3.14 python3.13 python3.12 python3.11 python3 python; do \
+	$$p -c 'import ensurepip, sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 15))' 2>/dev/null && echo $$p && break; done)
 VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?=
@@ -19,6 +21,7 @@ help:            ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 26
 
 $(VENV)/run.stamp: requirements.lock pyproject.toml
+	@test -x $(BIN)/python || test -n "$(PYTHON)" || { echo "there is no Python 3.11 to 3.15 here; install one, or name it: make PYTHON=..." >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
@@ -74,6 +77,7 @@ proof: $(VENV)/dev.stamp ## run the tests that take long: the cluster, the blind
 
 lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 	$(BIN)/ruff check .
+	$(BIN)/ruff check --quiet --preview --select PLW1514 . # text files are UTF-8 wherever they are written
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import io
 import json
 import re
 import sys
@@ -347,4 +348,7 @@ app.command()(_answers_errors(realtime))
 
 def main() -> None:
     """Run the command line (the entry point of the ``harness`` script)."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a console or pipe without Greek letters, as on Windows
     app()
