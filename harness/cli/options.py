@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.common import locations
 from harness.common.errors import ModelError, UserError
 from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
 
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 
     from harness.config import DriveSpec, ModelSpec
 
-STUDIES = Path("studies")
+HERE = Path("studies")
+"""Studies of the working directory, whether or not it is a project."""
 RESULTS = Path("results")
 DEFAULT_SENSORS = "series"
 """Sensors of a model without recordings, where the vehicle has them."""
@@ -73,20 +75,13 @@ def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequen
 
 
 def study_path(study: str) -> Path:
-    """Return the file of a study given by path or by its name in ``studies/``.
+    """Return the file of a study given by path or by its name, see ``harness.common.locations``.
 
     Raises:
         UserError: If there is neither, with the closest names.
     """
-    from harness.common.registry import closest
-
-    path, named = Path(study), STUDIES / f"{study}.toml"
-    if path.is_file() or path.suffix == ".toml":
-        return path
-    if named.is_file():
-        return named
-    there = sorted(p.stem for p in STUDIES.glob("*.toml"))
-    raise UserError(f"there is no study file '{study}' and no {named}{closest(study, there)}")
+    path = Path(study)
+    return path if path.is_file() or path.suffix == ".toml" else locations.find(locations.STUDIES, study, HERE)
 
 
 def pairs(given: list[str] | None, option: str) -> dict[str, Any]:

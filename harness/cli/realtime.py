@@ -14,7 +14,7 @@ DURATION = "30 s"
 
 
 def realtime(
-    study: Annotated[str, typer.Argument(help="Study file, or the name of one in studies/.")],
+    study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
     drive: Annotated[
         str | None, typer.Option("--drive", help="Name of a drive of the study; its first one if absent.")
     ] = None,

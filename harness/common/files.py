@@ -12,6 +12,9 @@ from typing import Any
 
 from harness.common.errors import UserError
 
+BUNDLED_STUDIES = Path(__file__).parents[1] / "studies"
+"""Studies of the package with their drives and channel maps: a link in the checkout, a folder in a wheel."""
+
 
 def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
     """Write files into a folder, made if absent, each whole or not at all; return their paths.
