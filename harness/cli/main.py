@@ -24,6 +24,7 @@ from rich.text import Text
 
 from harness.cli.identify import identify
 from harness.cli.loop import loop
+from harness.cli.new import new
 from harness.cli.observability import observability
 from harness.cli.options import HERE, RESULTS, study_path
 from harness.cli.realtime import realtime
@@ -339,6 +340,7 @@ app.command()(_answers_errors(identify))
 app.command()(_answers_errors(trace))
 app.command()(_answers_errors(loop))
 app.command()(_answers_errors(realtime))
+app.command()(_answers_errors(new))
 
 
 def main() -> None:

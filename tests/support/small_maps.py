@@ -6,7 +6,7 @@ import numpy as np
 import sympy as sp
 
 from harness.models.assembly.assemble import Builder, Model, assemble
-from support.small_vehicles import module
+from harness.testing.small_vehicles import module
 
 STATES = ("alpha_test", "beta_test", "gamma_test")
 

@@ -16,7 +16,8 @@ QUANTITIES = tuple(
 RATE = Parameter("rate", "k", "1/s", 0.0, 100.0, "decay rate")
 
 
-def module(name: str, **members) -> ModuleType:
+def module(name: str, **members: object) -> ModuleType:
+    """Return a module with these members, and the signals of the tests."""
     made = ModuleType(name)
     made.__dict__.update({"SIGNALS": QUANTITIES} | members)
     return made
