@@ -1,4 +1,4 @@
-"""The roles that files of ``models/`` play, and what a file of each must define (``contracts`` says what it is).
+"""The roles that parts of a model play, and what a file of each must define (``contracts`` says what it is).
 
 Packages are named here and nowhere else, not imported: files of most roles use what finds the files of others.
 """
@@ -7,21 +7,22 @@ from __future__ import annotations
 
 from harness.common.registry import Role
 
-VEHICLES = Role(f"{__package__}.vehicles", "vehicle", ("STATES", "INPUTS", "PARAMETERS", "AXLES", "VALID", "equations"))
-TYRES = Role(f"{__package__}.tyres", "tyre", ("PARAMETERS", "lateral_force"))
-EFFECTS = Role(f"{__package__}.effects", "effect", ("PORT", "READS", "PARAMETERS", "STATES", "apply"))
-SENSORS = Role(f"{__package__}.sensors", "sensor", ("OUTPUTS",))
-PARAMETERS = Role(
-    f"{__package__}.parameters", "parameter", ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP")
+VEHICLES = Role(
+    f"{__package__}.vehicles",
+    "vehicle",
+    ("STATES", "INPUTS", "PARAMETERS", "AXLES", "VALID", "equations"),
+    word="vehicles",
 )
-DRIVES = Role(f"{__package__}.drives", "drive", ("OPTIONS", "generate"))
+TYRES = Role(f"{__package__}.tyres", "tyre", ("PARAMETERS", "lateral_force"), word="tyres")
+EFFECTS = Role(f"{__package__}.effects", "effect", ("PORT", "READS", "PARAMETERS", "STATES", "apply"), word="effects")
+SENSORS = Role(f"{__package__}.sensors", "sensor", ("OUTPUTS",), word="sensors")
+PARAMETERS = Role(
+    f"{__package__}.parameters",
+    "parameter",
+    ("VEHICLE", "VALUES", "PROCESS_NOISE", "MEASUREMENT_NOISE", "NOISE_STEP"),
+    word="parameters",
+)
+DRIVES = Role(f"{__package__}.drives", "drive", ("OPTIONS", "generate"), word="drives")
 
-ROLES = {
-    "vehicles": VEHICLES,
-    "tyres": TYRES,
-    "effects": EFFECTS,
-    "sensors": SENSORS,
-    "parameters": PARAMETERS,
-    "drives": DRIVES,
-}
+ROLES = {role.word: role for role in (VEHICLES, TYRES, EFFECTS, SENSORS, PARAMETERS, DRIVES)}
 """By the word that commands use for it."""

@@ -1,4 +1,4 @@
-"""The one table of signals: name, symbol, SI unit, report unit, frame and meaning.
+"""The table of signals: name, symbol, SI unit, report unit, frame and meaning; those of components come with them.
 
 Axes follow ISO 8855: x forward, y left, z up, angles positive counter-clockwise seen from above, so
 ``articulation_angle = heading_trailer - heading_tractor``. Everything inside the project is in SI units
@@ -7,7 +7,13 @@ and radians; ``report_unit`` is what figures and tables show.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from types import ModuleType
+
+from harness.common import components
+from harness.common.errors import ModelError
+from harness.models.roles import EFFECTS, SENSORS, TYRES, VEHICLES
 
 
 @dataclass(frozen=True)
@@ -29,6 +35,102 @@ class Signal:
     report_unit: str
     frame: str
     meaning: str
+
+
+def _axle_forces(axle: str, where: str) -> list[Signal]:
+    """Return what a tyre publishes at an axle."""
+    return [
+        Signal(f"lateral_force_axle_{axle}", f"F_{{y{axle}}}", "N", "kN", "axle", f"lateral force, {where}"),
+        Signal(
+            f"steady_lateral_force_axle_{axle}",
+            f"F_{{0y{axle}}}",
+            "N",
+            "kN",
+            "axle",
+            f"quasi-steady lateral tyre force, {where}",
+        ),
+        Signal(f"vertical_load_axle_{axle}", f"F_{{z{axle}}}", "N", "kN", "axle", f"vertical load, {where}"),
+        Signal(
+            f"slip_angle_axle_{axle}",
+            rf"\alpha_{{{axle}}}",
+            "rad",
+            "deg",
+            "axle",
+            f"slip angle, positive when it makes a force to the left, {where}",
+        ),
+        Signal(
+            f"lateral_force_capacity_axle_{axle}", f"D_{{{axle}}}", "N", "kN", "axle", f"largest lateral force, {where}"
+        ),
+        Signal(
+            f"cornering_stiffness_axle_{axle}",
+            f"C_{{F{axle}}}",
+            "N/rad",
+            "kN/rad",
+            "axle",
+            f"slope of force over slip at zero slip, {where}",
+        ),
+    ]
+
+
+def _axle_states(axle: str, where: str) -> list[Signal]:
+    """Return what effects have at an axle."""
+    return [
+        Signal(f"load_share_axle_{axle}", "s", "1", "1", "axle", f"share in the load of its bogie, {where}"),
+        Signal(f"relaxed_force_axle_{axle}", "F_r", "N", "kN", "axle", f"relaxing lateral force, {where}"),
+    ]
+
+
+def _body_forces(body: str, index: str) -> list[Signal]:
+    """Return the forces from outside on one of several bodies."""
+    return [
+        Signal(
+            f"external_lateral_force_{body}",
+            rf"F_{{\mathrm{{ext}}{index}}}",
+            "N",
+            "kN",
+            body,
+            f"external lateral force at the CoG of the {body}",
+        ),
+        Signal(
+            f"external_yaw_moment_{body}",
+            rf"M_{{\mathrm{{ext}}{index}}}",
+            "N*m",
+            "kN*m",
+            body,
+            f"external yaw moment on the {body}",
+        ),
+    ]
+
+
+def _body_motion(body: str, of: str) -> list[Signal]:
+    """Return what a body publishes for effects; ``body`` is what is appended to the names."""
+    return [
+        Signal(f"inertial_mass{body}", "m", "kg", "kg", of, f"mass that moves as one rigid body, {of}"),
+        Signal(f"lateral_gravity{body}", "g_y", "m/s^2", "m/s^2", of, f"gravity along the y axis, {of}"),
+        Signal(f"longitudinal_gravity{body}", "g_x", "m/s^2", "m/s^2", of, f"gravity along the x axis, {of}"),
+        Signal(f"pitch_moment{body}", "M_y", "N*m", "kN*m", of, f"moment that loads the front of the {of}"),
+        Signal(f"yaw_acceleration{body}", r"\ddot\psi", "rad/s^2", "deg/s^2", of, f"yaw acceleration, {of}"),
+        Signal(f"cog_shift{body}", "d", "m", "m", of, f"CoG ahead of where the parameters put it, {of}"),
+        Signal(f"slosh_displacement{body}", "y_s", "m", "m", of, f"liquid to the left of the {of}'s axis"),
+        Signal(f"slosh_velocity{body}", r"\dot y_s", "m/s", "m/s", of, f"velocity of the liquid in the {of}"),
+        Signal(f"pitch_speed{body}", "v_p", "m/s", "m/s", of, f"speed that the pitch of the {of} has settled to"),
+    ]
+
+
+def _delayed(s: Signal) -> list[Signal]:
+    """Return the states of a sensor's delay."""
+    return [
+        Signal(f"delayed_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name}, first state of a delay"),
+        Signal(f"delayed_rate_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, "second state of the delay"),
+    ]
+
+
+def _leaning(s: Signal) -> list[Signal]:
+    """Return the states of a leaning accelerometer."""
+    return [
+        Signal(f"leaning_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name} behind the roll of the body"),
+        Signal(f"leaning_rate_{s.name}", s.symbol, "m/s^3", "m/s^3", s.frame, "time derivative of the same"),
+    ]
 
 
 _AXLES = {
@@ -124,77 +226,13 @@ for _end, _index in (("front", "1"), ("rear", "2")):
             f"lateral force over slip angle of the {_end} axle, both wheels",
         ),
     ]
-for _body, _index in (("tractor", "1"), ("trailer", "2")):
-    _ROWS += [
-        Signal(
-            f"external_lateral_force_{_body}",
-            rf"F_{{\mathrm{{ext}}{_index}}}",
-            "N",
-            "kN",
-            _body,
-            f"external lateral force at the CoG of the {_body}",
-        ),
-        Signal(
-            f"external_yaw_moment_{_body}",
-            rf"M_{{\mathrm{{ext}}{_index}}}",
-            "N*m",
-            "kN*m",
-            _body,
-            f"external yaw moment on the {_body}",
-        ),
-    ]
-for _axle, _where in _AXLES.items():
-    _ROWS += [
-        Signal(f"lateral_force_axle_{_axle}", f"F_{{y{_axle}}}", "N", "kN", "axle", f"lateral force, {_where}"),
-        Signal(
-            f"steady_lateral_force_axle_{_axle}",
-            f"F_{{0y{_axle}}}",
-            "N",
-            "kN",
-            "axle",
-            f"quasi-steady lateral tyre force, {_where}",
-        ),
-        Signal(f"vertical_load_axle_{_axle}", f"F_{{z{_axle}}}", "N", "kN", "axle", f"vertical load, {_where}"),
-        Signal(
-            f"slip_angle_axle_{_axle}",
-            rf"\alpha_{{{_axle}}}",
-            "rad",
-            "deg",
-            "axle",
-            f"slip angle, positive when it makes a force to the left, {_where}",
-        ),
-        Signal(
-            f"lateral_force_capacity_axle_{_axle}",
-            f"D_{{{_axle}}}",
-            "N",
-            "kN",
-            "axle",
-            f"largest lateral force, {_where}",
-        ),
-        Signal(
-            f"cornering_stiffness_axle_{_axle}",
-            f"C_{{F{_axle}}}",
-            "N/rad",
-            "kN/rad",
-            "axle",
-            f"slope of force over slip at zero slip, {_where}",
-        ),
-    ]
+_ROWS += [row for _body, _index in (("tractor", "1"), ("trailer", "2")) for row in _body_forces(_body, _index)]
+_ROWS += [row for _axle, _where in _AXLES.items() for row in _axle_forces(_axle, _where)]
 
 _ROWS += [  # what vehicles of one body publish for effects; of several bodies with their names appended
     row
     for _body, _of in (("", "vehicle"), ("_tractor", "tractor"), ("_trailer", "trailer"))
-    for row in (
-        Signal(f"inertial_mass{_body}", "m", "kg", "kg", _of, f"mass that moves as one rigid body, {_of}"),
-        Signal(f"lateral_gravity{_body}", "g_y", "m/s^2", "m/s^2", _of, f"gravity along the y axis, {_of}"),
-        Signal(f"longitudinal_gravity{_body}", "g_x", "m/s^2", "m/s^2", _of, f"gravity along the x axis, {_of}"),
-        Signal(f"pitch_moment{_body}", "M_y", "N*m", "kN*m", _of, f"moment that loads the front of the {_of}"),
-        Signal(f"yaw_acceleration{_body}", r"\ddot\psi", "rad/s^2", "deg/s^2", _of, f"yaw acceleration, {_of}"),
-        Signal(f"cog_shift{_body}", "d", "m", "m", _of, f"CoG ahead of where the parameters put it, {_of}"),
-        Signal(f"slosh_displacement{_body}", "y_s", "m", "m", _of, f"liquid to the left of the {_of}'s axis"),
-        Signal(f"slosh_velocity{_body}", r"\dot y_s", "m/s", "m/s", _of, f"velocity of the liquid in the {_of}"),
-        Signal(f"pitch_speed{_body}", "v_p", "m/s", "m/s", _of, f"speed that the pitch of the {_of} has settled to"),
-    )
+    for row in _body_motion(_body, _of)
 ]
 _ROWS += [  # states and inputs of effects
     Signal("bank_angle", r"\varphi_B", "rad", "deg", "road", "road bank, positive when the left side is higher"),
@@ -208,33 +246,118 @@ _ROWS += [  # states and inputs of effects
     Signal("drive_speed", "v_d", "m/s", "m/s", "vehicle", "speed behind the lag of drive and brake forces"),
     Signal("lateral_velocity_reference", "v_{y,R}", "m/s", "m/s", "vehicle", "lateral velocity at the reference point"),
 ]
-for _axle, _where in _AXLES.items():
-    _ROWS += [
-        Signal(f"load_share_axle_{_axle}", "s", "1", "1", "axle", f"share in the load of its bogie, {_where}"),
-        Signal(f"relaxed_force_axle_{_axle}", "F_r", "N", "kN", "axle", f"relaxing lateral force, {_where}"),
-    ]
+_ROWS += [row for _axle, _where in _AXLES.items() for row in _axle_states(_axle, _where)]
 
 _MEASURED = ("yaw_rate", "heading", "articulation_angle", "sideslip_angle", "roll", "acceleration", "velocity")
-_ROWS += [  # states of a sensor's delay and of a leaning accelerometer
-    row
-    for s in list(_ROWS)
-    if any(word in s.name for word in _MEASURED) or s.name.startswith("lateral_force_axle")
-    for row in (
-        Signal(f"delayed_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name}, first state of a delay"),
-        Signal(f"delayed_rate_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, "second state of the delay"),
-    )
-]
 _ROWS += [
     row
     for s in list(_ROWS)
-    if s.name.startswith("lateral_acceleration")
-    for row in (
-        Signal(f"leaning_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name} behind the roll of the body"),
-        Signal(f"leaning_rate_{s.name}", s.symbol, "m/s^3", "m/s^3", s.frame, "time derivative of the same"),
-    )
+    if any(word in s.name for word in _MEASURED) or s.name.startswith("lateral_force_axle")
+    for row in _delayed(s)
 ]
+_ROWS += [row for s in list(_ROWS) if s.name.startswith("lateral_acceleration") for row in _leaning(s)]
 
-SIGNALS: dict[str, Signal] = {s.name: s for s in _ROWS}
+
+class SignalTable(Mapping[str, Signal]):
+    """Every signal by name: those above, and those that components bring with them.
+
+    A component states signals of its own as ``SIGNALS``, a tuple of ``Signal``; the axles (``AXLES``) and bodies
+    (``BODIES``) of a vehicle bring the signals of every axle and body, described by its ``AXLE_NAMES`` where it has
+    them. They are known as soon as a model has that part; a name that is not known yet, and whoever wants to see the
+    whole table, has all components looked at.
+    """
+
+    def __init__(self, rows: Iterable[Signal]) -> None:
+        self._ours = {s.name: s for s in rows}
+        self._further: dict[str, tuple[Signal, str]] = {}
+        self._learned: dict[str, ModuleType] = {}
+        self._looked: object = None
+
+    def __getitem__(self, name: str) -> Signal:
+        known = self._known(name)
+        if known is None:
+            self._look()
+            known = self._known(name)
+        if known is None:
+            raise KeyError(name)
+        return known
+
+    def __iter__(self) -> Iterator[str]:
+        self._look()
+        return iter((*self._ours, *self._further))
+
+    def __len__(self) -> int:
+        self._look()
+        return len(self._ours) + len(self._further)
+
+    def learn(self, module: ModuleType) -> None:
+        """Take up the signals that a part of a model brings; nothing happens if they are known.
+
+        Raises:
+            ModelError: If a signal of that name is something else.
+        """
+        place = components.place_of(module)
+        owner = f"{components.name_of(module)} in {place}"
+        if self._learned.get(owner) is module:
+            return
+        self._drop(owner)
+        self._learned[owner] = module
+        own = vars(module).get("SIGNALS", ())
+        stated = () if own is self else tuple(own)
+        for signal in stated:
+            if not isinstance(signal, Signal):
+                raise ModelError(f"{place}: SIGNALS: expected harness.models.signals.Signal, got {signal!r}")
+            known = self._known(signal.name)
+            if known not in (None, signal):
+                by = self._further[signal.name][1] if signal.name in self._further else "models/signals.py"
+                raise ModelError(
+                    f"{place}: signal '{signal.name}' is another one than in {by}, which says {known}; "
+                    "take another name"
+                )
+        for signal in (
+            *stated,
+            *_of_layout(module),
+            *(row for s in stated for row in (*_delayed(s), *(_leaning(s) if s.unit == "m/s^2" else ()))),
+        ):
+            if self._known(signal.name) is None:
+                self._further[signal.name] = signal, owner
+
+    def _known(self, name: str) -> Signal | None:
+        return self._ours.get(name) or self._further.get(name, (None,))[0]
+
+    def _drop(self, owner: str) -> None:
+        self._learned.pop(owner, None)
+        self._further = {n: row for n, row in self._further.items() if row[1] != owner}
+
+    def _look(self) -> None:
+        """Take up the signals of every component there is, once until others are there."""
+        now = components.generation()
+        if now == self._looked:
+            return
+        for owner, module in list(self._learned.items()):
+            if components.is_component(module):  # those that are still there are taken up again
+                self._drop(owner)
+        self._looked = now
+        try:
+            for role in (VEHICLES, TYRES, EFFECTS, SENSORS):
+                for name in role.names():
+                    self.learn(role.load(name))
+        except BaseException:
+            self._looked = None
+            raise
+
+
+def _of_layout(module: ModuleType) -> list[Signal]:
+    """Return the signals of every axle and body of a vehicle."""
+    words = getattr(module, "AXLE_NAMES", {})
+    axles = {axle: words.get(axle, f"axle {axle}") for axle in getattr(module, "AXLES", {})}
+    bodies = [body for body in getattr(module, "BODIES", {}) if body]
+    rows = [row for body in bodies for row in (*_body_forces(body, body), *_body_motion(f"_{body}", body))]
+    rows += [row for axle, where in axles.items() for row in (*_axle_forces(axle, where), *_axle_states(axle, where))]
+    return rows + [row for s in rows if s.name.startswith("lateral_force_axle") for row in _delayed(s)]
+
+
+SIGNALS = SignalTable(_ROWS)
 
 MAGNITUDE: dict[str, float] = {
     "rad": 0.1,

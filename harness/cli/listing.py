@@ -1,7 +1,7 @@
-"""What ``harness list`` shows: every file of a role with the first line of its docstring, and its settings.
+"""What ``harness list`` shows: every component of a role with the first line of its docstring, and its settings.
 
-The folders are read, nothing is listed here by hand. Docstrings are read without importing the files, so
-that a listing is quick and a file that does not import still shows.
+Nothing is listed here by hand. Docstrings are read without importing the files, so that a listing is quick and a file
+that does not import still shows.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from harness.common import components, locations
+from harness.common.components import Component
 from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.registry import Role, closest
@@ -31,17 +33,25 @@ if TYPE_CHECKING:
 LISTED: dict[str, Role] = {**MODEL_ROLES, "estimators": ESTIMATORS, "readers": READERS}
 """Roles by the word of the command."""
 
-ROLES: tuple[str, ...] = ("models", *LISTED, "signals", "studies")
+FILES: dict[str, locations.Kind] = {
+    "studies": locations.STUDIES,
+    "drive-sets": locations.DRIVE_SETS,
+    "channels": locations.CHANNELS,
+    "networks": locations.NETWORKS,
+}
+"""Kinds of data files by the word of the command."""
+
+ROLES: tuple[str, ...] = ("models", *LISTED, "signals", *FILES)
 
 
-def show(console: Console, role: str, name: str | None = None, studies: Sequence[Path] = ()) -> None:
+def show(console: Console, role: str, name: str | None = None, here: Path | None = None) -> None:
     """Print a role as a table, or one file of it with its settings.
 
     Args:
         console: Where to print.
         role: One of ``ROLES``; ``models`` is every part of a model.
         name: One file of the role; its settings are printed then.
-        studies: Folders of study files; one of a name that an earlier folder has is passed over.
+        here: Folder of studies that come before those of project and package.
 
     Raises:
         UserError: If there is no such role.
@@ -52,42 +62,62 @@ def show(console: Console, role: str, name: str | None = None, studies: Sequence
     if role == "models":
         for part in ("vehicles", "tyres", "effects", "sensors", "parameters"):
             show(console, part)
-    elif role == "studies":
-        _table(console, "studies", ("study", "question"), _studies(studies))
+    elif role in FILES:
+        _files(console, role, here if role == "studies" else None)
     elif role == "signals":
         _signals(console)
     elif name is not None:
         LISTED[role].load(name)
-        console.print(Text(f"{name}: {summary(LISTED[role], name)}"))
+        component = LISTED[role].components()[name]
+        console.print(Text(f"{name}: {summary(component)}"))
+        console.print(Text(f"from {_origin(component)}" if component.path is None else f"in {component.path}"))
         _details(console, role, name)
     else:
-        files = LISTED[role]
-        _table(console, role, ("name", "what it is"), [(n, summary(files, n)) for n in files.names()])
+        found = LISTED[role].components()
+        _table(console, role, _HEADINGS, [(n, summary(c), _origin(c)) for n, c in found.items()])
         if role in ("drives", "parameters"):
-            for each in files.names():
+            for each in found:
                 _details(console, role, each)
 
 
-def summary(role: Role, name: str) -> str:
-    """Return the first line of a file's docstring without importing the file."""
-    folder = role.folder
-    path = folder / f"{name}.py"
-    if not path.is_file():
-        path = folder / name / "__init__.py"
-    doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "(no docstring)"
-    return " ".join(doc.split("\n\n")[0].split())
+_HEADINGS = ("name", "what it is", "from")
 
 
-def _studies(folders: Sequence[Path]) -> list[tuple[str, str]]:
-    """Return name and question of every study file."""
-    found = {path.stem: path for folder in reversed(folders) for path in folder.glob("*.toml")}
-    rows = []
-    for name, path in sorted(found.items()):
+def summary(component: Component) -> str:
+    """Return the first line of a component's docstring without importing it."""
+    if component.module is not None:
+        doc = component.module.__doc__
+    else:
+        path = components.file_of(component)
         try:
-            rows.append((name, str(read_toml(path).get("title", ""))))
-        except UserError as error:
-            rows.append((name, str(error)))
-    return rows
+            doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) if path is not None else None
+        except (OSError, SyntaxError, ValueError) as error:
+            doc = f"(cannot be read: {error})"
+    return " ".join((doc or "(no docstring)").split("\n\n")[0].split())
+
+
+def _origin(component: Component) -> str:
+    """Return where a component comes from; for one outside the package with its file."""
+    if component.origin == components.OURS or component.path is None:
+        return component.origin
+    return f"{component.origin}: {locations.shown(component.path)}"
+
+
+def _files(console: Console, role: str, here: Path | None) -> None:
+    """Print data files by name, with their title and where they come from."""
+    kind, rows = FILES[role], []
+    for name, path in locations.files(kind, here).items():
+        title = ""
+        if kind.suffix == ".toml":
+            try:
+                title = str(read_toml(path).get("title", ""))
+            except UserError as error:
+                title = str(error)
+        ours = kind.in_package / path.name
+        is_ours = ours.is_file() and ours.resolve() == path.resolve()
+        instead = " (in place of ours)" if ours.is_file() and not is_ours else ""
+        rows.append((name, title, components.OURS if is_ours else f"{locations.shown(path)}{instead}"))
+    _table(console, role, ("name", "question" if role == "studies" else "title", "from"), rows)
 
 
 def _table(console: Console, title: str, headings: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:

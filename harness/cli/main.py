@@ -25,8 +25,9 @@ from rich.text import Text
 
 from harness.cli.identify import identify
 from harness.cli.loop import loop
+from harness.cli.new import new
 from harness.cli.observability import observability
-from harness.cli.options import RESULTS, STUDIES, study_path
+from harness.cli.options import HERE, RESULTS, study_path
 from harness.cli.realtime import realtime
 from harness.cli.simulate import simulate
 from harness.cli.trace import trace
@@ -205,7 +206,7 @@ def _closest(word: str, choices: list[str]) -> str:
 @_answers_errors
 def tune(
     study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
-    drives: Annotated[str, typer.Option("--drives", help="Training drives: a name in studies/drives or a TOML file.")],
+    drives: Annotated[str, typer.Option("--drives", help="Training drives: the name of a set, or a TOML file.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Tuning file to write; a study names it by tuning = ...")],
     budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator.")] = 240,
     repeats: Annotated[int, typer.Option("--repeats", min=1, help="Noise realisations of each drive.")] = 1,
@@ -244,18 +245,18 @@ def list_(
         str,
         typer.Argument(
             help="models (all parts of a model), vehicles, tyres, effects, sensors, parameters, drives, "
-            "estimators, readers, signals or studies."
+            "estimators, readers, signals, studies, drive-sets, channels or networks."
         ),
     ],
     name: Annotated[str | None, typer.Argument(help="One file of that role, with its settings.")] = None,
 ) -> None:
     """Show what there is to choose from.
 
-    Every file of a role, or one of them with its settings.
+    Every component of a role with where it comes from, or one of them with its settings.
     """
     from harness.cli.listing import show
 
-    show(_wide_console(), role, name, STUDIES)
+    show(_wide_console(), role, name, HERE)
 
 
 def _wide_console() -> Console:
@@ -344,6 +345,7 @@ app.command()(_answers_errors(identify))
 app.command()(_answers_errors(trace))
 app.command()(_answers_errors(loop))
 app.command()(_answers_errors(realtime))
+app.command()(_answers_errors(new))
 
 
 def main() -> None:

@@ -13,8 +13,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.common import locations
 from harness.common.errors import ModelError, UserError
-from harness.common.files import BUNDLED_STUDIES
 from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from harness.config import DriveSpec, ModelSpec
 
-STUDIES = (Path("studies"), BUNDLED_STUDIES)
-"""Folders in which a study is found by its name, the user's own first."""
+HERE = Path("studies")
+"""Studies of the working directory, whether or not it is a project."""
 RESULTS = Path("results")
 DEFAULT_SENSORS = "series"
 """Sensors of a model without recordings, where the vehicle has them."""
@@ -75,21 +75,13 @@ def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequen
 
 
 def study_path(study: str) -> Path:
-    """Return the file of a study given by path or by its name, one in ``studies/`` before one of the package.
+    """Return the file of a study given by path or by its name, see ``harness.common.locations``.
 
     Raises:
         UserError: If there is neither, with the closest names.
     """
-    from harness.common.registry import closest
-
     path = Path(study)
-    if path.is_file() or path.suffix == ".toml":
-        return path
-    for folder in STUDIES:
-        if (folder / f"{study}.toml").is_file():
-            return folder / f"{study}.toml"
-    there = sorted({p.stem for folder in STUDIES for p in folder.glob("*.toml")})
-    raise UserError(f"there is no study file '{study}' and no study of that name{closest(study, there)}")
+    return path if path.is_file() or path.suffix == ".toml" else locations.find(locations.STUDIES, study, HERE)
 
 
 def pairs(given: list[str] | None, option: str) -> dict[str, Any]:

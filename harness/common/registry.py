@@ -1,14 +1,16 @@
-"""The folder is the registry: find a file by its stem, check its exports, suggest the closest name."""
+"""Roles: find a component by its name, check its exports, suggest the closest name.
+
+Of our own the folder is the registry; what else there is says ``harness.common.components``.
+"""
 
 from __future__ import annotations
 
 import difflib
-import importlib.util
-import pkgutil
+import importlib
 from dataclasses import dataclass
-from pathlib import Path
 from types import ModuleType
 
+from harness.common import components
 from harness.common.errors import ModelError
 
 
@@ -22,61 +24,67 @@ def closest(word: str, choices: list[str] | tuple[str, ...]) -> str:
 
 @dataclass(frozen=True)
 class Role:
-    """What the files of one package are for.
+    """What the components of one kind are for.
 
     Attributes:
-        package: The package, or its dotted name where whoever declares the role must not import it.
-        what: What one file is, as messages call it.
-        exports: Names that every file must define.
+        package: The package of our own, or its dotted name where whoever declares the role must not import it.
+        what: What one is, as messages call it.
+        exports: Names that every one must define.
         contract: File that says what they are.
+        word: What the role is called where components come from outside (``components.WORDS``); empty for a role of
+            which there are our own only.
     """
 
     package: ModuleType | str
     what: str
     exports: tuple[str, ...]
     contract: str = "models/contracts.py"
+    word: str = ""
 
     def names(self) -> list[str]:
-        """Return the sorted stems of the files."""
-        return sorted(m.name for m in pkgutil.iter_modules(self._package.__path__) if not m.name.startswith("_"))
+        """Return the sorted names, whatever place they come from."""
+        return list(self.components())
+
+    def components(self) -> dict[str, components.Component]:
+        """Return every component by its name, not imported.
+
+        Raises:
+            ModelError: If two places claim one name.
+        """
+        return components.find(self.word, self._package)
 
     def load(self, name: str, exports: tuple[str, ...] | None = None) -> ModuleType:
-        """Import a file and check that it exports what its role requires.
+        """Import a component and check that it exports what its role requires.
 
         Args:
-            name: Stem of the file.
+            name: Its name: the stem of its file, unless it was registered or declared under another.
             exports: Names the module must define; by default those of the role.
 
         Raises:
-            ModelError: If there is no such file (with the closest names) or an export is missing.
+            ModelError: If there is none of that name (with the closest names) or an export is missing.
         """
-        available = self.names()
+        available = self.components()
         if name not in available:
-            raise ModelError(f"unknown {self.what} '{name}'{closest(name, available)}")
-        module = _imported(f"{self._package.__name__}.{name}")
+            raise ModelError(f"unknown {self.what} '{name}'{closest(name, list(available))}")
+        module = _imported(available[name])
         missing = [e for e in (self.exports if exports is None else exports) if not hasattr(module, e)]
         if missing:
-            raise ModelError(f"{module.__file__}: missing export {', '.join(missing)} (see {self.contract})")
+            raise ModelError(f"{available[name].place}: missing export {', '.join(missing)} (see {self.contract})")
         return module
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the files."""
-        return Path(self._package.__path__[0])
 
     @property
     def _package(self) -> ModuleType:
         return importlib.import_module(self.package) if isinstance(self.package, str) else self.package
 
 
-def _imported(name: str) -> ModuleType:
+def _imported(component: components.Component) -> ModuleType:
     try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        if (error.name or "").partition(".")[0] != "models":
+        return component.load()
+    except (ImportError, ModelError) as error:
+        cause = error if isinstance(error, ImportError) else error.__cause__
+        if not isinstance(cause, ImportError) or (cause.name or "").partition(".")[0] != "models":
             raise
-        spec = importlib.util.find_spec(name)
         raise ModelError(
-            f"{spec.origin if spec else name}: there is no '{error.name}' of the harness, its models are imported as "
+            f"{component.place}: there is no '{cause.name}' of the harness, its models are imported as "
             "harness.models: write `from harness.models.contracts import ...`"
         ) from None

@@ -16,16 +16,17 @@ import ast
 import functools
 import hashlib
 import importlib.util
+import inspect
 import sys
 import sysconfig
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, FunctionType, ModuleType
 
-from harness.common import registry
+from harness.common import components
 
-_PROJECT = frozenset(name.partition(".")[0] for name in (__name__, registry.__name__))
+_PROJECT = frozenset({__name__.partition(".")[0]})
 _STANDARD = tuple(Path(sysconfig.get_path(key)).resolve() for key in ("stdlib", "platstdlib"))
 _INSTALLED = {"site-packages", "dist-packages"}
 
@@ -55,7 +56,12 @@ class _File:
 
 def is_own(module: ModuleType) -> bool:
     """Return whether a module is of the project or of its user, and not of an installed package or of Python."""
-    return _is_own(module.__name__, _PROJECT)
+    return _is_own(module.__name__, _PROJECT | components.outside_packages())
+
+
+def has_file(module: ModuleType) -> bool:
+    """Return whether a module stands in a file; one made of an object does not."""
+    return sys.modules.get(module.__name__) is module and _path(module.__name__) is not None
 
 
 def modules(roots: Iterable[ModuleType]) -> list[str]:
@@ -79,6 +85,53 @@ def digest(roots: Sequence[ModuleType]) -> str:
     return _digest(tuple(m.__name__ for m in roots))
 
 
+def object_digest(module: ModuleType) -> str:
+    """Return the SHA-256 of a component that stands in no file, such as one made in a cell of a notebook.
+
+    It is of the source of its functions, of those from no file either that they call, and of its values as they print;
+    what it takes from files counts by these files.
+    """
+    total = hashlib.sha256()
+    seen: set[int] = set()
+
+    def add(name: str, value: object) -> None:
+        if id(value) in seen:
+            return
+        seen.add(id(value))
+        total.update(f"{name} = ".encode())
+        home = sys.modules.get(getattr(value, "__module__", None) or "")
+        if isinstance(value, ModuleType):
+            total.update(value.__name__.encode())
+        elif home is not None and home.__name__ != "__main__" and callable(value) and _path(home.__name__) is not None:
+            own = _is_own(home.__name__, _PROJECT)
+            total.update((digest([home]) if own else f"{home.__name__}.{name}").encode())
+        elif isinstance(value, FunctionType):
+            total.update(_source(value).encode())
+            for other in _named(value.__code__):
+                if other in value.__globals__:
+                    add(other, value.__globals__[other])
+        else:
+            total.update(repr(value).encode())
+
+    for name in sorted(n for n in vars(module) if not n.startswith("__")):
+        add(name, vars(module)[name])
+    return total.hexdigest()
+
+
+def _source(function: FunctionType) -> str:
+    try:
+        return inspect.getsource(function)
+    except OSError:  # typed at a prompt
+        return f"{function.__code__.co_code.hex()} {function.__code__.co_consts} {function.__code__.co_names}"
+
+
+def _named(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for part in code.co_consts:
+        if isinstance(part, CodeType):
+            yield from _named(part)
+
+
 @functools.cache  # of the code that this process runs, whatever becomes of the files
 def _digest(names: tuple[str, ...]) -> str:
     inside = _PROJECT | {name.partition(".")[0] for name in names}
@@ -98,12 +151,14 @@ def _resolved(name: str, inside: frozenset[str]) -> list[tuple[str, str, str]]:
 
 def _definition(home: str, attribute: str, inside: frozenset[str]) -> tuple[str, str]:
     """Return the module that defines a name, and what it is there, past packages that re-export it."""
-    while attribute and _is_own(home, inside):
+    while attribute and (home.partition(".")[0] in inside or _is_own(home, inside)):
         path = _path(home)
-        if path is None or path.name != "__init__.py":
+        if path is not None and path.name != "__init__.py":
             break
         if _path(f"{home}.{attribute}") is not None:
             return f"{home}.{attribute}", ""
+        if path is None:  # a folder without a file of its own
+            break
         handed_on = next((i for i in _read(home).imports if i.name == attribute), None)
         if handed_on is None:
             break

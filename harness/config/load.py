@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from harness.common import registry
+from harness.common import locations, registry
 from harness.common.errors import ModelError, UserError
-from harness.common.files import BUNDLED_STUDIES, parse_toml, read_text, read_toml, toml_text
+from harness.common.files import parse_toml, read_text, read_toml, toml_text
 from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
 from harness.config.factors import Models, number
@@ -153,7 +153,9 @@ def _refuse_twice(names: list[str], table: str, key: str, problems: Problems) ->
 
 
 def load_drives(name: str, folder: Path) -> tuple[DriveSpec, ...]:
-    """Return the drives of a file of drives, by its path or by its name in ``<folder>/drives`` or in the package.
+    """Return the drives of a set, by its name or the path of a TOML file.
+
+    A name is looked for in ``<folder>/drives`` first, then as ``harness.common.locations`` does.
 
     Raises:
         UserError: If there is no such file or a drive in it is wrong.
@@ -168,12 +170,15 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
     """Return the drives of the named files, in order, and then those of the study itself."""
     drives: list[DriveSpec] = []
     for name in [raw.drives] if isinstance(raw.drives, str) else raw.drives:
-        named = [f / "drives" for f in (folder, BUNDLED_STUDIES)]
-        candidates = [folder / name] if name.endswith(".toml") else [f / f"{name}.toml" for f in named]
-        path = next((c for c in candidates if c.is_file()), None)
-        if path is None:
-            there = sorted({p.stem for f in named for p in f.glob("*.toml")})
-            problems.add("drives", f"there is no file {candidates[0]}{registry.closest(name, there)}")
+        path = folder / name
+        if not name.endswith(".toml"):
+            try:
+                path = locations.find(locations.DRIVE_SETS, name, folder / "drives")
+            except UserError as error:
+                problems.add("drives", str(error))
+                continue
+        elif not path.is_file():
+            problems.add("drives", f"there is no file {path}")
             continue
         inner = problems.of(str(path))
         try:

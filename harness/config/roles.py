@@ -9,4 +9,5 @@ ESTIMATORS = Role(
     "estimator",
     ("workspace", "step"),
     "harness/estimation/contract.py",
+    "estimators",
 )

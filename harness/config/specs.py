@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from harness.common.components import remembered
 from harness.models.assembly.assemble import Model, assemble
 
 Side = Literal["plant", "belief", "both"]
@@ -60,6 +61,7 @@ class ModelSpec:
         return assembled(self.vehicle, self.tyre, self.effects, self.sensors, self.unknown_inputs)
 
 
+@remembered
 @functools.lru_cache(maxsize=64)
 def assembled(
     vehicle: str, tyre: str | None, effects: tuple[str, ...], sensors: str, unknown_inputs: tuple[str, ...]

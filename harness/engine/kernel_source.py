@@ -119,6 +119,8 @@ class _Module:
             return
         home = sys.modules.get(getattr(meaning, "__module__", None) or "")
         attribute = next((n for n, known in vars(home).items() if known is meaning), None) if home else None
+        if home is not None and home.__name__ == "__main__":
+            raise _missing(name, user, "which stands in a notebook or script; define it in a file that can be imported")
         if home is None or attribute is None:
             raise _missing(name, user, f"a {type(meaning).__name__}, which cannot be compiled in; pass it as argument")
         self._import(name, home, attribute)

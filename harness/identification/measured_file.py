@@ -33,6 +33,7 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, StrictBool, StrictStr, ValidationError
 
+from harness.common import locations
 from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.registry import closest
@@ -92,7 +93,9 @@ class MeasuredFile(Table):
 
     title: Name = Field(description="title of the report")
     recordings: Name = Field(description="folder of the recordings, from this file")
-    channels: StrictStr = Field(default="", description="channel map, from this file; signal names if absent")
+    channels: StrictStr = Field(
+        default="", description="channel map: a name, or a path from this file; signal names if absent"
+    )
     step: Quantity = Field(default="20 ms", description="sample time; slower than the signals' own filters")
     bank_map: StrictBool = Field(default=False, description="map the bank of the road over the path of fitted drives")
     free: list[Name] = Field(default_factory=list, description="parameters to fit; stiffnesses if absent")
@@ -135,7 +138,10 @@ class MeasuredStudy:
             add_validation_errors(problems, error, cls.SCHEMA)
             problems.stop()
             raise
-        channels = path.parent / raw.channels if raw.channels else None
+        channels = None
+        if raw.channels:
+            beside = path.parent / raw.channels
+            channels = beside if beside.suffix else locations.find(locations.CHANNELS, raw.channels)
         step = to_si(raw.step, "s", f"{path}: step")
         if step <= 0:
             raise UserError(f"{path}: step: {step:g} s must be positive")

@@ -11,7 +11,7 @@
     [points.imu]                                    # x, y, yaw of a sensor, from the reference point
     [derive]                                        # signals to be computed from positions and heading
 
-Every other table is a signal of ``models/signals.py``. A plain number is in SI units, text carries a unit. The value
+Every other table is a signal (``harness list signals``). A plain number is in SI units, text carries a unit. The value
 of a signal is ``sign * factor * channel + offset``, as the steering calibration of Sun 2015 (3.48).
 """
 
@@ -24,6 +24,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, StrictBool, StrictStr, ValidationError
 
+from harness.common import locations
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_toml
@@ -187,11 +188,16 @@ class ChannelMap:
 def load_map(path: str | Path) -> ChannelMap:
     """Read a channel map.
 
+    Args:
+        path: File, or the name of a map of the user's project or of the package.
+
     Raises:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem with file, key and
             remedy. Blank units are refused: a number without a unit is a guess.
     """
     path = Path(path)
+    if not path.suffix and not path.is_file():
+        path = locations.find(locations.CHANNELS, str(path))
     problems = Problems(str(path))
     content = read_toml(path)
     raw = _validate({k: v for k, v in content.items() if k in MapFile.model_fields}, MapFile, problems, "")

@@ -16,17 +16,20 @@ import os
 import platform
 import threading
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.text import Text
 
-from harness.common.errors import UserError
+from harness.common import components
+from harness.common.errors import ModelError, UserError
+from harness.common.sources import has_file
 from harness.config import Study
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
-from harness.study.provenance import code_state, processor
+from harness.study.provenance import code_state, parts, processor
 from harness.study.store import STORE, Store
 
 if TYPE_CHECKING:
@@ -108,10 +111,21 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
         UserError: If a worker does not see the store, lacks the harness, or runs other code or packages.
     """
     expected = code_state(study)
+    for module in parts(study):
+        if not has_file(module):
+            raise UserError(
+                f"'{components.name_of(module)}' was registered without a file, so that workers cannot have it; write "
+                "it into a file of a project folder (docs/plugins.md)"
+            )
     try:
-        answers = client.run(_about, study, folder.resolve())
+        answers = client.run(_about, study, folder.resolve(), components.carried())
     except ImportError as error:
         raise UserError(f"a worker cannot import the harness ({error}); install it there as here") from None
+    except (ModelError, UserError) as error:
+        raise UserError(
+            f"a worker does not have what the study is made of ({error}); install the same packages there, and let all "
+            "machines see the project folder and registered files under the same path"
+        ) from None
     others = set()
     for address, found in answers.items():
         if not found["sees_store"]:
@@ -129,8 +143,9 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
         )
 
 
-def _about(study: Study, folder: Path) -> dict[str, Any]:
+def _about(study: Study, folder: Path, found: components.Carried) -> dict[str, Any]:
     """Return what a worker is; runs there."""
+    components.take_over(found)
     sees = (folder / STORE).exists()
     return {**code_state(study), "sees_store": sees, "host": platform.node(), "processor": processor()}
 
@@ -142,7 +157,10 @@ def _refuse_other_code(who: str, expected: dict[str, str], found: dict[str, str]
     if differing:
         raise UserError(f"{who} has {', '.join(differing)}; install the same lock file on all machines")
     if found["engine"] != expected["engine"]:
-        raise UserError(f"{who} runs other code of this project; bring it to the same commit and restart it")
+        raise UserError(
+            f"{who} runs other code of this project or of a component from outside; bring it to the same commit and "
+            "the same files and restart it"
+        )
 
 
 def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], console: Console) -> Iterator[Unit]:
@@ -164,8 +182,8 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
     from distributed import CancelledError, KilledWorker, wait
     from distributed.comm import CommClosedError
 
-    expected, place = code_state(study), folder.resolve()
-    pending = {client.submit(_evaluate_there, study, place, unit, expected, pure=False) for unit in todo}
+    there = _There(folder.resolve(), code_state(study), components.carried())
+    pending = {client.submit(_evaluate_there, study, unit, there, pure=False) for unit in todo}
     workers = set(client.ncores())
     try:
         while pending:
@@ -196,19 +214,30 @@ def _report_lost(before: Collection[str], now: set[str], console: Console) -> se
     return now
 
 
-def _evaluate_there(study: Study, folder: Path, unit: Unit, expected: dict[str, str]) -> Unit:
+@dataclass(frozen=True)
+class _There:
+    """What a worker is told beside study and unit: result folder, code that it must have, where components are."""
+
+    folder: Path
+    expected: dict[str, str]
+    components: components.Carried
+
+
+def _evaluate_there(study: Study, unit: Unit, there: _There) -> Unit:
     """Evaluate a unit and write its scores; runs on a worker."""
-    evaluator, store = _open(study, folder, expected)
+    evaluator, store = _open(study, there)
     store.write(unit, evaluator.evaluate(unit))
     return unit
 
 
-def _open(study: Study, folder: Path, expected: dict[str, str]) -> tuple[StudyEvaluator, Store]:
+def _open(study: Study, there: _There) -> tuple[StudyEvaluator, Store]:
     """Return study and store, opened once in this process."""
+    folder = there.folder
     key = study.hash, folder
     with _opening:
         if key not in _opened:
-            _refuse_other_code(f"worker on {platform.node()}", expected, code_state(study))
+            components.take_over(there.components)
+            _refuse_other_code(f"worker on {platform.node()}", there.expected, code_state(study))
             if not (folder / STORE).exists():
                 raise UserError(f"the worker on {platform.node()} does not see {folder}")
             while len(_opened) >= _OPENED_AT_ONCE:

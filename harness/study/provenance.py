@@ -35,7 +35,11 @@ def engine_hash(study: Study) -> str:
     Raises:
         UserError: If an estimator's file is not there.
     """
-    total = hashlib.sha256(sources.digest([evaluate, *parts(study)]).encode())
+    found = parts(study)
+    total = hashlib.sha256(sources.digest([evaluate, *(m for m in found if sources.has_file(m))]).encode())
+    for module in found:
+        if not sources.has_file(module):  # registered in a notebook
+            total.update(sources.object_digest(module).encode())
     for spec in study.estimators:
         file = load_estimator(spec.kind)
         for path in file.files(file.Settings(**spec.settings), spec.base):
@@ -44,7 +48,7 @@ def engine_hash(study: Study) -> str:
 
 
 def parts(study: Study) -> list[ModuleType]:
-    """Return the files of the registries that a study uses: what ``evaluate`` finds by name and does not import."""
+    """Return the components that a study uses, which ``evaluate`` finds by name and does not import."""
     found = [ESTIMATORS.load(e.kind) for e in study.estimators]
     for spec in (study.plant, study.belief):
         found.append(VEHICLES.load(spec.vehicle))
@@ -53,8 +57,11 @@ def parts(study: Study) -> list[ModuleType]:
         found.append(SENSORS.load(spec.sensors))
     for drive in study.drives:
         found.append(DRIVES.load(drive.kind))
-        if any(option.unit == "text" for option in options_of(drive.kind)):  # it may read a recording
-            found += readers.modules()
+        for option in options_of(drive.kind):
+            named = drive.options.get(option.name)
+            if option.unit == "text" and isinstance(named, str):  # it may be a recording
+                reader = readers.reader_of(drive.base / named)
+                found += [] if reader is None else [reader]
     return list(dict.fromkeys(found))
 
 

@@ -14,7 +14,7 @@ from types import ModuleType
 
 import sympy as sp
 
-from harness.common import registry
+from harness.common import components, registry
 from harness.common.errors import ModelError
 from harness.models.assembly.contexts import Body, EffectContext, TyreContext
 from harness.models.assembly.expressions import any_of, present
@@ -47,7 +47,10 @@ class Builder:
         self.flags: dict[str, tuple[str, ...]] = {}
         self._named: set[str] = set()
         self.vehicle, self.tyre_file, self.effects = vehicle, tyre, dict(effects)
-        self.vehicle_name = vehicle.__name__.rsplit(".", 1)[-1]
+        self.vehicle_name = components.name_of(vehicle)
+        for part in (vehicle, tyre, *effects.values()):
+            if part is not None:
+                SIGNALS.learn(part)
         self.states: list[str] = list(vehicle.STATES)
         self.inputs: list[str] = list(vehicle.INPUTS)
         self.parameters: dict[str, Parameter] = {p.name: p for p in vehicle.PARAMETERS}
@@ -160,7 +163,10 @@ class Builder:
         if name in self.ports or name in self.states or name in self.inputs:
             raise ModelError(f"'{name}' has two writers in '{self.vehicle_name}'")
         if name not in SIGNALS and not name.startswith("sensor_"):
-            raise ModelError(f"port '{name}' is not in models/signals.py{registry.closest(name, list(SIGNALS))}")
+            raise ModelError(
+                f"port '{name}' is no known signal (models/signals.py, or SIGNALS of the file)"
+                f"{registry.closest(name, list(SIGNALS))}"
+            )
         value = sp.sympify(expr)
         for effect_name, effect in self.effects.items():
             for site in sites(effect, name, self.layout):
@@ -262,7 +268,7 @@ class Builder:
                 )
         self._check_symbols(readable)
         reads_time = any(symbol("time") in e.free_symbols for e in [*self.ports.values(), *equations.values()])
-        tyre_name = "" if self.tyre_file is None else "+" + self.tyre_file.__name__.rsplit(".", 1)[-1]
+        tyre_name = "" if self.tyre_file is None else "+" + components.name_of(self.tyre_file)
         return Model(
             name=self.vehicle_name + tyre_name,
             states=tuple(self.states),
@@ -378,10 +384,10 @@ def assemble(
     """Build a model from the names of its parts (or from modules that meet the same contract).
 
     Args:
-        vehicle: File in ``models/vehicles``.
-        tyre: File in ``models/tyres``; ``None`` for a vehicle without tyres.
-        effects: Files in ``models/effects``, in the order they act; ``crosswind@trailer`` acts at one place only.
-        sensors: File in ``models/sensors``; ``None`` for a model without outputs.
+        vehicle: Name of a vehicle.
+        tyre: Name of a tyre; ``None`` for a vehicle without tyres.
+        effects: Names of effects, in the order they act; ``crosswind@trailer`` acts at one place only.
+        sensors: Name of a set of sensors; ``None`` for a model without outputs.
         optional: Whether kernels shall skip effects that are neutral, at the price of a flag each. For a model in which
             effects are searched for.
 
@@ -393,6 +399,8 @@ def assemble(
     if not isinstance(effects, Mapping):
         effects = {name: load_effect(name) for name in effects}
     sensor_file = SENSORS.load(sensors) if isinstance(sensors, str) else sensors
+    if sensor_file is not None:
+        SIGNALS.learn(sensor_file)
     builder = Builder(vehicle_file, tyre_file, effects, optional)
     vehicle_file.equations(builder)
     return builder.finish({} if sensor_file is None else sensor_file.OUTPUTS)

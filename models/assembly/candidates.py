@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import functools
 
+from harness.common.components import remembered
 from harness.common.errors import ModelError
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.placement import Layout, place_of, sites
 from harness.models.roles import EFFECTS, VEHICLES
 
 
+@remembered
 @functools.lru_cache(maxsize=256)
 def assembled(vehicle: str, tyre: str | None, effects: tuple[str, ...], sensors: str | None) -> Model:
     """Return what ``assemble`` does, remembered: a search asks for the same models several times."""
     return assemble(vehicle, tyre, effects, sensors)
 
 
+@remembered
 @functools.lru_cache(maxsize=64)
 def placements(vehicle: str, tyre: str | None, sensors: str | None) -> tuple[str, ...]:
     """Return the name of every effect at every place where it fits, ``crosswind@trailer`` or ``steering_lag``.

@@ -191,7 +191,7 @@ def test_study_by_name(harness, small_study, monkeypatch):
     assert names == [("mass", Path("results/mass"))]
     status, _, err = harness("run", "mas")
     assert status == 2
-    assert "there is no study file 'mas' and no study of that name; closest: mass" in err
+    assert "there is no study 'mas'; closest: mass (looked in studies)" in err
 
 
 def test_recorded_study_stops_with_the_reason_without_the_recording(harness, tmp_path, monkeypatch):
@@ -269,7 +269,7 @@ def test_list_one_file_with_its_settings(harness):
 
 def test_list_suggests_the_closest(harness):
     status, _, err = harness("list", "vehicels")
-    assert (status, err.strip()) == (2, "error: unknown role 'vehicels'; closest: vehicles")
+    assert (status, err.strip()) == (2, "error: unknown role 'vehicels'; closest: vehicles, channels")
     assert "closest: sine" in harness("list", "drives", "sin")[2]
 
 

@@ -4,116 +4,26 @@ from __future__ import annotations
 
 import types
 
-import numpy as np
 import pytest
 import sympy as sp
 
-from harness.common.errors import ModelError
-from harness.models.assembly.assemble import assemble, symbol
+from harness.models.assembly.assemble import symbol
 from harness.models.assembly.expressions import larger
 from harness.models.contracts import Parameter
-from harness.models.roles import ROLES
-from harness.models.signals import SIGNALS
-from support.dimensions import (
+from harness.models.roles import VEHICLES
+from harness.testing import check_vehicle
+from harness.testing.dimensions import (
     DimensionError,
     assemble_with_units,
     check_dimensions,
-    check_parameters,
     dimension,
     dimension_of,
 )
-from support.parts import (
-    COMBINATIONS,
-    SENSORS,
-    TYRES,
-    VEHICLES,
-    evaluate,
-    load,
-    model,
-    random_point,
-    sets_of,
-)
 
 
-@pytest.mark.parametrize("name", VEHICLES)
-def test_exports_are_complete_and_named_as_in_the_table_of_signals(name):
-    vehicle = load("vehicles", name)
-    assert all(hasattr(vehicle, export) for export in ROLES["vehicles"].exports)
-    assert vehicle.__doc__
-    assert len(set(vehicle.STATES)) == len(vehicle.STATES) > 0
-    assert not [s for s in (*vehicle.STATES, *vehicle.INPUTS) if s not in SIGNALS]
-    assert not set(vehicle.STATES) & set(vehicle.INPUTS)
-    assert set(vehicle.VALID) <= set(vehicle.STATES)
-    assert all(0 < limit < np.inf for limit in vehicle.VALID.values())
-    assert set(getattr(vehicle, "START_VARIANCE", {})) <= set(vehicle.STATES)
-    assert sets_of(name), f"no file in models/parameters says VEHICLE = '{name}', so nobody can run it"
-
-
-@pytest.mark.parametrize("name", VEHICLES)
-def test_parameters_have_units_bounds_and_a_meaning(name):
-    check_parameters(load("vehicles", name).PARAMETERS)
-
-
-@pytest.mark.parametrize(("vehicle", "tyre"), COMBINATIONS)
-def test_every_state_has_a_derivative_of_known_quantities(vehicle, tyre):
-    built = model(vehicle, tyre)
-    assert len(built.derivatives) == len(built.states)
-    known = {*built.states, *built.inputs, *built.parameter_names, *built.ports, "time"}
-    read = {s.name for e in (*built.derivatives, *built.ports.values()) for s in e.free_symbols}
-    assert read <= known
-    assert set(built.rates.values()) <= set(built.inputs)
-    for axle in built.axles:
-        for port in ("slip_angle", "vertical_load", "steady_lateral_force"):
-            assert f"{port}_axle_{axle}" in built.ports
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES)
-def test_every_parameter_is_read(vehicle):
-    """On one tyre at least: a linear tyre knows no friction."""
-    read, declared = set(), set()
-    for name, tyre in COMBINATIONS:
-        if name == vehicle:
-            built = model(vehicle, tyre)
-            declared |= set(built.parameter_names)
-            read |= set(built.start.values())
-            expressions = (*built.derivatives, *built.ports.values())
-            read |= {s.name for e in expressions for s in e.free_symbols}
-    assert sorted(declared - read) == []
-
-
-@pytest.mark.parametrize(("vehicle", "tyre"), COMBINATIONS)
-def test_every_equation_is_right_in_its_units(vehicle, tyre):
-    tyre_file = None if tyre is None else load("tyres", tyre)
-    built = assemble_with_units(load("vehicles", vehicle), tyre_file)
-    assert check_dimensions(built) == len(built.ports) + len(built.states)
-
-
-@pytest.mark.parametrize(("vehicle", "tyre"), COMBINATIONS)
-def test_equations_are_finite_wherever_they_are_valid(vehicle, tyre):
-    built = model(vehicle, tyre)
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        found = evaluate(built, list(built.derivatives), random_point(built, vehicle, rng))
-        assert np.isfinite(found).all()
-
-
-@pytest.mark.parametrize(("vehicle", "tyre"), COMBINATIONS)
-def test_a_standstill_is_finite(vehicle, tyre):
-    built = model(vehicle, tyre)
-    point = random_point(built, vehicle, np.random.default_rng(1))
-    point |= dict.fromkeys((*built.states, *built.inputs), 0.0)
-    assert np.isfinite(evaluate(built, list(built.derivatives), point)).all()
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES)
-def test_some_sensor_set_fits(vehicle):
-    fits = []
-    for sensors in SENSORS:
-        try:
-            fits.append(assemble(vehicle, TYRES[0] if load("vehicles", vehicle).AXLES else None, (), sensors))
-        except ModelError:
-            continue
-    assert fits, f"no file in models/sensors measures what '{vehicle}' publishes"
+@pytest.mark.parametrize("name", VEHICLES.names())
+def test_every_vehicle(name):
+    check_vehicle(name)
 
 
 # --- the check of dimensions finds what it is for

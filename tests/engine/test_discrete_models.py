@@ -12,8 +12,8 @@ from harness.estimation.observability import _simulate
 from harness.models.assembly.assemble import assemble
 from harness.models.contracts import Profile
 from harness.simulation.simulate import in_lanes
+from harness.testing.small_vehicles import module
 from support.small_maps import discrete
-from support.small_vehicles import module
 
 
 def curved_map():

@@ -29,7 +29,7 @@ from harness.engine.simd import (
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import _sigma_points, ukf
 from harness.realtime.one_lane import in_one_lane
-from support.small_vehicles import linear
+from harness.testing.small_vehicles import linear
 
 ROOT = Path(__file__).parents[2]
 
@@ -177,7 +177,7 @@ RUN = """
 import sys
 import numpy as np
 sys.path.insert(0, sys.argv[1])
-from support.small_vehicles import linear
+from harness.testing.small_vehicles import linear
 from harness.common import sources
 from harness.study import evaluate
 from harness.engine.compile import compile_model, load_source, paste

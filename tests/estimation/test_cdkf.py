@@ -10,8 +10,8 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
 from harness.estimation.methods import cdkf, st_cdkf
 from harness.simulation.simulate import in_lanes
+from harness.testing.small_vehicles import curved, linear
 from support.small_maps import discrete, disguised, linear_in_disguise, quadratic, squared_output
-from support.small_vehicles import curved, linear
 from support.stepping import Stepper, textbook
 
 OFF = {"fading": False}

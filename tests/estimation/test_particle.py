@@ -15,8 +15,8 @@ from harness.estimation.contract import Estimator
 from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
 from harness.study.run_noise import Case, RunNoise
-from support.linear_filter import P0, STEP, Q, R, drive_linear, textbook
-from support.small_vehicles import linear
+from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear, textbook
+from harness.testing.small_vehicles import linear
 
 SCHEMES = ("systematic", "stratified", "multinomial", "residual")
 SEEDS = [np.random.SeedSequence(5, spawn_key=(lane,)) for lane in range(LANES)]

@@ -16,8 +16,8 @@ from harness.estimation.particle_smoother import (
     simulate_backward,
 )
 from harness.simulation.simulate import in_lanes
-from support.linear_filter import P0, STEP, Q, R, drive_linear, textbook
-from support.small_vehicles import linear
+from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear, textbook
+from harness.testing.small_vehicles import linear
 
 SEEDS = [np.random.SeedSequence(9, spawn_key=(lane,)) for lane in range(LANES)]
 

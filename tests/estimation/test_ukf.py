@@ -8,8 +8,8 @@ from harness.common.errors import UserError
 from harness.engine.compile import compile_model
 from harness.estimation.contract import Estimator
 from harness.estimation.methods.ukf import Settings, tuning
+from harness.testing.small_vehicles import linear
 from support.small_maps import discrete, disguised, linear_in_disguise, quadratic, squared_output
-from support.small_vehicles import linear
 from support.stepping import Stepper, textbook
 
 CHOICES = [{}, {"alpha": 0.5}, {"alpha": 1.0, "kappa": 2.0, "beta": 0.0}, {"alpha": 0.1, "kappa": 1.0, "beta": 3.0}]

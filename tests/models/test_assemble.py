@@ -142,7 +142,10 @@ def cycle(v):
         (lambda v: v.state("yaw"), "reads undeclared state 'yaw'"),
         (lambda v: v.input("brake"), "reads undeclared input 'brake'"),
         (lambda v: v.p("mass"), "reads undeclared parameter 'mass'"),
-        (lambda v: v.port("road_wheel_angel", 1), "not in models/signals.py; closest: road_wheel_angle"),
+        (
+            lambda v: v.port("road_wheel_angel", 1),
+            "no known signal (models/signals.py, or SIGNALS of the file); closest: road_wheel_angle",
+        ),
         (lambda v: v.tyre("11", 0, 1, 1), "vehicle 'toy' needs a tyre"),
     ],
 )

@@ -21,7 +21,7 @@ from harness.realtime.one_lane import in_one_lane
 from harness.realtime.outcome import QUANTILES, _ratios, judge, published_ratio, read, write
 from harness.realtime.report import headline, write_report
 from harness.simulation.simulate import in_lanes
-from support.small_vehicles import linear
+from harness.testing.small_vehicles import linear
 
 ROOT = Path(__file__).parents[2]
 SPIN = """

@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 from rich.console import Console
 
+from harness.common import components
 from harness.common.errors import UserError
 from harness.config import load_study
 from harness.study import cluster
@@ -167,12 +168,15 @@ def test_other_processors_are_pointed_out(study, alone, client, console, monkeyp
 
 
 def test_a_worker_that_comes_late_is_checked_as_well(study, alone, monkeypatch):
+    def there(folder, expected):
+        return cluster._There(folder, expected, components.carried())
+
     unit = Unit(0, 0, 0, 0, 1)
     monkeypatch.setattr(cluster, "_opened", {})
     with pytest.raises(UserError, match="runs other code"):
-        cluster._evaluate_there(study, alone, unit, code_state(study) | {"engine": "other"})
+        cluster._evaluate_there(study, unit, there(alone, code_state(study) | {"engine": "other"}))
     with pytest.raises(UserError, match="does not see"):
-        cluster._evaluate_there(study, alone / "nowhere", unit, code_state(study))
+        cluster._evaluate_there(study, unit, there(alone / "nowhere", code_state(study)))
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://here"])

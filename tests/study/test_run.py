@@ -263,7 +263,7 @@ def test_a_signal_without_truth_is_estimated_but_not_scored():
     from harness.engine.simd.lanes import LANES
     from harness.estimation.contract import Estimator
     from harness.simulation.simulate import in_lanes
-    from support.small_vehicles import linear
+    from harness.testing.small_vehicles import linear
 
     names = ("alpha_test", "beta_test", "gamma_test")
     compiled = compile_model(linear(), 0.05, signals=names)
@@ -309,7 +309,7 @@ def test_a_matched_filter_is_consistent():
     from harness.engine.simd.lanes import LANES
     from harness.estimation.contract import Estimator
     from harness.simulation.simulate import Simulator, in_lanes
-    from support.small_vehicles import linear
+    from harness.testing.small_vehicles import linear
 
     names = ("alpha_test", "beta_test", "gamma_test")
     compiled, samples, runs = compile_model(linear(), 0.05, signals=names), 400, 104

@@ -6,10 +6,7 @@ import numpy as np
 import sympy as sp
 
 from harness.models.assembly.assemble import Builder, Model, assemble
-from harness.models.signals import SIGNALS, Signal
-from support.small_vehicles import module
-
-SIGNALS.setdefault("second_product_test", Signal("second_product_test", "z", "1", "1", "", "a quantity of a test"))
+from harness.testing.small_vehicles import module
 
 STATES = ("alpha_test", "beta_test", "gamma_test")
 

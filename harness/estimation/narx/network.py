@@ -20,12 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from harness.common import locations
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.common.registry import closest
-
-FOLDER = Path(__file__).resolve().parents[1] / "networks"
-"""Where the networks that come with the project lie."""
 
 _KEYS = ("inputs", "outputs", "input_delays", "output_delays", "step")
 
@@ -196,22 +193,21 @@ def save(network: Network, path: Path) -> Path:
 
 
 def find(name: str, folder: Path = Path()) -> Path:
-    """Return the file of a network: a name in ``harness/estimation/networks``, or a path, tried in ``folder`` first.
+    """Return the file of a network: a name (``harness.common.locations``), or a path, tried in ``folder`` first.
 
     Raises:
         UserError: If there is none.
     """
-    candidates = [folder / name, Path(name)] if name.endswith(".npz") else [FOLDER / f"{name}.npz"]
-    for path in candidates:
-        if path.is_file():
-            return path
-    if name.endswith(".npz"):
+    if not name.endswith(".npz"):
+        try:
+            return locations.find(locations.NETWORKS, name)
+        except UserError as error:
+            raise UserError(f"{error}; or give the path of an .npz file") from None
+    candidates = (folder / name, Path(name))
+    found = next((path for path in candidates if path.is_file()), None)
+    if found is None:
         raise UserError(f"there is no network file {' or '.join(dict.fromkeys(str(p) for p in candidates))}")
-    there = sorted(p.stem for p in FOLDER.glob("*.npz"))
-    raise UserError(
-        f"there is no network '{name}'{closest(name, there)} in harness/estimation/networks, "
-        "or give the path of an .npz file"
-    )
+    return found
 
 
 def load(path: Path) -> Network:

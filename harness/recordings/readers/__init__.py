@@ -1,7 +1,7 @@
 """Readers of measured data: one format per file, chosen by the suffix of the recording.
 
 A reader exports ``SUFFIXES`` (lower case, with dot; ``/`` for a folder) and ``read(path)``, which returns the
-numeric columns as a list of ``Table``, one per clock, the one with most columns first. The folder is the registry.
+numeric columns as a list of ``Table``, one per clock, the one with most columns first. Our own stand in this folder.
 """
 
 from __future__ import annotations
@@ -11,24 +11,40 @@ import sys
 from types import ModuleType
 
 from harness.common.arrays import Floats
+from harness.common.components import place_of
 from harness.common.errors import UserError
 from harness.common.registry import Role
 from harness.recordings.readers._table import Table, by_length
 
-READERS = Role(sys.modules[__name__], "reader", ("SUFFIXES", "read"), "harness/recordings/readers/__init__.py")
+READERS = Role(
+    sys.modules[__name__], "reader", ("SUFFIXES", "read"), "harness/recordings/readers/__init__.py", "readers"
+)
 
-__all__ = ["READERS", "Table", "by_length", "modules", "read", "read_tables", "suffixes"]
-
-
-def modules() -> list[ModuleType]:
-    """Return every reader."""
-    return [READERS.load(name) for name in READERS.names()]
+__all__ = ["READERS", "Table", "by_length", "read", "read_tables", "reader_of", "suffixes"]
 
 
 def suffixes() -> dict[str, str]:
-    """Return every known suffix and the reader's name, the longest suffix first."""
-    known = {suffix: module.__name__.rpartition(".")[2] for module in modules() for suffix in module.SUFFIXES}
+    """Return every known suffix and the reader's name, the longest suffix first.
+
+    Raises:
+        UserError: If two readers claim one suffix.
+    """
+    known: dict[str, str] = {}
+    for name in READERS.names():
+        for suffix in READERS.load(name).SUFFIXES:
+            first = known.setdefault(suffix, name)
+            if first != name:
+                places = " and ".join(place_of(READERS.load(n)) for n in (first, name))
+                raise UserError(f"two readers are for files '*{suffix}': {places}; change SUFFIXES of one of the two")
     return dict(sorted(known.items(), key=lambda item: (-len(item[0]), item[0])))
+
+
+def reader_of(path: str | os.PathLike[str]) -> ModuleType | None:
+    """Return the reader that the suffix of a recording names; ``None`` if there is none."""
+    path = os.fspath(path)
+    name = path.lower() if not os.path.isdir(path) else path.rstrip("/") + "/"
+    reader = next((reader for suffix, reader in suffixes().items() if name.endswith(suffix)), None)
+    return None if reader is None else READERS.load(reader)
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Floats]:
@@ -59,15 +75,12 @@ def read_tables(path: str | os.PathLike[str]) -> list[Table]:
         UserError: If the file is absent, of no known format, or cannot be read.
     """
     path = os.fspath(path)
-    known = suffixes()
-    name = path.lower() if not os.path.isdir(path) else path.rstrip("/") + "/"
-    reader = next((reader for suffix, reader in known.items() if name.endswith(suffix)), None)
-    if reader is None:
-        files = ", ".join(sorted(suffix for suffix in known if suffix != "/"))
+    module = reader_of(path)
+    if module is None:
+        files = ", ".join(sorted(suffix for suffix in suffixes() if suffix != "/"))
         raise UserError(f"{path}: no reader for this suffix; known are {files}")
     if not os.path.exists(path):
         raise UserError(f"{path}: the recording does not exist; give the path of a file or folder")
-    module = READERS.load(reader)
     try:
         tables: list[Table] = module.read(path)
     except OSError as error:

@@ -15,6 +15,7 @@ from pint.util import UnitsContainer
 from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanFunction
 
+from harness.common.sources import is_own
 from harness.models.assembly.assemble import Model, assemble, symbol
 from harness.models.assembly.expressions import larger, smaller
 from harness.models.contracts import Parameter
@@ -100,7 +101,7 @@ def dimension(expr: sp.Expr, known: Mapping[str, UnitsContainer]) -> UnitsContai
     if isinstance(expr, PURE):
         plain(expr.args[0], expr)
         return NONE
-    raise DimensionError(f"no rule for the units of {expr.func.__name__}; add one to tests/contracts")
+    raise DimensionError(f"no rule for the units of {expr.func.__name__}; add one to harness/testing/dimensions.py")
 
 
 def check_dimensions(model: Model) -> int:
@@ -133,7 +134,7 @@ def check_dimensions(model: Model) -> int:
 
 
 def _with_helpers(files: Iterable[ModuleType | None]) -> list[ModuleType]:
-    """Return files with the modules of ``models/`` from which they take functions or constants."""
+    """Return files with the modules of the project from which they take functions or constants."""
     found: dict[str, ModuleType] = {}
     for file in files:
         if file is None:
@@ -141,7 +142,7 @@ def _with_helpers(files: Iterable[ModuleType | None]) -> list[ModuleType]:
         found[file.__name__] = file
         for part in vars(file).values():
             home = part if isinstance(part, ModuleType) else sys.modules.get(getattr(part, "__module__", ""))
-            if home is not None and home.__name__.startswith("harness.models."):
+            if home is not None and is_own(home):
                 found[home.__name__] = home
     return list(found.values())
 
@@ -164,6 +165,7 @@ def assemble_with_units(vehicle: ModuleType, tyre: ModuleType | None, **parts) -
 
 
 def check_parameters(parameters: tuple[Parameter, ...]) -> None:
+    """Check that parameters have names, units, bounds, symbols and a meaning."""
     names = [p.name for p in parameters]
     assert len(set(names)) == len(names)
     for p in parameters:

@@ -6,17 +6,20 @@ import sympy as sp
 
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.contracts import Parameter
-from harness.models.signals import SIGNALS, Signal
+from harness.models.signals import Signal
 
-for _name in ("alpha_test", "beta_test", "gamma_test", "push_test", "product_test"):
-    SIGNALS.setdefault(_name, Signal(_name, _name, "1", "1", "", "a quantity of a test"))
+QUANTITIES = tuple(
+    Signal(name, name, "1", "1", "", "a quantity of a test")
+    for name in ("alpha_test", "beta_test", "gamma_test", "push_test", "product_test", "second_product_test")
+)
 
 RATE = Parameter("rate", "k", "1/s", 0.0, 100.0, "decay rate")
 
 
-def module(name: str, **members) -> ModuleType:
+def module(name: str, **members: object) -> ModuleType:
+    """Return a module with these members, and the signals of the tests."""
     made = ModuleType(name)
-    made.__dict__.update(members)
+    made.__dict__.update({"SIGNALS": QUANTITIES} | members)
     return made
 
 
@@ -32,7 +35,13 @@ def linear(outputs: tuple[str, ...] = ("alpha_test", "gamma_test")) -> Model:
         v.derivative("gamma_test", 0.5 * a - 0.2 * c)
 
     vehicle = module(
-        "linear_test", STATES=states, INPUTS=("push_test",), PARAMETERS=(RATE,), AXLES={}, VALID={}, equations=equations
+        "linear_test",
+        STATES=states,
+        INPUTS=("push_test",),
+        PARAMETERS=(RATE,),
+        AXLES={},
+        VALID={},
+        equations=equations,
     )
     return assemble(vehicle, sensors=module("sensors_test", OUTPUTS={o: o for o in outputs}))
 

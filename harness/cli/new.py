@@ -1,0 +1,155 @@
+"""``harness new``: a commented file to start from, which works as it is."""
+
+from __future__ import annotations
+
+import keyword
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from harness.common import locations
+from harness.common.errors import UserError
+from harness.common.files import write_files
+
+Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels"]
+
+WRITES: dict[str, dict[str, str]] = {
+    "project": {
+        "harness.toml": "project.toml",
+        "README.md": "project.md",
+        ".gitignore": "gitignore",
+        "studies/first.toml": "study.toml",
+    },
+    "vehicle": {
+        "vehicles/{name}.py": "vehicle.py",
+        "parameters/{name}_values.py": "parameters.py",
+        "tests/test_{name}.py": "vehicle_test.py",
+    },
+    "effect": {"effects/{name}.py": "effect.py", "tests/test_{name}.py": "effect_test.py"},
+    "estimator": {"estimators/{name}.py": "estimator.py", "tests/test_{name}.py": "estimator_test.py"},
+    "tyre": {"tyres/{name}.py": "tyre.py", "tests/test_{name}.py": "tyre_test.py"},
+    "study": {"studies/{name}.toml": "study.toml"},
+}
+"""Files by kind, each with the template that it is made from."""
+
+ROLES = {"vehicle": "vehicles", "effect": "effects", "estimator": "estimators", "tyre": "tyres"}
+
+NEXT = {
+    "project": "cd {name} && harness run first",
+    "vehicle": "pytest tests/test_{name}.py; harness simulate {name} --drive sine --out sine.csv",
+    "effect": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., effects = ["{name}"] }}',
+    "estimator": 'pytest tests/test_{name}.py; in a study: [[estimator]] kind = "{name}"',
+    "tyre": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., tyre = "{name}" }}',
+    "study": "harness run {name}",
+    "channels": "look at every entry, then: harness check {given} --channels {name}",
+}
+"""What to do with what was written."""
+
+
+def new(
+    kind: Annotated[Kind, typer.Argument(help="What to make: a project folder, or a file in the one you are in.")],
+    name: Annotated[str, typer.Argument(help="Its name; for channels a recording.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Channel map to write; channels/<name of the recording>.toml if absent."),
+    ] = None,
+) -> None:
+    """Write a commented file to start from, which works as it is.
+
+    A project folder with a study; in it a vehicle with values, an effect, an estimator or a tyre, each with its test; a
+    study; or a channel map that is proposed from the names, units and values of a recording.
+    """
+    console = Console()
+    if out is not None and kind != "channels":
+        raise UserError("--out is for channels; other files have their place in the project folder")
+    if kind == "channels":
+        called, written = _channels(name, out, console)
+    else:
+        called = name
+        written = write_new(kind, name)
+    for path in written:
+        console.print(Text(locations.shown(path)), soft_wrap=True)
+    console.print(Text(f"next: {NEXT[kind].format(name=called, given=name)}"), style="bold", soft_wrap=True)
+
+
+def write_new(kind: str, name: str) -> list[Path]:
+    """Write the files of a kind; return their paths.
+
+    Raises:
+        UserError: If the name does not do or is taken, there is no project, or a file is there already.
+    """
+    if kind == "project":
+        root = Path(name)
+        called = root.resolve().name
+        if not called.replace("-", "").replace("_", "").replace(".", "").isalnum():
+            raise UserError(f"new project: '{called}' does not do as a name; write letters, digits, - and _")
+    else:
+        root, called = _project(kind), name
+        _refuse_name(kind, name)
+    texts = {path.format(name=called): _filled(template, called) for path, template in WRITES[kind].items()}
+    if kind == "project":
+        texts["studies/first.toml"] = _filled("study.toml", "first")
+    there = [root / path for path in texts if (root / path).exists()]
+    if there:
+        raise UserError(
+            f"{locations.shown(there[0])}: is there already, and nothing is written over; choose another name"
+        )
+    written = []
+    for path, text in texts.items():
+        written += write_files((root / path).parent, {Path(path).name: text})
+    return written
+
+
+def _project(kind: str) -> Path:
+    root = locations.project()
+    if root is None:
+        raise UserError(
+            f"new {kind}: there is no {locations.MARK} here or above; make a project first: harness new project NAME, "
+            "then work in its folder"
+        )
+    return root
+
+
+def _refuse_name(kind: str, name: str) -> None:
+    if kind == "study":
+        if not name.replace("-", "").replace("_", "").isalnum():
+            raise UserError(f"new study: '{name}' does not do as a name; write letters, digits, - and _")
+        return
+    if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_") or name != name.lower():
+        raise UserError(
+            f"new {kind}: '{name}' does not do as a name; write it in small letters, digits and _: my_{kind}"
+        )
+    from harness.config.roles import ESTIMATORS
+    from harness.models.roles import ROLES as MODEL_ROLES
+
+    role = ESTIMATORS if kind == "estimator" else MODEL_ROLES[ROLES[kind]]
+    known = role.components().get(name)
+    if known is not None:
+        raise UserError(f"new {kind}: '{name}' is there already: {known.place} ({known.origin}); choose another name")
+
+
+def _filled(template: str, name: str) -> str:
+    text = resources.files("harness.cli").joinpath("templates", f"{template}.txt").read_text(encoding="utf-8")
+    words = name.replace("_", " ").replace("-", " ")
+    return text.replace("@NAME@", name).replace("@TITLE@", words[:1].upper() + words[1:]).replace("@WORDS@", words)
+
+
+def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list[Path]]:
+    """Propose a channel map of a recording, print what was guessed and why, and write it."""
+    from harness.recordings.proposal import propose
+
+    found = propose(Path(given))
+    called = Path(given.rstrip("/")).name.partition(".")[0]
+    if out is None:
+        root = locations.project()
+        out = Path(f"{called}.toml") if root is None else root / locations.CHANNELS.in_project / f"{called}.toml"
+    if out.exists():
+        raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; say another by --out")
+    for sentence in found.said():
+        console.print(Text(sentence), soft_wrap=True)
+    in_project = locations.project() is not None and out.parent.name == locations.CHANNELS.in_project
+    return out.stem if in_project else str(out), write_files(out.parent, {out.name: found.text})
