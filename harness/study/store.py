@@ -4,9 +4,9 @@ One group per design, with the plain dimensions ``band, sample, drive, repeat, e
 chunks of its own, so threads and processes write without knowing of each other. ``status`` is written after
 the scores of a unit, so a unit whose status is pending counts as not done, and the checksums of all its chunks last
 (``harness.study.checksums``). Nothing that depends on the number of workers or on the clock is in the store;
-``run.json`` beside it tells that. When a study ends, ``consolidate`` copies the metadata of all groups into those of the
-root, so that ``xarray.open_datatree`` reads the whole store without looking for its groups; checksums cover the groups'
-own metadata, which everything here reads.
+``run.json`` beside it tells that. When a study ends, ``consolidate`` copies the metadata of all groups into the root,
+so that ``xarray.open_datatree`` reads the whole store without looking for its groups; checksums cover the groups' own
+metadata, which everything here reads.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Store:
     def consolidate(self) -> None:
         """Copy the metadata of all groups into those of the root; the same bits however often it is done."""
         with warnings.catch_warnings():
-            # Version 3 of the format leaves consolidated metadata to the libraries; whoever ignores them reads the same.
+            # Version 3 of the format leaves these copies to the libraries; whoever ignores them reads the same.
             warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
             zarr.consolidate_metadata(str(self.path), zarr_format=3)
 

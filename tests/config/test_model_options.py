@@ -99,14 +99,14 @@ def test_a_tyre_that_the_values_do_not_belong_to_is_refused(command, folder, beg
 def test_effects_that_are_given_take_the_place_of_the_files_with_a_note(command, folder, begun):
     done = run(f"{COMMANDS[command]} --parameters amended.toml --effect steering_lag")
     assert begun[0].effects == ("steering_lag",)
-    note = "note: --effect: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml"
+    note = "note: effects: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml"
     assert note in done.stderr
 
 
 def test_a_trace_is_told_of_replaced_effects_too(folder):
     _, notes = model_table(ModelOptions("car", "amended.toml", effects=["steering_lag"], sensors="car_series"))
     assert notes == (
-        "--effect: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml",
+        "effects: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml",
     )
 
 
@@ -118,7 +118,7 @@ def test_sensors_of_a_file_are_taken_unless_others_are_given(folder):
     table, notes = model_table(ModelOptions("car", "amended.toml", sensors="car_lateral"))
     assert (table["sensors"], notes) == (
         "car_lateral",
-        ("--sensors: car_lateral, in place of car_series of amended.toml",),
+        ("sensors: car_lateral, in place of car_series of amended.toml",),
     )
     assert resolve_single({"vehicle": "car", "parameters": "amended.toml"}, "a study").sensors == "car_series"
     path.write_text(path.read_text().replace("car_series", "car_serie"))
@@ -131,11 +131,11 @@ def test_sensors_of_a_file_are_taken_unless_others_are_given(folder):
     [
         (
             ModelOptions("car"),
-            r"--parameters: which values of 'car'\? There are blanco_2021, govindarajan_2018, lyons_2024; or write",
+            r"parameters: which values of 'car'\? There are blanco_2021, govindarajan_2018, lyons_2024; or write",
         ),
         (
             ModelOptions("car", "blanco_2021"),
-            r"--sensors: which of 'car'\? There are car_lateral, car_navigation, car_s",
+            r"sensors: which of 'car'\? There are car_lateral, car_navigation, car_s",
         ),
         (ModelOptions("car", "ziaukas_2023"), r"'ziaukas_2023' holds values of vehicle 'semitrailer', not of 'car'"),
     ],

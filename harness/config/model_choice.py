@@ -1,0 +1,134 @@
+"""A model of which only some keys are stated: the others follow from its parameter set and from recordings.
+
+The one place where a vehicle named on the command line or in Python becomes a table as ``[plant]`` of a study has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from harness.common.errors import ModelError, UserError
+from harness.config.parameter_set import load_set
+from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
+
+DEFAULT_SENSORS = "series"
+"""Sensors of a model without recordings, where the vehicle has them."""
+
+_TYRE = "magic_formula"
+
+
+def complete(
+    table: Mapping[str, Any], recordings: Sequence[Iterable[Hashable]] | None = None
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return a model's table with parameter set, tyre and sensors filled in.
+
+    Tyre, effects and sensors that are not stated are those of the parameter file. Effects and sensors that are stated
+    take their place, and a note says so; a tyre cannot, because the values belong to it. What neither states is
+    ``magic_formula`` where a tyre is needed, no effect, and the sensors that use most of the recordings or, without
+    recordings, the series ones.
+
+    Args:
+        table: Keys and values as in ``[plant]``; ``vehicle`` at least. ``None`` is what was not stated.
+        recordings: The signals of those that the model is for, if any.
+
+    Returns:
+        The table, and notes for the user in sentences without a full stop.
+
+    Raises:
+        UserError: If the vehicle has several parameter sets or sensors to choose from, or the recordings contain no
+            complete set of sensors.
+        ModelError: If there is no such vehicle or parameter set.
+    """
+    stated = {key: value for key, value in table.items() if value is not None}
+    vehicle = str(stated["vehicle"])
+    name = _parameter_set(vehicle, stated.get("parameters"))
+    found = load_set(name, Path(), "parameters")
+    if found.vehicle != vehicle:
+        raise UserError(f"parameters: '{name}' holds values of vehicle '{found.vehicle}', not of '{vehicle}'")
+    notes: list[str] = []
+    effects = tuple(stated.get("effects") or ())
+    if effects and found.effects and effects != found.effects:
+        chosen, there = ", ".join(effects), ", ".join(found.effects)
+        notes.append(f"effects: the model has {chosen}, in place of {there} of {found.source}")
+    tyre = stated.get("tyre") or found.tyre
+    if tyre is None and VEHICLES.load(vehicle).AXLES:
+        tyre = _TYRE
+    sensors = stated.get("sensors") or found.sensors
+    if stated.get("sensors") and found.sensors and sensors != found.sensors:
+        notes.append(f"sensors: {sensors}, in place of {found.sensors} of {found.source}")
+    if sensors is None and recordings is not None:
+        sensors, lacking = _most_sensors(vehicle, tyre, recordings)
+        notes += lacking
+    elif sensors is None:
+        sensors = _usual_sensors(vehicle, tyre)
+    chosen_keys = {"vehicle": vehicle, "parameters": name, "tyre": tyre, "sensors": sensors}
+    return {**stated, **{k: v for k, v in chosen_keys.items() if v is not None}}, tuple(notes)
+
+
+def _parameter_set(vehicle: str, given: str | None) -> str:
+    """Return the parameter set asked for, or the vehicle's only one.
+
+    Raises:
+        UserError: If none is asked for and the vehicle has none or several.
+        ModelError: If there is no such vehicle.
+    """
+    VEHICLES.load(vehicle)
+    if given is not None:
+        return str(given)
+    sets = PARAMETERS.names()
+    fit = [n for n in sets if vehicle == PARAMETERS.load(n).VEHICLE]
+    if len(fit) == 1:
+        return fit[0]
+    there = f"There are {', '.join(fit)}; or write a TOML parameter file" if fit else "Write a TOML parameter file"
+    raise UserError(f"parameters: which values of '{vehicle}'? {there} (docs/studies.md)")
+
+
+def fitting_sensors(vehicle: str, tyre: str | None) -> list[str]:
+    """Return the sets of sensors whose outputs a vehicle publishes."""
+    return [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
+
+
+def _usual_sensors(vehicle: str, tyre: str | None) -> str:
+    """Return the sensors of a vehicle where no recordings decide: the series ones, or the only ones that fit."""
+    fit = fitting_sensors(vehicle, tyre)
+    if DEFAULT_SENSORS in fit or len(fit) == 1:
+        return DEFAULT_SENSORS if DEFAULT_SENSORS in fit else fit[0]
+    raise UserError(f"sensors: which of '{vehicle}'? There are {', '.join(fit) or 'none that fit'}")
+
+
+def _most_sensors(
+    vehicle: str, tyre: str | None, recordings: Sequence[Iterable[Hashable]]
+) -> tuple[str, tuple[str, ...]]:
+    """Return the set of sensors that uses most signals of the recordings, and what a larger one would need.
+
+    Raises:
+        UserError: If there is none; with the signals that each lacks.
+    """
+    there = set.intersection(*({str(v).removeprefix("measured_") for v in r} for r in recordings))
+    names = fitting_sensors(vehicle, tyre)
+    needs = {n: set(SENSORS.load(n).OUTPUTS) for n in names}
+    whole = [n for n in names if needs[n] <= there]
+    if not whole:
+        lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)
+        raise UserError(f"sensors: the recordings contain no complete set of sensors of '{vehicle}': {lacking}")
+    best, largest = (max(some, key=lambda n: len(needs[n])) for some in (whole, names))
+    if len(needs[best]) == len(needs[largest]):
+        return best, ()
+    note = (
+        f"the recordings lack {', '.join(sorted(needs[largest] - there))}, so sensors '{best}' are used "
+        f"({', '.join(sorted(needs[best]))}), and what only '{largest}' would show cannot be found"
+    )
+    return best, (note,)
+
+
+def _fits(vehicle: str, tyre: str | None, sensors: str) -> bool:
+    """Whether a vehicle publishes what a set of sensors measures."""
+    from harness.models.assembly.assemble import assemble
+
+    try:
+        assemble(vehicle, tyre, (), sensors)
+    except ModelError:
+        return False
+    return True
