@@ -20,7 +20,9 @@ _TYRE = "magic_formula"
 
 
 def complete(
-    table: Mapping[str, Any], recordings: Sequence[Iterable[Hashable]] | None = None
+    table: Mapping[str, Any],
+    recordings: Sequence[Iterable[Hashable]] | None = None,
+    choose_sensors: bool = True,
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return a model's table with parameter set, tyre and sensors filled in.
 
@@ -32,6 +34,7 @@ def complete(
     Args:
         table: Keys and values as in ``[plant]``; ``vehicle`` at least. ``None`` is what was not stated.
         recordings: The signals of those that the model is for, if any.
+        choose_sensors: Whether sensors are filled in that neither table nor parameter file states.
 
     Returns:
         The table, and notes for the user in sentences without a full stop.
@@ -58,10 +61,10 @@ def complete(
     sensors = stated.get("sensors") or found.sensors
     if stated.get("sensors") and found.sensors and sensors != found.sensors:
         notes.append(f"sensors: {sensors}, in place of {found.sensors} of {found.source}")
-    if sensors is None and recordings is not None:
+    if sensors is None and choose_sensors and recordings is not None:
         sensors, lacking = _most_sensors(vehicle, tyre, recordings)
         notes += lacking
-    elif sensors is None:
+    elif sensors is None and choose_sensors:
         sensors = _usual_sensors(vehicle, tyre)
     chosen_keys = {"vehicle": vehicle, "parameters": name, "tyre": tyre, "sensors": sensors}
     return {**stated, **{k: v for k, v in chosen_keys.items() if v is not None}}, tuple(notes)

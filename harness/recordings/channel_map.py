@@ -17,6 +17,7 @@ of a signal is ``sign * factor * channel + offset``, as the steering calibration
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -184,16 +185,18 @@ class ChannelMap:
     source: str = ""
 
 
-def load_map(path: str | Path) -> ChannelMap:
+def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
     """Read a channel map.
+
+    Args:
+        source: A TOML file, or what one holds.
 
     Raises:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem with file, key and
             remedy. Blank units are refused: a number without a unit is a guess.
     """
-    path = Path(path)
-    problems = Problems(str(path))
-    content = read_toml(path)
+    where, content = ("channels", source) if isinstance(source, Mapping) else (str(source), read_toml(Path(source)))
+    problems = Problems(where)
     raw = _validate({k: v for k, v in content.items() if k in MapFile.model_fields}, MapFile, problems, "")
     entries = {k: v for k, v in content.items() if k not in MapFile.model_fields}
     if not entries:
@@ -209,7 +212,7 @@ def load_map(path: str | Path) -> ChannelMap:
     problems.stop()
     assert raw is not None
     with problems.catch(""):
-        found = _resolve(raw, channels, str(path))
+        found = _resolve(raw, channels, where)
     problems.stop()
     return found
 
