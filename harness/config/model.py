@@ -98,15 +98,13 @@ def stated(side: str, table: ModelTable, folder: Path, problems: Problems, paren
     return plain if found is None else _with_set(plain, found, problems)
 
 
-def resolve_single(
-    table: Mapping[str, Any], where: str, side: Literal["plant", "belief"] = "plant"
-) -> ModelSpec:
+def resolve_single(table: Mapping[str, Any], where: str, side: Literal["plant", "belief"] = "plant") -> ModelSpec:
     """Return a model that is stated outside a study, such as on the command line.
 
     Args:
-        table: Keys and values as in ``[plant]``.
+        table: Keys and values as in ``[plant]`` or ``[belief]``.
         where: Named in errors in place of the file.
-        side: What it is for; only a belief may have unknown inputs.
+        side: What the model is for; an estimator's belief may have unknown inputs and needs measurement noise.
 
     Raises:
         UserError: If anything in it is wrong.
