@@ -85,7 +85,7 @@ class Drive:
         Example:
             >>> import harness as h
             >>> car = h.model("car", "govindarajan_2018", sensors="car_series")
-            >>> profile = h.drive("sine", duration="10 s").profile(car)
+            >>> profile = h.drive("sine", duration="10 s", amplitude="20 deg").profile(car)
             >>> dict(profile.sizes), profile.speed.attrs["units"]
             ({'time': 1001}, 'm/s')
         """

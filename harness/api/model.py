@@ -71,8 +71,8 @@ def model(
     Example:
         >>> import harness as h
         >>> car = h.model("car", "govindarajan_2018", sensors="car_series", values={"mass": "1.6 t"})
-        >>> car.parameters.loc["mass", ["value", "unit"]].tolist()
-        [1600.0, 'kg']
+        >>> print(*car.parameters.loc["mass", ["value", "unit"]])
+        1600.0 kg
         >>> car.outputs
         ('yaw_rate', 'lateral_acceleration')
     """
@@ -101,7 +101,9 @@ class Model:
         self.stated: dict[str, Any] = dict(stated)
         self._spec: ModelSpec | None = None
         table, _ = complete(self.stated, choose_sensors=False)
-        if "sensors" not in table:  # which of them is decided later, by recordings perhaps; the rest is checked with most
+        if (
+            "sensors" not in table
+        ):  # which of them is decided later, by recordings perhaps; the rest is checked with most
             fit = fitting_sensors(table["vehicle"], table.get("tyre"))
             table["sensors"] = max(fit, key=lambda name: len(SENSORS.load(name).OUTPUTS))
         self._checked = self._resolve(table)
@@ -126,10 +128,16 @@ class Model:
         Raises:
             UserError: If there are several sets of sensors to choose from, or the recordings contain no complete one.
         """
-        table, notes = complete(self.stated, recordings)
+        table, notes = self.completed(recordings)
         for each in notes:
             _show.note(each)
         return table
+
+    def completed(
+        self, recordings: Sequence[Iterable[Hashable]] | None = None
+    ) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Return the same as ``table``, and what was chosen in sentences (internal)."""
+        return complete(self.stated, recordings)
 
     def replace(self, **keys: Any) -> Model:
         """Return a model that differs in some keys, see ``harness.model``.
@@ -143,7 +151,7 @@ class Model:
             >>> import harness as h
             >>> car = h.model("car", "govindarajan_2018", values={"mass": "1.6 t"})
             >>> heavy = car.replace(values={"mass": "1.9 t"})
-            >>> heavy.parameters.value["mass"]
+            >>> float(heavy.parameters.value["mass"])
             1900.0
         """
         return Model(_merged(self.stated, {k: _plain(v) for k, v in keys.items()}))
@@ -193,9 +201,7 @@ class Model:
         import pandas as pd
 
         spec = self._checked
-        rows = {
-            p.name: (spec.values[p.name], p.unit, p.lower, p.upper, p.meaning) for p in spec.model().parameters
-        }
+        rows = {p.name: (spec.values[p.name], p.unit, p.lower, p.upper, p.meaning) for p in spec.model().parameters}
         columns = ["value", "unit", "lower", "upper", "meaning"]
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("parameter")
 

@@ -32,12 +32,12 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
 
     Returns:
         Dataset over ``time`` (s): the true states and ``signals`` under their names, the inputs under theirs, and
-        ``measured_<output>`` with noise. Each variable has ``units`` (SI), ``long_name``, ``frame`` and ``role``, one of
-        ``truth``, ``input`` and ``measurement``. It is a recording: wherever one is taken, this is.
+        ``measured_<output>`` with noise. Each variable has ``units`` (SI), ``long_name``, ``frame`` and ``role``, one
+        of ``truth``, ``input`` and ``measurement``. It is a recording: wherever one is taken, this is.
 
     Raises:
-        UserError: If the drive does not fit, a signal is unknown, or the vehicle leaves the range in which its equations
-            hold.
+        UserError: If the drive does not fit, a signal is unknown, or the vehicle leaves the range in which its
+            equations hold.
         ModelError: If the drive asks for too much lateral acceleration.
 
     Example:
@@ -60,7 +60,7 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
     for name, variable in found.data_vars.items():
         measured = str(name).startswith("measured_")
         variable.attrs["role"] = "measurement" if measured else "input" if name in inputs else "truth"
-    return found.assign_attrs(name=drive.name)
+    return found.assign_attrs(name=drive.name, inputs="held")  # constant behind each sample
 
 
 def read_recording(
@@ -84,7 +84,8 @@ def read_recording(
 
     Returns:
         Dataset over ``time`` (s, equidistant from 0) with a variable per signal, ``(time,)``, NaN in gaps, with
-        ``units``, ``long_name``, ``frame`` and what is known of its channel; attribute ``warnings`` lists irregularities.
+        ``units``, ``long_name``, ``frame`` and what is known of its channel; attribute ``warnings`` lists what is
+        irregular.
 
     Raises:
         UserError: If source or map cannot be read or do not fit each other; with file, key or column, and remedy.
@@ -113,9 +114,7 @@ def read_recording(
         found = recording_of(tables_of(source, mapped is not None), what, mapped, seconds)
         return found.assign_attrs(name=what)
     if not isinstance(source, str | os.PathLike):
-        raise UserError(
-            f"a recording is a path, a pandas DataFrame or an xarray Dataset, not {type(source).__name__}"
-        )
+        raise UserError(f"a recording is a path, a pandas DataFrame or an xarray Dataset, not {type(source).__name__}")
     found = load_recording(source, mapped, seconds)
     return found.assign_attrs(name=name or Path(source).name.split(".")[0])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -97,9 +97,9 @@ class Results(xr.DataTree):
 
         Returns:
             Columns ``design``, ``band`` (label), one per factor, ``drive``, ``sample``, ``repeat``, ``estimator``,
-            ``target``, ``unit`` (of the errors), ``rmse``, ``bias``, ``max_error``, the scores of the run, and ``status``
-            in words. Labels are categories in the order of the study. ``attrs["units"]`` has the unit of every column
-            that has one. Scores of runs that are not ``ok`` are as stored; select with ``status``.
+            ``target``, ``unit`` (of the errors), ``rmse``, ``bias``, ``max_error``, the scores of the run, and
+            ``status`` in words. Labels are categories in the order of the study. ``attrs["units"]`` has the unit of
+            every column that has one. Scores of runs that are not ``ok`` are as stored; select with ``status``.
 
         Raises:
             KeyError: If there is no design of that name.
@@ -141,10 +141,6 @@ class Results(xr.DataTree):
         from harness.study.report.analysis import Analysis
 
         return Analysis(self._found)
-
-    def _copy_node(self, *args: Any, **keys: Any) -> Self:
-        copied = super()._copy_node(*args, **keys)
-        return copied
 
 
 def _rows(design: Design, report_units: bool) -> pd.DataFrame:

@@ -307,10 +307,19 @@ def read_study(path: str | Path) -> Study:
         >>> _ = file.write_text('''
         ... name = "small"
         ... targets = ["lateral_velocity"]
-        ... plant = { vehicle = "car", parameters = "govindarajan_2018", tyre = "magic_formula", sensors = "car_series" }
-        ... drive = [{ name = "sine", kind = "sine" }]
-        ... estimator = [{ kind = "ekf" }]
-        ... design = [{ name = "nominal" }]
+        ... [plant]
+        ... vehicle = "car"
+        ... parameters = "govindarajan_2018"
+        ... tyre = "magic_formula"
+        ... sensors = "car_series"
+        ... [[drive]]
+        ... name = "sine"
+        ... kind = "sine"
+        ... amplitude = "20 deg"
+        ... [[estimator]]
+        ... kind = "ekf"
+        ... [[design]]
+        ... name = "nominal"
         ... ''')
         >>> h.read_study(file).runs
         1
