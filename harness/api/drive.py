@@ -17,7 +17,7 @@ def drive(kind: str, name: str | None = None, **options: float | str) -> Drive:
     """Return a drive.
 
     Args:
-        kind: Kind of drive (``harness list drives``); ``recorded`` takes steering and speed from a file.
+        kind: Kind of drive (``harness list drives``); ``from_file`` takes steering and speed from a file.
         name: Unique name within a study; the kind by default.
         options: Options of the kind (``harness list drives <kind>``): numbers in SI units, or text with a unit.
 

@@ -39,7 +39,7 @@ class Estimator:
     """
 
     def __init__(self, kind: str, **settings: Any) -> None:
-        self._spec = single_estimator(kind, settings, f"estimator '{kind}'")
+        self._spec = single_estimator({**settings, "kind": kind}, f"estimator '{kind}'")
         self.kind, self.settings = kind, dict(settings)
 
     def table(self) -> dict[str, Any]:

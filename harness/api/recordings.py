@@ -53,8 +53,8 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
     from harness.simulation.simulate import simulate_drive
 
     spec = model.spec
-    for name in signals:
-        spec.model().resolve(name)
+    for signal in signals:
+        spec.model().resolve(signal)
     found = simulate_drive(spec, profile_of(spec, drive.spec), signals, seed)
     inputs = set(spec.model().inputs) - set(spec.model().states)
     for name, variable in found.data_vars.items():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from harness.models.quantities import quantity
 from harness.study.results import Design, StudyResults, read
@@ -71,9 +72,10 @@ class Results(xr.DataTree):
     ``measured_<output>`` and ``input_<name>`` over ``time`` (s).
     """
 
-    __slots__ = ("_read",)
+    __slots__ = ("_analysed", "_read")
 
     _read: StudyResults | None
+    _analysed: Analysis | None
 
     @property
     def folder(self) -> Path:
@@ -138,9 +140,12 @@ class Results(xr.DataTree):
         return write_report(self._analysis())
 
     def _analysis(self) -> Analysis:
-        from harness.study.report.analysis import Analysis
+        from harness.study import report
 
-        return Analysis(self._found)
+        made = getattr(self, "_analysed", None)
+        if made is None:
+            made = self._analysed = report.Analysis(self._found)
+        return made
 
 
 def _rows(design: Design, report_units: bool) -> pd.DataFrame:
@@ -150,7 +155,7 @@ def _rows(design: Design, report_units: bool) -> pd.DataFrame:
     places = dict(zip(sizes, (i.ravel() for i in np.indices(list(sizes.values()))), strict=True))
     units: dict[str, str] = {"time_of_divergence": "s"}
     table: dict[str, Any] = {
-        "design": pd.Categorical.from_codes(np.zeros(len(places["band"]), dtype=int), [design.name]),
+        "design": _labels(np.zeros_like(places["band"]), [design.name]),
         "band": _labels(places["band"], [str(b) for b in data["band_label"].values]),
     }
     rows = json.loads(data.attrs.get("factors", "[]"))
@@ -180,8 +185,8 @@ def _rows(design: Design, report_units: bool) -> pd.DataFrame:
     return frame
 
 
-def _labels(places: Any, words: list[str]) -> pd.Categorical:
+def _labels(places: NDArray[np.int64], words: list[str]) -> pd.Categorical[str]:
     """Return words by place as categories in their order; words may occur twice."""
     unique = list(dict.fromkeys(words))
     codes = np.array([unique.index(w) for w in words])
-    return pd.Categorical.from_codes(codes[places], unique)
+    return pd.Categorical.from_codes(codes[places], pd.Index(unique))

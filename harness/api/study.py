@@ -137,7 +137,7 @@ def levels(
         >>> h.levels("mass", ["1.4 t", "1.9 t"], repeats=8)["repeats"]
         8
     """
-    return design(name or parameter, [factor(parameter, **{"levels": values, **keys})], repeats=repeats)
+    return design(name or parameter, [{**factor(parameter, **keys), "levels": _listed(values)}], repeats=repeats)
 
 
 class Study:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,15 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from harness.common.errors import ModelError, UserError
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-    from harness.config import DriveSpec, ModelSpec
+    from harness.api.drive import Drive
+    from harness.api.model import Model
 
 STUDIES = Path("studies")
 RESULTS = Path("results")
@@ -118,6 +116,16 @@ def quantity(given: str, unit: str, option: str) -> float:
     return number
 
 
+def listed(given: str) -> tuple[str, ...]:
+    """Return the names of a comma-separated option."""
+    return tuple(n for n in (part.strip() for part in given.split(",")) if n)
+
+
+def command() -> str:
+    """Return the command that is running, as reports say how they were made."""
+    return " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
+
+
 @dataclass(frozen=True)
 class ModelOptions:
     """A model as the options of a command state it; ``None`` or empty is what was not given.
@@ -139,47 +147,31 @@ class ModelOptions:
     values: list[str] | None = None
 
 
-def model_table(
-    options: ModelOptions, recordings: Sequence[xr.Dataset] | None = None
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return a model given by options as ``[plant]`` of a study states it, and notes, see ``config.complete``."""
-    from harness.config import complete
-
-    return complete(stated(options), recordings)
-
-
-def stated(options: ModelOptions) -> dict[str, Any]:
-    """Return what options state of a model, by the keys of ``[plant]``; what was not given is absent."""
-    table = {
-        "vehicle": options.vehicle,
-        "parameters": options.parameters,
-        "tyre": options.tyre,
-        "effects": list(options.effects) if options.effects else None,
-        "sensors": options.sensors,
-        "values": pairs(options.values, "--set"),
-    }
-    return {key: value for key, value in table.items() if value is not None}
-
-
-def model_spec(options: ModelOptions, recordings: Sequence[xr.Dataset] | None = None, **further: Any) -> ModelSpec:
-    """Resolve a model given by options, as ``model_table``, and print its notes.
+def model_of(options: ModelOptions, **further: Any) -> Model:
+    """Return a model given by options.
 
     Args:
         options: What was given.
-        recordings: Those that the model is for, if any.
-        further: More keys of ``[plant]``, such as ``step``.
+        further: More keys of ``[plant]``, such as ``integrator``.
+
+    Raises:
+        UserError, ModelError: As ``harness.model``.
     """
-    from harness.config import resolve_single
+    from harness.api.model import model
 
-    table, notes = model_table(options, recordings)
-    spec = resolve_single({**table, **further}, "command line")
-    for note in notes:
-        Console(stderr=True).print(Text(f"note: {note}"), soft_wrap=True)
-    return spec
+    return model(
+        options.vehicle,
+        options.parameters,
+        tyre=options.tyre,
+        effects=options.effects or None,
+        sensors=options.sensors,
+        values=pairs(options.values, "--set"),
+        **further,
+    )
 
 
-def drive_spec(kind: str, options: list[str] | None) -> DriveSpec:
+def drive_of(kind: str, options: list[str] | None) -> Drive:
     """Return a drive given on the command line."""
-    from harness.config import DriveSpec
+    from harness.api.drive import drive
 
-    return DriveSpec(kind, kind, pairs(options, "--option"), f"--drive {kind}", Path())
+    return drive(kind, **pairs(options, "--option"))

@@ -4,11 +4,11 @@
 together; ``specs`` is what all later stages read.
 """
 
-from harness.config.estimators import single_estimator
-from harness.config.load import build_study, load_drives, load_study, single_drive
+from harness.config.load import build_study, load_drives, load_study
 from harness.config.model import resolve_single
 from harness.config.model_choice import complete, fitting_sensors
 from harness.config.schema import StudyFile, study_schema, write_schema
+from harness.config.single import single_drive, single_estimator
 from harness.config.specs import (
     NOISE_GROUPS,
     NOISE_SCALES,

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from harness.common import registry
 from harness.common.errors import ModelError, UserError
 from harness.common.files import parse_toml, read_text, read_toml, toml_text
+from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
-from harness.config.estimators import resolve_estimators
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
-from harness.config.named_files import folder_of, names_file
-from harness.config.problems import Problems, below, refuse_twice, validated
+from harness.config.problems import Problems, add_validation_errors
 from harness.config.report_options import limits, over_time
-from harness.config.schema import DrivesFile, DriveTable, StudyFile
-from harness.config.specs import DesignSpec, DriveSpec, HistorySpec, ModelSpec, Study
+from harness.config.roles import ESTIMATORS
+from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
+from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import tuned
 from harness.models.contracts import DRIVE_INPUTS
 from harness.models.drive_options import options_of
@@ -43,7 +43,7 @@ def load_study(path: str | Path) -> Study:
     path = Path(path)
     text = read_text(path)
     problems = Problems(str(path))
-    raw = validated(parse_toml(text, str(path)), StudyFile, problems)
+    raw = _validated(parse_toml(text, str(path)), StudyFile, problems)
     problems.stop()
     assert raw is not None
     return _resolve(raw, text, path)
@@ -64,7 +64,7 @@ def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "stud
     """
     path = Path(path)
     problems = Problems(str(path))
-    raw = content if isinstance(content, StudyFile) else validated(content, StudyFile, problems)
+    raw = content if isinstance(content, StudyFile) else _validated(content, StudyFile, problems)
     problems.stop()
     assert raw is not None
     try:
@@ -83,9 +83,9 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     plant = resolve_model(plant_table, problems)
     belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
     drives = _drives(raw, folder, problems)
-    estimators, rule = tuned(raw.tuning, resolve_estimators(raw.estimator, folder, problems), folder, problems)
+    estimators, rule = tuned(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
-    refuse_twice([d.name for d in raw.design], "design", "name", problems)
+    _refuse_twice([d.name for d in raw.design], "design", "name", problems)
     for i, entry in enumerate(raw.design):
         if entry.name == "history":
             problems.add(f"design[{i}].name", "'history' is where the store keeps the runs over time; choose another")
@@ -125,6 +125,21 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     return study
 
 
+def _validated(content: Mapping[str, Any], table: type[_Table], problems: Problems) -> _Table | None:
+    try:
+        return table.model_validate(dict(content))
+    except ValidationError as error:
+        add_validation_errors(problems, error, table)
+    return None
+
+
+def _refuse_twice(names: list[str], table: str, key: str, problems: Problems) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            first = names.index(name)
+            problems.add(f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another")
+
+
 def load_drives(name: str, folder: Path) -> tuple[DriveSpec, ...]:
     """Return the drives of a file of drives: its name in ``<folder>/drives`` or the path of a TOML file.
 
@@ -148,52 +163,29 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
             continue
         inner = problems.of(str(path))
         try:
-            content = validated(read_toml(path), DrivesFile, inner)
+            content = _validated(read_toml(path), DrivesFile, inner)
         except UserError as error:
             problems.add("drives", str(error))
             continue
         if content is not None:
-            drives += _drive_specs(content.drive, path.parent, folder, inner, drives)
-    drives += _drive_specs(raw.drive, folder, folder, problems, drives)
+            drives += drive_specs(content.drive, path.parent, folder, inner, drives)
+    drives += drive_specs(raw.drive, folder, folder, problems, drives)
     if not drives and not raw.drives and not raw.drive:
         problems.add("drives", 'a study needs a drive; add drives = "robustness" or a [[drive]] table')
     return drives
 
 
-def single_drive(content: Mapping[str, Any], where: str) -> DriveSpec:
-    """Return a drive that is stated outside a study.
-
-    Args:
-        content: Keys and values as in ``[[drive]]``; a file that it names is looked for in the working directory.
-        where: Named in errors in place of the file.
-
-    Raises:
-        UserError: If there is no such kind, or it has no such option or needs another one.
-    """
-    problems = Problems(where)
-    table = validated(content, DriveTable, problems)
-    problems.stop()
-    assert table is not None
-    (spec,) = _drive_specs([table], Path(), Path(), problems, [], [""])
-    problems.stop()
-    return spec
-
-
-def _drive_specs(
-    tables: list[DriveTable],
-    beside: Path,
-    folder: Path,
-    problems: Problems,
-    before: list[DriveSpec],
-    keys: Sequence[str] = (),
+def drive_specs(
+    tables: list[DriveTable], beside: Path, folder: Path, problems: Problems, before: list[DriveSpec]
 ) -> list[DriveSpec]:
+    """Return drives, their options known; those before them have names that none of them may have."""
     specs: list[DriveSpec] = []
     for i, table in enumerate(tables):
-        key = keys[i] if keys else f"drive[{i}]"
+        key = f"drive[{i}]"
         first = next((d for d in [*before, *specs] if d.name == table.name), None)
         if first is not None:
-            problems.add(below(key, "name"), f"'{table.name}' is the name of {first.where} already; choose another")
-        with problems.catch(below(key, "kind")):
+            problems.add(f"{key}.name", f"'{table.name}' is the name of {first.where} already; choose another")
+        with problems.catch(f"{key}.kind"):
             options = options_of(table.kind)
             _check_options(
                 table,
@@ -202,7 +194,7 @@ def _drive_specs(
                 key,
                 problems,
             )
-        base = folder_of(table.further, (beside, folder, Path()))
+        base = _base(table.further, (beside, folder, Path()))
         specs.append(DriveSpec(table.name, table.kind, table.further, problems.at(key), base))
     return specs
 
@@ -210,12 +202,51 @@ def _drive_specs(
 def _check_options(table: DriveTable, known: list[str], required: list[str], key: str, problems: Problems) -> None:
     for name in table.further:
         if name not in known:
-            problems.add(
-                below(key, name), f"drive '{table.kind}' has no option '{name}'{registry.closest(name, known)}"
-            )
+            problems.add(f"{key}.{name}", f"drive '{table.kind}' has no option '{name}'{registry.closest(name, known)}")
     for name in required:
         if name not in table.further:
-            problems.add(below(key, name), f"drive '{table.kind}' needs this option; add it")
+            problems.add(f"{key}.{name}", f"drive '{table.kind}' needs this option; add it")
+
+
+def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
+    """Return the first folder in which a file named by an option exists (the first folder if none does)."""
+    return next((c for c in candidates if any(_names_file(c, v) for v in options.values())), candidates[0])
+
+
+def _names_file(folder: Path, value: Any) -> bool:
+    """Whether an option's value names a file: text with a suffix, so that column names are none."""
+    if not isinstance(value, str) or not Path(value).suffix:
+        return False
+    try:
+        return (folder / value).is_file()
+    except (OSError, ValueError):  # text that cannot be a file name
+        return False
+
+
+def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
+    """Return estimators, their settings checked and completed."""
+    specs: list[EstimatorSpec] = []
+    for i, table in enumerate(tables):
+        key, settings = f"estimator[{i}]", table.further
+        with problems.catch(f"{key}.kind"):
+            module = ESTIMATORS.load(table.kind, ())
+            model: type[BaseModel] | None = getattr(module, "Settings", None)
+            known = [] if model is None else sorted(model.model_fields)
+            unknown = [k for k in settings if k not in known]
+            for name in unknown:
+                problems.add(
+                    f"{key}.{name}",
+                    f"estimator '{table.kind}' has no setting '{name}'{registry.closest(name, known)}",
+                )
+            if model is not None and not unknown:
+                refuse_misread(settings, problems.at(key))
+                try:
+                    settings = model.model_validate(settings).model_dump()
+                except ValidationError as error:
+                    add_validation_errors(problems, error, model, key)
+        specs.append(EstimatorSpec(table.name or table.kind, table.kind, settings, _base(settings, (folder, Path()))))
+    _refuse_twice([s.name for s in specs], "estimator", "name", problems)
+    return specs
 
 
 def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: Problems) -> None:
@@ -372,5 +403,5 @@ def _file_digests(options: dict[str, Any], base: Path) -> dict[str, str]:
     return {
         name: hashlib.sha256((base / value).read_bytes()).hexdigest()
         for name, value in options.items()
-        if names_file(base, value)
+        if _names_file(base, value)
     }

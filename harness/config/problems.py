@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from harness.common.errors import ModelError, UserError
 from harness.common.registry import closest
 
-_Table = TypeVar("_Table", bound=BaseModel)
-
 TABLE, TABLES = "(table)", "(array of tables)"
 """Tags of the two forms of a key that takes one table or several; pydantic puts them in the place of an error."""
 
 
 class Problems:
-    """The problems of one study; raised together as one ``UserError``."""
+    """The problems of one study; raised together as one ``UserError``.
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    Args:
+        file: Named in every message.
+        root: Key path that messages leave out, of what stands alone and not in a list of a file.
+    """
+
+    def __init__(self, file: str, root: str = "") -> None:
+        self.file, self._root = file, root
         self._lines: list[str] = []
 
     def of(self, file: str) -> Problems:
@@ -37,6 +39,7 @@ class Problems:
 
     def at(self, key: str) -> str:
         """Return ``file: key``, the place as errors name it."""
+        key = key.removeprefix(self._root).removeprefix(".") if self._root else key
         return f"{self.file}: {key}" if key else self.file
 
     def add(self, key: str, message: str) -> None:
@@ -75,28 +78,6 @@ def key_path(location: Sequence[str | int]) -> str:
     for part in location:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
     return text
-
-
-def below(key: str, name: str) -> str:
-    """Return the key path of an entry in the table at a key path, which is empty for the table of the whole file."""
-    return f"{key}.{name}" if key else name
-
-
-def refuse_twice(names: Sequence[str], table: str, key: str, problems: Problems) -> None:
-    """Note every name that an earlier entry of an array of tables has already."""
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            first = names.index(name)
-            problems.add(f"{table}[{i}].{key}", f"'{name}' is the name of {table}[{first}] already; choose another")
-
-
-def validated(content: Mapping[str, Any], table: type[_Table], problems: Problems) -> _Table | None:
-    """Return content as a table, or ``None`` after noting what is wrong with it."""
-    try:
-        return table.model_validate(dict(content))
-    except ValidationError as error:
-        add_validation_errors(problems, error, table)
-    return None
 
 
 def add_validation_errors(problems: Problems, error: ValidationError, table: type[BaseModel], prefix: str = "") -> None:
