@@ -165,7 +165,7 @@ def model_of(options: ModelOptions, **further: Any) -> Model:
         tyre=options.tyre,
         effects=options.effects or None,
         sensors=options.sensors,
-        values=pairs(options.values, "--set"),
+        values=pairs(options.values, "--set") or None,
         **further,
     )
 

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
-from harness.cli.options import ModelOptions, model_table
+from harness.cli.options import ModelOptions, model_of
 from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.config.parameter_set import set_text
@@ -33,7 +33,7 @@ def begun(monkeypatch):
         raise Reached
 
     for place in (
-        "harness.identification.innovations.Innovations",
+        "harness.identification.fit_recordings.Innovations",
         "harness.diagnosis.run.run_trace",
         "harness.simulation.simulate.simulate_drive",
         "harness.cli.observability_report.report",
@@ -63,6 +63,10 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "amended.toml").write_text(set_text(spec, "a test", {}))
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def completed(options):
+    return model_of(options).completed()
 
 
 def run(line):
@@ -104,7 +108,7 @@ def test_effects_that_are_given_take_the_place_of_the_files_with_a_note(command,
 
 
 def test_a_trace_is_told_of_replaced_effects_too(folder):
-    _, notes = model_table(ModelOptions("car", "amended.toml", effects=["steering_lag"], sensors="car_series"))
+    _, notes = completed(ModelOptions("car", "amended.toml", effects=["steering_lag"], sensors="car_series"))
     assert notes == (
         "effects: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml",
     )
@@ -113,9 +117,9 @@ def test_a_trace_is_told_of_replaced_effects_too(folder):
 def test_sensors_of_a_file_are_taken_unless_others_are_given(folder):
     path = folder / "amended.toml"
     path.write_text('sensors = "car_series"\n' + path.read_text())
-    table, notes = model_table(ModelOptions("car", "amended.toml"))
+    table, notes = completed(ModelOptions("car", "amended.toml"))
     assert (table["sensors"], notes) == ("car_series", ())
-    table, notes = model_table(ModelOptions("car", "amended.toml", sensors="car_lateral"))
+    table, notes = completed(ModelOptions("car", "amended.toml", sensors="car_lateral"))
     assert (table["sensors"], notes) == (
         "car_lateral",
         ("sensors: car_lateral, in place of car_series of amended.toml",),
@@ -123,7 +127,7 @@ def test_sensors_of_a_file_are_taken_unless_others_are_given(folder):
     assert resolve_single({"vehicle": "car", "parameters": "amended.toml"}, "a study").sensors == "car_series"
     path.write_text(path.read_text().replace("car_series", "car_serie"))
     with pytest.raises(UserError, match=r"amended\.toml: sensors: unknown sensor 'car_serie'; closest: car_series"):
-        model_table(ModelOptions("car", "amended.toml"))
+        completed(ModelOptions("car", "amended.toml"))
 
 
 @pytest.mark.parametrize(
@@ -142,18 +146,17 @@ def test_sensors_of_a_file_are_taken_unless_others_are_given(folder):
 )
 def test_what_cannot_be_guessed_is_asked_for_with_the_choices(options, message):
     with pytest.raises(UserError, match=message):
-        model_table(options)
+        completed(options)
 
 
 def test_what_follows_needs_no_option():
-    assert model_table(ModelOptions("semitrailer"))[0] == {
+    assert completed(ModelOptions("semitrailer"))[0] == {
         "vehicle": "semitrailer",
         "parameters": "ziaukas_2023",
         "tyre": "magic_formula",
         "sensors": "series",
-        "values": {},
     }
-    alone = model_table(ModelOptions("scalar_example"))[0]
+    alone = completed(ModelOptions("scalar_example"))[0]
     assert (alone["sensors"], "tyre" in alone) == ("example", False)
 
 
@@ -168,7 +171,7 @@ BEGINNINGS = (
     "harness.study.cluster.connected",
     "harness.realtime.measure.contestants",
     "harness.campaign.write_campaign",
-    "harness.study.report.analyse",
+    "harness.api.results.open_results",
 )
 
 
