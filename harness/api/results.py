@@ -11,14 +11,17 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from harness.common.units import scale
 from harness.models.quantities import quantity
-from harness.study.results import Design, StudyResults, read
+from harness.study.checksums import HISTORY
+from harness.study.results import StudyResults, read
 from harness.study.scores import FLAGS, PER_RUN, PER_TARGET, STATUS
 
 if TYPE_CHECKING:
     from harness.study.report.analysis import Analysis
 
 _INDEX = ("band", "drive", "sample", "repeat", "estimator")
+_WORDS = ("band_label", "drive", "estimator", "target", "target_unit")
 
 
 def open_results(folder: str | Path) -> Results:
@@ -50,7 +53,7 @@ def open_results(folder: str | Path) -> Results:
     """
     found = read(Path(folder))
     root = xr.Dataset(attrs={**found.attributes, "folder": str(folder)})
-    nodes = {d.name: d.data for d in found.designs}
+    nodes = {d.name: _ordered(d.data) for d in found.designs}
     runs = {f"history/{i}": history for i, history in enumerate(found.histories)}
     tree = Results.from_dict({"/": root, **nodes, **runs}, name=str(found.attributes.get("study_name", "")))
     tree._read = found
@@ -66,7 +69,7 @@ class Results(xr.DataTree):
     ``nis_inside``, ``log_likelihood``, ``repairs``, ``updates``, ``time_of_divergence`` (s) and ``status``, whose codes
     are in its attributes ``flag_values`` and ``flag_meanings``. ``factor_<parameter>`` over ``(band, sample)`` is what
     was varied, in SI units. Coordinates: ``drive``, ``estimator``, ``target``, ``band_label``, ``target_unit``,
-    ``duration`` (s).
+    ``duration`` (s). ``.sel`` takes ``band_label``, ``drive``, ``estimator`` and ``target`` by their names.
 
     ``results["history/<i>"]`` has ``truth (time, target)``, ``estimate`` and ``std (time, estimator, target)``,
     ``measured_<output>`` and ``input_<name>`` over ``time`` (s).
@@ -91,7 +94,7 @@ class Results(xr.DataTree):
         return found
 
     def to_dataframe(self, design: str | None = None, report_units: bool = False) -> pd.DataFrame:
-        """Return the scores as a tidy table: one row per run, estimator and target.
+        """Return the scores as a tidy table: one row per run, estimator and target, of what is selected.
 
         Args:
             design: One design; all of them by default.
@@ -106,12 +109,13 @@ class Results(xr.DataTree):
         Raises:
             KeyError: If there is no design of that name.
         """
-        wanted = [d for d in self._found.designs if design in (None, d.name)]
-        if not wanted:
-            raise KeyError(f"there is no design '{design}'; there are {', '.join(d.name for d in self._found.designs)}")
-        tables = [_rows(d, report_units) for d in wanted]
+        nodes = {name: node for name, node in self.children.items() if name != HISTORY and design in (None, name)}
+        if not nodes:
+            there = ", ".join(name for name in self.children if name != HISTORY)
+            raise KeyError(f"there is no design '{design}'; there are {there}")
+        tables = [_rows(name, node.to_dataset(), report_units) for name, node in nodes.items()]
         table = pd.concat(tables, ignore_index=True) if len(tables) > 1 else tables[0]
-        for name in ("design", "band", "drive", "estimator", "target", STATUS):
+        for name in ("design", "band", "drive", "estimator", "target", "unit", STATUS):
             words = dict.fromkeys(word for each in tables for word in each[name].cat.categories)
             table[name] = pd.Categorical(table[name], categories=list(words))
         table.attrs = {"units": {k: v for each in tables for k, v in each.attrs["units"].items()}}
@@ -148,41 +152,50 @@ class Results(xr.DataTree):
         return made
 
 
-def _rows(design: Design, report_units: bool) -> pd.DataFrame:
-    """Return the table of one design."""
-    data = design.data
+def _ordered(data: xr.Dataset) -> xr.Dataset:
+    """Return a design with its scores in a fixed order, bands to be selected by their label."""
+    scores = [n for n in (*PER_TARGET, *PER_RUN, STATUS) if n in data]
+    return data[[*scores, *sorted(str(n) for n in data if n not in scores)]].set_xindex("band_label")
+
+
+def _rows(design: str, data: xr.Dataset, report_units: bool) -> pd.DataFrame:
+    """Return the table of one design, of which a part may have been selected."""
+    data = data.expand_dims([d for d in (*_INDEX, "target") if d not in data.dims])
     sizes = {dim: data.sizes[dim] for dim in (*_INDEX, "target")}
     places = dict(zip(sizes, (i.ravel() for i in np.indices(list(sizes.values()))), strict=True))
+    words = {n: [str(w) for w in np.atleast_1d(data[n].values)] for n in _WORDS}
     units: dict[str, str] = {"time_of_divergence": "s"}
     table: dict[str, Any] = {
-        "design": _labels(np.zeros_like(places["band"]), [design.name]),
-        "band": _labels(places["band"], [str(b) for b in data["band_label"].values]),
+        "design": _labels(np.zeros_like(places["band"]), [design]),
+        "band": _labels(places["band"], words["band_label"]),
     }
-    rows = json.loads(data.attrs.get("factors", "[]"))
-    for row, factor in zip(rows, design.factors, strict=True):
-        stored = data[f"factor_{row['name']}"].transpose("band", "sample").values
-        values = factor.values if report_units else stored
-        table[factor.name] = values[places["band"], places["sample"]]
-        units[factor.name] = str(row["unit"] if report_units else row["si_unit"])
-    table["drive"] = _labels(places["drive"], design.drives)
+    for factor in json.loads(data.attrs.get("factors", "[]")):
+        name = str(factor["name"])
+        values = _over(data[f"factor_{name}"], ("band", "sample"))[places["band"], places["sample"]]
+        units[name] = str((report_units and factor["unit"]) or factor["si_unit"])
+        table[name] = values / scale(units[name], factor["si_unit"], name) if report_units else values
+    table["drive"] = _labels(places["drive"], words["drive"])
     table |= {name: places[name] for name in ("sample", "repeat")}
-    table["estimator"] = _labels(places["estimator"], design.estimators)
-    names = [str(t) for t in data["target"].values]
-    table["target"] = _labels(places["target"], names)
-    stated = [str(u) for u in data["target_unit"].values]
-    shown = [quantity(n, u) for n, u in zip(names, stated, strict=True)]
-    table["unit"] = _labels(places["target"], [q.unit for q in shown] if report_units else stated)
-    scale = np.array([q.scale if report_units else 1.0 for q in shown])[places["target"]]
+    table["estimator"] = _labels(places["estimator"], words["estimator"])
+    table["target"] = _labels(places["target"], words["target"])
+    shown = [quantity(n, u) for n, u in zip(words["target"], words["target_unit"], strict=True)]
+    table["unit"] = _labels(places["target"], [q.unit for q in shown] if report_units else words["target_unit"])
+    factors = np.array([q.scale if report_units else 1.0 for q in shown])[places["target"]]
     for name in (n for n in PER_TARGET if n in data):
-        table[name] = data[name].transpose(*_INDEX, "target").values.ravel() * scale
+        table[name] = _over(data[name], (*_INDEX, "target")).ravel() * factors
     for name in (n for n in PER_RUN if n in data):
-        table[name] = np.repeat(data[name].transpose(*_INDEX).values.ravel(), sizes["target"])
-    words = {code: word for word, code in FLAGS.items()}
-    codes = np.repeat(data[STATUS].transpose(*_INDEX).values.ravel(), sizes["target"])
-    table[STATUS] = pd.Categorical([words[int(code)] for code in codes], categories=list(FLAGS))
+        table[name] = np.repeat(_over(data[name], _INDEX).ravel(), sizes["target"])
+    word_of = {code: word for word, code in FLAGS.items()}
+    codes = np.repeat(_over(data[STATUS], _INDEX).ravel(), sizes["target"])
+    table[STATUS] = pd.Categorical([word_of[int(code)] for code in codes], categories=list(FLAGS))
     frame = pd.DataFrame(table)
     frame.attrs["units"] = units
     return frame
+
+
+def _over(array: xr.DataArray, dims: tuple[str, ...]) -> NDArray[Any]:
+    """Return values over some dimensions; along others, which a selection gave it, they do not change."""
+    return np.asarray(array.isel({d: 0 for d in array.dims if d not in dims}).transpose(*dims).values)
 
 
 def _labels(places: NDArray[np.int64], words: list[str]) -> pd.Categorical[str]:
