@@ -58,7 +58,7 @@ def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
         if same is not None:
             names = recording.attrs.get("file", f"number {i + 1}"), fitted[same].attrs.get("file", f"number {same + 1}")
             raise UserError(
-                f"test: {names[0]} is fitted as well, it holds the same as {names[1]}; hold out another drive"
+                f"test: {names[0]} is fitted as well, it holds the same as {names[1]}; hold out another one"
             )
 
 
