@@ -95,7 +95,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     plant = resolve_model(plant_table, problems)
     belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
     drives = _drives(raw, folder, problems)
-    estimators, rule = tuned(raw.tuning, _estimators(raw.estimator, folder, problems), folder, problems)
+    estimators, rule = tuned(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
     _refuse_twice([d.name for d in raw.design], "design", "name", problems)
     for i, entry in enumerate(raw.design):
@@ -187,16 +187,17 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
             problems.add("drives", str(error))
             continue
         if content is not None:
-            drives += _drive_specs(content.drive, path.parent, folder, inner, drives)
-    drives += _drive_specs(raw.drive, folder, folder, problems, drives)
+            drives += drive_specs(content.drive, path.parent, folder, inner, drives)
+    drives += drive_specs(raw.drive, folder, folder, problems, drives)
     if not drives and not raw.drives and not raw.drive:
         problems.add("drives", 'a study needs a drive; add drives = "robustness" or a [[drive]] table')
     return drives
 
 
-def _drive_specs(
+def drive_specs(
     tables: list[DriveTable], beside: Path, folder: Path, problems: Problems, before: list[DriveSpec]
 ) -> list[DriveSpec]:
+    """Return drives, their options known; those before them have names that none of them may have."""
     specs: list[DriveSpec] = []
     for i, table in enumerate(tables):
         key = f"drive[{i}]"
@@ -246,7 +247,8 @@ def _names_file(folder: Path, value: Any) -> bool:
         return False
 
 
-def _estimators(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
+def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
+    """Return estimators, their settings checked and completed."""
     specs: list[EstimatorSpec] = []
     for i, table in enumerate(tables):
         key, settings = f"estimator[{i}]", table.further

@@ -113,6 +113,7 @@ def run_study(
         (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     if todo or not store.has_histories:
         store.write_histories(histories(evaluator))
+    store.consolidate()
     return out
 
 
