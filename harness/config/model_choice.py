@@ -37,8 +37,8 @@ def complete(
         The table, and notes for the user in sentences without a full stop.
 
     Raises:
-        UserError: If the vehicle has several parameter sets or sensors to choose from and no usual one, or the recordings contain no
-            complete set of sensors.
+        UserError: If the vehicle has several parameter sets or sensors to choose from and no usual one, or the
+            recordings contain no complete set of sensors.
         ModelError: If there is no such vehicle or parameter set.
     """
     stated = {key: value for key, value in table.items() if value is not None}
