@@ -65,7 +65,10 @@ CASES = (
     Case("car, navigation, 100 Hz, 20 s", {**_CAR, "step": 0.01}, {**_CURVES, "duration": 20.0}),
     Case("car, navigation, 50 Hz, 40 s", {**_CAR, "step": 0.02}, {**_CURVES, "duration": 40.0}),
     Case("car, navigation, 200 Hz, 20 s", {**_CAR, "step": 0.005}, {**_CURVES, "duration": 20.0}),
-    Case("car, series sensors, 100 Hz, 30 s", {**_SERIES, "step": 0.01}, {**_CURVES, "duration": 30.0}),
+    Case(
+        "another car, series sensors, 100 Hz, 30 s", {**_SERIES, "step": 0.01},
+        {**_CURVES, "amplitude": 0.015, "duration": 30.0},
+    ),
     Case(
         "car, navigation, 100 Hz, 20 s, a tenth missing", {**_CAR, "step": 0.01}, {**_CURVES, "duration": 20.0},
         missing=0.1,
@@ -118,7 +121,7 @@ def drawn(spec: ModelSpec, by: By, rng: np.random.Generator) -> ModelSpec:
 
 def recording_of(spec: ModelSpec, case: Case, seed: int) -> xr.Dataset:
     """Return a simulated drive with process and measurement noise, and with gaps where the case has them."""
-    options = {**case.options, "seed": seed + 1, "lateral_acceleration_limit": 6.0}
+    options = {**case.options, "seed": seed + 1, "lateral_acceleration_limit": 9.0}
     drive = DriveSpec("random", "random_sequence", options, "bench", Path())
     recording = simulate_drive(spec, profile_of(spec, drive), [], seed)
     rng = np.random.default_rng([seed, 7])

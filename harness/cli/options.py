@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -197,18 +197,24 @@ def model_table(
     return {key: value for key, value in table.items() if value is not None}, tuple(notes)
 
 
-def model_spec(options: ModelOptions, recordings: Sequence[xr.Dataset] | None = None, **further: Any) -> ModelSpec:
+def model_spec(
+    options: ModelOptions,
+    recordings: Sequence[xr.Dataset] | None = None,
+    side: Literal["plant", "belief"] = "plant",
+    **further: Any,
+) -> ModelSpec:
     """Resolve a model given by options, as ``model_table``, and print its notes.
 
     Args:
         options: What was given.
         recordings: Those that the model is for, if any.
-        further: More keys of ``[plant]``, such as ``step``.
+        side: What the model is for, as ``harness.config.resolve_single`` takes it.
+        further: More keys of ``[plant]`` or ``[belief]``, such as ``step``.
     """
     from harness.config import resolve_single
 
     table, notes = model_table(options, recordings)
-    spec = resolve_single({**table, **further}, "command line")
+    spec = resolve_single({**table, **further}, "command line", side)
     for note in notes:
         Console(stderr=True).print(Text(f"note: {note}"), soft_wrap=True)
     return spec

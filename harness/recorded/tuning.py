@@ -42,7 +42,7 @@ from harness.recorded.run import RecordedModel, name_of
 By = Literal["state", "unit"]
 
 CONTRADICTED = 0.5 * NORMAL**2
-"""Log-likelihood that a value may lie below the largest, everything else refitted, and still be in the 95 % interval."""
+"""Log-likelihood that a value in the 95 % interval may lie below the largest, everything else refitted."""
 
 _ITERATIONS = 60
 _REFITTING = 12
@@ -144,7 +144,9 @@ def tune_noise(
     z, contradicted = search.with_stated(best, free, say)
     spec = search.space.fitted(z)
     found = search.variances(estimates, z, free, contradicted)
-    notes = [] if best.converged else [f"The search stopped early: a further step predicts a gain of {best.predicted:.2g}."]
+    notes = (
+        [] if best.converged else [f"The search stopped early: a further step predicts a gain of {best.predicted:.2g}."]
+    )
     say("innovations before and after")
     runs = [model.filtered.runs(drives, Candidates.of(s)) for s in (model.spec, spec)]
     before, after = (
@@ -165,7 +167,9 @@ class _Search:
         if not np.all(variances > 0):
             lacking = ", ".join(n for n, v in zip(outputs, variances, strict=True) if not v > 0)
             raise UserError(f"the measurement noise of {lacking} is stated as zero; state a first value above zero")
-        process = _each_state(spec) if by == "state" else [replace(c, prior=math.inf) for c in process_coordinates(spec)]
+        process = (
+            _each_state(spec) if by == "state" else [replace(c, prior=math.inf) for c in process_coordinates(spec)]
+        )
         base = replace(Candidates.of(spec), measurement=variances.reshape(-1, 1))
         if by == "state":  # then a factor is the variance itself
             base.process[[c.rows[0] for c in process]] = 1.0
