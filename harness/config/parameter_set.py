@@ -164,8 +164,10 @@ def set_text(
         "process_noise": process,
         "measurement_noise": base.measurement | spec.measurement_noise,
     }
-    behind = {("values", n): words for n, words in comments.items() if n in spec.values}
-    return toml_text(content, comments={**behind, **{k: w for k, w in (noise or {}).items() if k[1] in content[k[0]]}})
+    behind: dict[tuple[str, ...], str] = {("values", n): words for n, words in comments.items() if n in spec.values}
+    held = {"process_noise": process, "measurement_noise": spec.measurement_noise}
+    behind |= {(kind, n): words for (kind, n), words in (noise or {}).items() if n in held[kind]}
+    return toml_text(content, comments=behind)
 
 
 def _parameter_units(vehicle: str) -> dict[str, str]:

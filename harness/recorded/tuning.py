@@ -44,9 +44,21 @@ By = Literal["state", "unit"]
 CONTRADICTED = 0.5 * NORMAL**2
 """Log-likelihood that a value in the 95 % interval may lie below the largest, everything else refitted."""
 
+_DETERMINED: tuple[Verdict, ...] = ("determined", "weakly determined")
+
+_ELSEWHERE = math.log(3.0)
+"""How far below its interval a process noise is tried, with all others free to take its place."""
+
 _ITERATIONS = 60
 _REFITTING = 12
-_HALVINGS = 7
+_ROUGHLY = 0.02
+"""Predicted gain below which a refit ends."""
+
+_PRIOR = math.log(10.0)
+"""Standard deviation of the prior about a stated value that the recordings contradict."""
+
+_AS_STATED = 0.05
+"""Logarithm by which a variance may move and still count as stated."""
 
 
 @dataclass(frozen=True)
@@ -137,11 +149,13 @@ def tune_noise(
     drives = tuple(model.drive(r, name_of(r)) for r in recordings)
     search = _Search(model, drives, by)
     stated = search.value(search.space.centre)
-    best = search.climb(say)
+    say("searching")
+    best = search.climb()
     say("how certain")
     estimates = search.estimates(best, say)
-    free = np.array([e.verdict in ("determined", "weakly determined") for e in estimates])
-    z, contradicted = search.with_stated(best, free, say)
+    estimates = search.without_mimicked(best, estimates, say)
+    free = np.array([e.verdict in _DETERMINED for e in estimates])
+    z, contradicted = search.with_stated(best, free)
     spec = search.space.fitted(z)
     found = search.variances(estimates, z, free, contradicted)
     notes = (
@@ -182,25 +196,26 @@ class _Search:
         """Return the log-likelihood at a point."""
         return float(self.objective.values(z[:, None])[0])
 
-    def climb(self, say: Callable[[str], None]) -> Maximum:
-        """Return the largest likelihood that is found from the stated noise and from what the signals show."""
+    def climb(self) -> Maximum:
+        """Return the largest likelihood, from the likelier of the stated noise and what the signals show of theirs.
+
+        Raises:
+            UserError: If the filter diverges at both.
+        """
         shown = self.space.centre.copy()
         for i in np.flatnonzero(self.space.kind("measurement")):
             seen = white_noise(self.drives, self.space.coordinates[i].rows[0])
             if seen > 0:
                 shown[i] = np.clip(math.log(seen), self.space.lower[i], self.space.upper[i])
-        everything = np.ones(len(self.space), dtype=bool)
-        found: list[Maximum] = []
-        for number, start in enumerate((self.space.centre, shown), 1):
-            say(f"search {number} of 2")
-            if np.isfinite(self.value(start)):
-                found.append(maximise(self.objective, start, everything, _ITERATIONS))
-        if not found:
+        starts = np.column_stack([self.space.centre, shown])
+        values = self.objective.values(starts)
+        if not np.isfinite(values).any():
             raise UserError(
                 "the filter diverges on these recordings with the stated noise; check units and signs of the recorded "
                 "signals (harness check), or state other first variances"
             )
-        return max(found, key=lambda m: m.value)
+        everything = np.ones(len(self.space), dtype=bool)
+        return maximise(self.objective, starts[:, int(np.argmax(values))], everything, _ITERATIONS)
 
     def estimates(self, best: Maximum, say: Callable[[str], None]) -> tuple[Estimate, ...]:
         """Return every coordinate with its profile-likelihood interval and verdict."""
@@ -210,46 +225,59 @@ class _Search:
         summit = Summit(self.space, self.objective, best.z, value, information, knowledge)
         return estimates_of(summit, ("process", "measurement"), say)
 
-    def with_stated(self, best: Maximum, free: Mask, say: Callable[[str], None]) -> tuple[Floats, Mask]:
+    def without_mimicked(
+        self, best: Maximum, estimates: Sequence[Estimate], say: Callable[[str], None]
+    ) -> tuple[Estimate, ...]:
+        """Return the estimates, process noise that others can take the place of as not determined.
+
+        Where the likelihood is largest some variances are practically zero, and one of several that act alike stands
+        for all. The slope of the likelihood to the logarithm of a variance near zero vanishes, so neither the
+        information nor a profile that is followed from there shows this; a refit that begins with all of them does.
+        """
+        found, process = list(estimates), self.space.kind("process")
+        known = np.array([e.verdict in _DETERMINED for e in estimates])
+        for i in np.flatnonzero(process & known) if np.any(process & ~known) else ():
+            c, others = self.space.coordinates[i], np.ones(len(self.space), dtype=bool)
+            others[i] = False
+            say(f"whether others can take the place of {c.name.replace('_', ' ')}")
+            z = best.z.copy()
+            z[i] = max(c.coordinate(estimates[i].lower) - _ELSEWHERE, c.lower)
+            if best.value - self.value(self._refitted(z, others)) <= CONTRADICTED:
+                reason = "the process noise of other states explains these recordings as well"
+                found[i] = replace(estimates[i], verdict="not determined", reason=reason, error=math.inf)
+        return tuple(found)
+
+    def with_stated(self, best: Maximum, free: Mask) -> tuple[Floats, Mask]:
         """Return the point with what is not determined as stated, and which stated values are contradicted.
 
-        What is determined is fitted again around what is held.
+        What is determined is fitted again around what is held. Where that is less likely than the 95 % interval allows,
+        what is held moves too, away from its stated value against a prior: as far as the recordings ask.
         """
-        contradicted = np.zeros(len(free), dtype=bool)
-        if free.all():
-            return best.z, contradicted
-        stated = np.where(free, best.z, self.space.centre)
-        z = self._refitted(stated, free)
-        if best.value - self.value(z) <= CONTRADICTED:
-            return z, contradicted
-        held = best.z.copy()
-        for i in np.flatnonzero(~free):
-            say(f"how far {self.space.coordinates[i].name.replace('_', ' ')} may be as stated")
-            held[i], contradicted[i] = self._nearest(best, i)
-        return self._refitted(np.where(free, best.z, held), free), contradicted
-
-    def _nearest(self, best: Maximum, i: int) -> tuple[float, bool]:
-        """Return the value nearest to the stated one that the recordings do not contradict, and whether it differs."""
-        others = np.ones(len(best.z), dtype=bool)
-        others[i] = False
-
-        def refused(at: float) -> bool:
-            z = best.z.copy()
-            z[i] = at
-            return best.value - self.value(self._refitted(z, others)) > CONTRADICTED
-
-        stated, good = float(self.space.centre[i]), float(best.z[i])
-        if not refused(stated):
-            return stated, False
-        bad = stated
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (good + bad)
-            good, bad = (good, middle) if refused(middle) else (middle, bad)
-        return good, True
+        stated = self._refitted(np.where(free, best.z, self.space.centre), free)
+        if free.all() or best.value - self.value(stated) <= CONTRADICTED:
+            return stated, np.zeros(len(free), dtype=bool)
+        pulled = [
+            replace(c, prior=math.inf if f else _PRIOR) for c, f in zip(self.space.coordinates, free, strict=True)
+        ]
+        objective = LogPosterior(self.model.filtered, self.drives, self.space.with_coordinates(pulled))
+        moved = maximise(objective, stated, np.ones(len(free), dtype=bool), _ITERATIONS, enough=_ROUGHLY).z
+        contradicted = ~free & (np.abs(moved - self.space.centre) > _AS_STATED)
+        return self._refitted(np.where(free | contradicted, moved, self.space.centre), free), contradicted
 
     def _refitted(self, z: Floats, moved: Mask) -> Floats:
-        """Return the point with some coordinates fitted again; as it is where the filter diverges there."""
-        return maximise(self.objective, z, moved, _REFITTING).z if moved.any() and np.isfinite(self.value(z)) else z
+        """Return the likeliest point with some coordinates fitted again.
+
+        A variance near zero has no slope to come back by, so the refit begins with the stated process noise as well.
+        Where the filter diverges it stays as it is.
+        """
+        revived = np.where(moved & self.space.kind("process"), np.maximum(z, self.space.centre), z)
+        starts = [z] if np.array_equal(revived, z) else [z, revived]
+        found = [
+            maximise(self.objective, s, moved, _REFITTING, enough=_ROUGHLY)
+            for s in starts
+            if moved.any() and np.isfinite(self.value(s))
+        ]
+        return max(found, key=lambda m: m.value).z if found else z
 
     def variances(
         self, estimates: Sequence[Estimate], z: Floats, free: Mask, contradicted: Mask

@@ -249,7 +249,7 @@ def _made(found: NoiseTuning, command: str) -> list[Block]:
     before, after = found.log_likelihood
     text = (
         f"Largest likelihood of the innovations of an extended Kalman filter: {style.number(before, 6)} with the "
-        f"stated noise, {style.number(after, 6)} with that found, {'converged' if found.converged else 'not converged'}. "
+        f"stated noise, {style.number(after, 6)} with that found, {'' if found.converged else 'not '}converged. "
         f"Recorded inputs {'run straight between samples' if found.model.inputs == 'joined' else 'are held'}."
     )
     notes: list[Block] = [Bullets([plain(n) for n in found.notes])] if found.notes else []
