@@ -22,6 +22,7 @@ from harness.cli.options import (
     pairs,
 )
 from harness.cli.recorded_options import (
+    BankOption,
     ChannelsOption,
     DataOption,
     InputsOption,
@@ -77,6 +78,7 @@ def estimate(
     process_noise: ProcessOption = None,
     measurement_noise: MeasurementOption = None,
     step: StepOption = None,
+    bank_map: BankOption = None,
     inputs: InputsOption = "joined",
     integrator: IntegratorOption = "rk4",
     substeps: SubstepsOption = None,
@@ -93,7 +95,8 @@ def estimate(
     """
     given = RecordedOptions(
         ModelOptions(model, parameters, tyre, effect, sensors, values),
-        data, channels, step, unknown_input, process_noise, measurement_noise, inputs, integrator, substeps, jobs,
+        data, channels, step, unknown_input, process_noise, measurement_noise, inputs, integrator, substeps,
+        bank_map or (), jobs,
     )  # fmt: skip
     chosen = _estimators(estimator)
     references = {k: str(v) for k, v in pairs(reference, "--reference").items()}

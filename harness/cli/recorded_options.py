@@ -6,7 +6,7 @@ import math
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -39,6 +39,10 @@ MeasurementOption = Annotated[
     list[str] | None,
     typer.Option("--measurement-noise", metavar="OUTPUT=VARIANCE", help="Per sample; repeatable."),
 ]
+BankOption = Annotated[
+    list[Path] | None,
+    typer.Option("--bank-map", help="Recording of the same road, at least two, from which its bank is mapped."),
+]
 InputsOption = Annotated[
     Literal["joined", "held"],
     typer.Option("--inputs", help="Recorded inputs run straight between samples, or are held as in a simulation."),
@@ -66,6 +70,8 @@ class RecordedOptions:
         inputs: How recorded inputs run between samples.
         integrator: Scheme.
         substeps: Integration steps per sample, if given.
+        bank: Recordings that map the bank of the road.
+        jobs: Threads, if given.
     """
 
     model: ModelOptions
@@ -78,22 +84,31 @@ class RecordedOptions:
     inputs: Inputs = "joined"
     integrator: str = "rk4"
     substeps: int | None = None
-    jobs: int | None = field(default=None)
+    bank: Sequence[Path] = ()
+    jobs: int | None = None
 
     def recordings(self) -> list[xr.Dataset]:
         """Return the recordings, each with a name of its own.
 
         Raises:
-            UserError: If one cannot be read, or is given twice.
+            UserError: If one cannot be read, or is given twice, or maps the bank that it drives on.
         """
         from harness.identification.measured_file import names_of
         from harness.recordings import load_recording
+        from harness.recordings.road_bank_map import with_bank
 
         for i, path in enumerate(self.data):
             if path.resolve() in [p.resolve() for p in self.data[:i]]:
                 raise UserError(f"--data {path}: is given twice")
+            if path.resolve() in [p.resolve() for p in self.bank]:
+                raise UserError(
+                    f"--data {path}: no drive may use a bank estimated from itself; leave it out of --bank-map"
+                )
         step = None if self.step is None else quantity(self.step, "s", "--step")
         read = [load_recording(path, self.channels, step) for path in self.data]
+        if self.bank:
+            mapped = [load_recording(path, self.channels, step) for path in self.bank]
+            read = with_bank(mapped, read)[len(mapped) :]
         named = [r.assign_attrs(name=path.name.split(".")[0]) for r, path in zip(read, self.data, strict=True)]
         return [r.assign_attrs(name=name) for r, name in zip(named, names_of(named), strict=True)]
 

@@ -19,6 +19,7 @@ from harness.cli.options import (
     study_path,
 )
 from harness.cli.recorded_options import (
+    BankOption,
     ChannelsOption,
     InputsOption,
     IntegratorOption,
@@ -68,6 +69,7 @@ def tune(
         typer.Option("--by", help="Every state its own process noise, or one factor for all states of a unit."),
     ] = "state",
     step: StepOption = None,
+    bank_map: BankOption = None,
     inputs: InputsOption = "joined",
     integrator: IntegratorOption = "rk4",
     substeps: SubstepsOption = None,
@@ -94,7 +96,8 @@ def tune(
         raise UserError("--data needs --model: the vehicle of the recordings")
     given = RecordedOptions(
         ModelOptions(model, parameters, tyre, effect, sensors, values),
-        data, channels, step, unknown_input, process_noise, measurement_noise, inputs, integrator, substeps, jobs,
+        data, channels, step, unknown_input, process_noise, measurement_noise, inputs, integrator, substeps,
+        bank_map or (), jobs,
     )  # fmt: skip
     _recordings(given, by, out)
 
