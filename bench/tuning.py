@@ -1,6 +1,6 @@
 """Are the 95 % intervals of ``harness tune --data`` right? Tuning without a truth on recordings whose noise is known.
 
-``python -m bench.tuning --sets 20`` draws so many recordings of every case with fresh noise and fresh true variances,
+``python -m bench.tuning --sets 18`` draws so many recordings of every case with fresh noise and fresh true variances,
 tunes from the stated ones, and counts how often the interval of a variance that the recordings determine holds the true
 one. The command says which those are; it knows nothing of the truth.
 """
@@ -43,6 +43,7 @@ class Case:
         options: Of the drive of random steering.
         by: What shares a factor, as ``tune_noise`` takes it.
         missing: Share of samples that every output lacks, each its own.
+        share: Of the recordings that are asked for; a fit of the semitrailer takes ten times as long.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Case:
     options: dict[str, float]
     by: By = "state"
     missing: float = 0.0
+    share: float = 1.0
 
 
 _CAR = {"vehicle": "car", "parameters": "govindarajan_2018", "tyre": "linear", "sensors": "car_navigation"}
@@ -73,9 +75,15 @@ CASES = (
         "car, navigation, 100 Hz, 20 s, a tenth missing", {**_CAR, "step": 0.01}, {**_CURVES, "duration": 20.0},
         missing=0.1,
     ),
-    Case("semitrailer, 100 Hz, 30 s", {**_TRUCK, "step": 0.01}, {**_CURVES, "duration": 30.0}),
-    Case("semitrailer, 100 Hz, 30 s, by unit", {**_TRUCK, "step": 0.01}, {**_CURVES, "duration": 30.0}, by="unit"),
-    Case("semitrailer, 200 Hz, 15 s, by unit", {**_TRUCK, "step": 0.005}, {**_CURVES, "duration": 15.0}, by="unit"),
+    Case("semitrailer, 100 Hz, 30 s", {**_TRUCK, "step": 0.01}, {**_CURVES, "duration": 30.0}, share=0.25),
+    Case(
+        "semitrailer, 100 Hz, 30 s, by unit", {**_TRUCK, "step": 0.01}, {**_CURVES, "duration": 30.0},
+        by="unit", share=0.5,
+    ),
+    Case(
+        "semitrailer, 200 Hz, 15 s, by unit", {**_TRUCK, "step": 0.005}, {**_CURVES, "duration": 15.0},
+        by="unit", share=0.5,
+    ),
 )  # fmt: skip
 
 
@@ -148,18 +156,44 @@ def tuned(case: Case, model: RecordedModel, seed: int) -> tuple[list[Found], int
 
 
 def coverage(
-    cases: Sequence[Case], sets: int, first: int = 0, each: Callable[[Any], Any] = iter
+    cases: Sequence[Case], sets: int, first: int = 0, each: Callable[[Any], Any] = iter, out: Path | None = None
 ) -> tuple[list[Found], dict[str, int]]:
-    """Return the determined variances of every case, and how many were left open by case."""
+    """Return the determined variances of every case, and how many were left open by case.
+
+    Args:
+        cases: Vehicles at their rates.
+        sets: Recordings of every case, less its share.
+        first: First seed.
+        each: Goes over the seeds of a case, such as a progress bar.
+        out: File with a line for every recording; those that it holds are not drawn again.
+    """
+    kept = {} if out is None or not out.is_file() else _read(out)
     found: list[Found] = []
     left_open: dict[str, int] = {}
     for number, case in enumerate(cases):
-        model = RecordedModel(resolve_single(case.table, "bench", "belief"), inputs="held")
-        for seed in each(range(first + 1000 * number, first + 1000 * number + sets)):
-            some, rest = tuned(case, model, seed)
+        model: RecordedModel | None = None
+        for seed in each(range(first + 1000 * number, first + 1000 * number + max(1, round(case.share * sets)))):
+            if (case.name, seed) not in kept:
+                model = model or RecordedModel(resolve_single(case.table, "bench", "belief"), inputs="held")
+                kept[case.name, seed] = tuned(case, model, seed)
+                if out is not None:
+                    _append(out, case.name, seed, *kept[case.name, seed])
+            some, rest = kept[case.name, seed]
             found += some
             left_open[case.name] = left_open.get(case.name, 0) + rest
     return found, left_open
+
+
+def _read(path: Path) -> dict[tuple[str, int], tuple[list[Found], int]]:
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    return {(line["case"], line["seed"]): ([Found(**f) for f in line["found"]], line["open"]) for line in lines}
+
+
+def _append(path: Path, case: str, seed: int, found: Sequence[Found], left_open: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    line = {"case": case, "seed": seed, "open": left_open, "found": [dataclasses.asdict(f) for f in found]}
+    with path.open("a") as file:
+        file.write(json.dumps(line) + "\n")
 
 
 def table(found: Sequence[Found], left_open: dict[str, int]) -> str:
@@ -186,15 +220,14 @@ def _share(inside: Sequence[bool]) -> str:
 def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sets", type=int, default=20, help="recordings of every case")
+    parser.add_argument("--sets", type=int, default=18, help="recordings of every case")
     parser.add_argument("--first", type=int, default=0, help="first seed; another one draws everything anew")
-    parser.add_argument("--out", type=Path, help="JSON file for every variance")
+    parser.add_argument("--out", type=Path, help="file of every variance; a run that was interrupted goes on from it")
     chosen = parser.parse_args()
     console = Console(stderr=True)
-    found, left_open = coverage(CASES, chosen.sets, chosen.first, lambda seeds: track(seeds, console=console))
-    if chosen.out is not None:
-        chosen.out.parent.mkdir(parents=True, exist_ok=True)
-        chosen.out.write_text(json.dumps([dataclasses.asdict(f) for f in found], indent=1) + "\n")
+    found, left_open = coverage(
+        CASES, chosen.sets, chosen.first, lambda seeds: track(seeds, console=console), chosen.out
+    )
     print(table(found, left_open))
 
 
