@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -90,6 +90,9 @@ attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what w
 
 attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
 	$(BIN)/python -m bench.attribution.renew results/attribution/attribution.json
+
+tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune --data hold the true noise (SETS=18); goes on where it stopped
+	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) --out results/tuning-proof/variances.jsonl
 
 bench: $(VENV)/dev.stamp ## print the speed table
 	$(BIN)/python -m bench

@@ -1,4 +1,4 @@
-"""The command line: run, report, campaign, list, simulate, check, identify, trace, observability, realtime, ...
+"""The command line: run, report, list, simulate, check, estimate, tune, identify, trace, observability, realtime, ...
 
 Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
 mend it); 130: interrupted, and the next run continues from there. Everything heavy is imported inside the
@@ -22,6 +22,7 @@ import typer.core
 from rich.console import Console
 from rich.text import Text
 
+from harness.cli.estimate import estimate
 from harness.cli.identify import identify
 from harness.cli.loop import loop
 from harness.cli.new import new
@@ -30,6 +31,7 @@ from harness.cli.options import HERE, RESULTS, study_path
 from harness.cli.realtime import realtime
 from harness.cli.simulate import simulate
 from harness.cli.trace import trace
+from harness.cli.tune import tune
 from harness.common.errors import ModelError, UserError
 
 if TYPE_CHECKING:
@@ -195,42 +197,6 @@ def _closest(word: str, choices: list[str]) -> str:
     return closest(word, choices)
 
 
-@app.command()
-@_answers_errors
-def tune(
-    study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
-    drives: Annotated[str, typer.Option("--drives", help="Training drives: the name of a set, or a TOML file.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Tuning file to write; a study names it by tuning = ...")],
-    budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator.")] = 240,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Noise realisations of each drive.")] = 1,
-) -> None:
-    """Tune the noise covariances of every estimator of a study, by one rule and within one budget.
-
-    Factors on process noise, random walk of the unknown inputs and measurement noise maximise the likelihood of the
-    innovations on the training drives, simulated at the nominal plant.
-    """
-    import dataclasses
-
-    from rich.table import Table
-
-    from harness.config import load_drives, load_study
-    from harness.study.tune import tune as search
-    from harness.study.tune import write_tuning
-
-    loaded = load_study(study_path(study))
-    training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
-    console = Console(stderr=True)
-    with console.status("tuning") as status:
-        found = search(training, budget, repeats, lambda name: status.update(f"tuning {name}"))
-    write_tuning(out, training, budget, repeats, found)
-    table = Table("estimator", "process", "unknown inputs", "measurement", "log-likelihood before", "after", box=None)
-    for name, tuning in found.items():
-        factors = [f"{tuning.factors[group]:.3g}" for group in ("process", "unknown_inputs", "measurement")]
-        table.add_row(name, *factors, f"{tuning.before:.1f}", f"{tuning.after:.1f}")
-    Console().print(table)
-    typer.echo(out)
-
-
 @app.command("list")
 @_answers_errors
 def list_(
@@ -334,6 +300,8 @@ def schema(
 
 app.command()(_answers_errors(simulate))
 app.command()(_answers_errors(observability))
+app.command()(_answers_errors(tune))
+app.command()(_answers_errors(estimate))
 app.command()(_answers_errors(identify))
 app.command()(_answers_errors(trace))
 app.command()(_answers_errors(loop))

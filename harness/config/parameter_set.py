@@ -136,7 +136,9 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
     )
 
 
-def set_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
+def set_text(
+    spec: ModelSpec, source: str, comments: Mapping[str, str], noise: Mapping[tuple[str, str], str] | None = None
+) -> str:
     """Return the text of a parameter file that holds a model: values, tyre, effects and noise.
 
     States and outputs that the model does not have keep the noise of its own set, so that studies may add sensors and
@@ -146,6 +148,7 @@ def set_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
         spec: The model; a parameter file of its own is found from the working directory.
         source: Where the values come from.
         comments: What stands behind a value, such as unit and standard error, by parameter; others are passed over.
+        noise: What stands behind a variance, by ``process_noise`` or ``measurement_noise`` and state or output.
     """
     base = load_set(spec.parameters, Path(), source)
     stretch = 1.0 if spec.model().discrete else spec.step / base.noise_step
@@ -161,7 +164,10 @@ def set_text(spec: ModelSpec, source: str, comments: Mapping[str, str]) -> str:
         "process_noise": process,
         "measurement_noise": base.measurement | spec.measurement_noise,
     }
-    return toml_text(content, comments={("values", n): words for n, words in comments.items() if n in spec.values})
+    behind: dict[tuple[str, ...], str] = {("values", n): words for n, words in comments.items() if n in spec.values}
+    held = {"process_noise": process, "measurement_noise": spec.measurement_noise}
+    behind |= {(kind, n): words for (kind, n), words in (noise or {}).items() if n in held[kind]}
+    return toml_text(content, comments=behind)
 
 
 def _parameter_units(vehicle: str) -> dict[str, str]:

@@ -141,6 +141,10 @@ class Coordinates:
         base = replace(Candidates.of(spec), measurement=variances.reshape(-1, 1))
         return cls(spec, spec.model().parameter_names, moved, [base])
 
+    def with_coordinates(self, coordinates: Sequence[Coordinate]) -> Coordinates:
+        """Return the same with other coordinates, such as others' priors."""
+        return Coordinates(self.spec, self.names, coordinates, self._base)
+
     def __len__(self) -> int:
         return len(self.coordinates)
 

@@ -8,7 +8,7 @@ lies less than 1.92 below the largest (half the 95 % quantile of chi-square with
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.identification.contract import Estimate, Profile, Verdict
-from harness.identification.coordinates import Coordinate, Coordinates
+from harness.identification.coordinates import Coordinate, Coordinates, Kind
 from harness.identification.fisher_scoring import Objective, maximise
 
 NORMAL = 1.959963984540054
@@ -146,22 +146,21 @@ class Summit:
     knowledge: Knowledge
 
 
-def estimates_of(summit: Summit, profiles: bool, say: Callable[[str], None]) -> tuple[Estimate, ...]:
+def estimates_of(summit: Summit, profiles: Sequence[Kind], say: Callable[[str], None]) -> tuple[Estimate, ...]:
     """Return every coordinate as an estimate with interval, verdict and reason.
 
     Args:
         summit: Where the likelihood is largest.
-        profiles: Whether parameters get their profile, and the interval from it.
+        profiles: What gets its profile, and the interval from it; noise only where it may be determined.
         say: Takes a line on what is being done.
     """
     space, z, knowledge = summit.space, summit.z, summit.knowledge
     found = []
     drawn = {}
-    if profiles:
-        wanted = [
-            i for i, c in enumerate(space.coordinates) if c.kind == "parameter" and np.isfinite(knowledge.error[i])
-        ]
-        say(f"profiles of {len(wanted)} parameters")
+    wanted = [i for i, c in enumerate(space.coordinates) if c.kind in profiles and np.isfinite(knowledge.error[i])]
+    wanted = [i for i in wanted if space.coordinates[i].kind == "parameter" or knowledge.error[i] < BARELY]
+    if wanted:
+        say(f"profiles of {len(wanted)} {'parameters' if 'parameter' in profiles else 'variances'}")
         drawn = profile(summit, wanted)
     for i, c in enumerate(space.coordinates):
         error = float(knowledge.error[i])

@@ -25,6 +25,7 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator, kernels_of, load_estimator
 from harness.identification.data import Drive, joined
 from harness.identification.innovations import Innovations
+from harness.models.roles import SENSORS
 from harness.models.signals import signal_attributes
 from harness.recorded import time_loops
 from harness.simulation.simulate import in_lanes, variances
@@ -188,6 +189,9 @@ class RecordedEstimator:
 
             ``<signal>``, ``<signal>_std``
                 estimate of every state and chosen port, and its standard deviation (NaN of an estimator without)
+            ``measured_<output>``
+                what the estimator was given, NaN where nothing was measured; attribute ``port``: the state or port of
+                the model that the sensor measures
             ``innovation_<output>``, ``innovation_std_<output>``
                 measurement less its prediction, and what the estimator states of its spread; NaN where not measured
             ``innovation_covariance``
@@ -259,7 +263,7 @@ class RecordedEstimator:
         for i, name in enumerate(self.model.compiled.signal_names):
             _put(data, name, kept.estimate[:, i], name, "estimate of the {}", f"{name}_std")
             _put(data, f"{name}_std", kept.deviation[:, i], name, "standard deviation of the estimated {}")
-        _put_innovations(data, outputs, kept, drive, estimator.has_covariance)
+        _put_innovations(data, SENSORS.load(spec.sensors).OUTPUTS, kept, drive, estimator.has_covariance)
         _put_errors(data, recording, references, self.model.compiled.signal_names, kept)
         likelihood = kept.facts[1:until, 2]
         data.attrs = {
@@ -302,14 +306,16 @@ def _put(
     data[variable] = ("time", values.copy(), attributes)
 
 
-def _put_innovations(data: xr.Dataset, outputs: Sequence[str], kept: _Kept, drive: Drive, stated: bool) -> None:
-    """Enter innovations, their covariance, NIS and likelihood; NaN where nothing was measured."""
+def _put_innovations(data: xr.Dataset, ports: Mapping[str, str], kept: _Kept, drive: Drive, stated: bool) -> None:
+    """Enter measurements, innovations, their covariance, NIS and likelihood; NaN where nothing was measured."""
     missing = ~np.isfinite(drive.measurements)
     missing[0] = True
     kept.innovation[missing] = np.nan
     deviation = np.sqrt(np.diagonal(kept.spread, axis1=1, axis2=2))
-    for a, name in enumerate(outputs):
+    for a, name in enumerate(ports):
         spread = f"innovation_std_{name}"
+        _put(data, f"measured_{name}", drive.measurements[:, a], name, "measured {}")
+        data[f"measured_{name}"].attrs["port"] = ports[name]
         _put(data, f"innovation_{name}", kept.innovation[:, a], name, "innovation of the measured {}", spread)
         values = np.where(missing[:, a], np.nan, deviation[:, a])
         _put(data, spread, values, name, "standard deviation that is stated of the innovation of the measured {}")

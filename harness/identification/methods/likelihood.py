@@ -162,7 +162,7 @@ class Search:
         value, _, information = self.objective.slopes(best.z, everything)
         knowledge = limits_of_knowledge(self.coordinates, best.z, information)
         summit = Summit(self.coordinates, self.objective, best.z, value, information, knowledge)
-        estimates = estimates_of(summit, profiles, say)
+        estimates = estimates_of(summit, ("parameter",) if profiles else (), say)
         notes = []
         if not best.converged:
             notes.append(

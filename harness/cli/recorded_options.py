@@ -1,0 +1,142 @@
+"""What ``harness estimate`` and ``harness tune --data`` share: recordings, and the model that estimators believe."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from harness.cli.options import ModelOptions, model_of, pairs, quantity
+from harness.common.errors import UserError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from harness.recorded.run import Inputs, RecordedModel
+
+DataOption = Annotated[list[Path], typer.Option("--data", "-d", help="Recording; repeatable.")]
+ChannelsOption = Annotated[
+    Path | None, typer.Option("--channels", "-c", help="Channel map of the recordings; signal names if absent.")
+]
+StepOption = Annotated[
+    str | None, typer.Option("--step", help='Sample time of the estimators: "20 ms"; that of the recording if absent.')
+]
+UnknownOption = Annotated[
+    list[str] | None,
+    typer.Option("--unknown-input", help="Input that is estimated as a random walk beside the states; repeatable."),
+]
+ProcessOption = Annotated[
+    list[str] | None,
+    typer.Option("--process-noise", metavar="STATE=VARIANCE", help='Per step: yaw_rate="4e-8 rad^2/s^2"; repeatable.'),
+]
+MeasurementOption = Annotated[
+    list[str] | None,
+    typer.Option("--measurement-noise", metavar="OUTPUT=VARIANCE", help="Per sample; repeatable."),
+]
+BankOption = Annotated[
+    list[Path] | None,
+    typer.Option("--bank-map", help="Recording of the same road, at least two, from which its bank is mapped."),
+]
+InputsOption = Annotated[
+    Literal["joined", "held"],
+    typer.Option("--inputs", help="Recorded inputs run straight between samples, or are held as in a simulation."),
+]
+IntegratorOption = Annotated[
+    Literal["euler", "heun", "rk4"], typer.Option("--integrator", help="How the model's equations are integrated.")
+]
+SubstepsOption = Annotated[
+    int | None, typer.Option("--substeps", min=1, help="Integration steps per sample; of at most 10 ms if absent.")
+]
+
+
+@dataclass(frozen=True)
+class RecordedOptions:
+    """What estimators believe of recordings, as options state it.
+
+    Attributes:
+        model: Vehicle, values, tyre, effects, sensors.
+        data: Recordings.
+        channels: Channel map, if any.
+        step: Sample time with unit, if given.
+        unknown: Inputs that are not known.
+        process: ``STATE=VARIANCE``.
+        measurement: ``OUTPUT=VARIANCE``.
+        inputs: How recorded inputs run between samples.
+        integrator: Scheme.
+        substeps: Integration steps per sample, if given.
+        bank: Recordings that map the bank of the road.
+        jobs: Threads, if given.
+    """
+
+    model: ModelOptions
+    data: Sequence[Path]
+    channels: Path | None = None
+    step: str | None = None
+    unknown: list[str] | None = None
+    process: list[str] | None = None
+    measurement: list[str] | None = None
+    inputs: Inputs = "joined"
+    integrator: str = "rk4"
+    substeps: int | None = None
+    bank: Sequence[Path] = ()
+    jobs: int | None = None
+
+    def recordings(self) -> list[xr.Dataset]:
+        """Return the recordings, each with a name of its own.
+
+        Raises:
+            UserError: If one cannot be read, or is given twice, or maps the bank that it drives on.
+        """
+        from harness.identification.measured_file import names_of
+        from harness.recordings import load_recording
+        from harness.recordings.road_bank_map import with_bank
+
+        for i, path in enumerate(self.data):
+            if path.resolve() in [p.resolve() for p in self.data[:i]]:
+                raise UserError(f"--data {path}: is given twice")
+            if path.resolve() in [p.resolve() for p in self.bank]:
+                raise UserError(
+                    f"--data {path}: no drive may use a bank estimated from itself; leave it out of --bank-map"
+                )
+        step = None if self.step is None else quantity(self.step, "s", "--step")
+        read = [load_recording(path, self.channels, step) for path in self.data]
+        if self.bank:
+            mapped = [load_recording(path, self.channels, step) for path in self.bank]
+            read = with_bank(mapped, read)[len(mapped) :]
+        named = [r.assign_attrs(name=path.name.split(".")[0]) for r, path in zip(read, self.data, strict=True)]
+        return [r.assign_attrs(name=name) for r, name in zip(named, names_of(named), strict=True)]
+
+    def believed(
+        self,
+        recordings: Sequence[xr.Dataset],
+        signals: Sequence[str] = (),
+        references: dict[str, str] | None = None,
+    ) -> RecordedModel:
+        """Return the model that the estimators believe; measured quantities are estimated beside ``signals``."""
+        from harness.config import resolve_single
+        from harness.identification.data import step_of
+        from harness.identification.measured_file import FINEST
+        from harness.models.roles import SENSORS
+        from harness.recorded.run import RecordedModel
+
+        step = step_of(recordings[0])
+        noise = {
+            "process": pairs(self.process, "--process-noise"),
+            "measurement": pairs(self.measurement, "--measurement-noise"),
+        }
+        further = {"step": step, "substeps": self.substeps or math.ceil(step / FINEST - 1e-9), "noise": noise}
+        chosen = model_of(self.model, integrator=self.integrator, unknown_inputs=self.unknown, **further)
+        spec = resolve_single(chosen.table(recordings), "command line", "belief")
+        ports = SENSORS.load(spec.sensors).OUTPUTS.values()
+        return RecordedModel(spec, [*ports, *signals], self.inputs, references, self.jobs)
+
+
+def command_line() -> str:
+    """Return the command as it was given, for a report."""
+    return " ".join(["harness", *map(shlex.quote, sys.argv[1:])])

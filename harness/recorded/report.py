@@ -1,0 +1,271 @@
+"""The report of ``harness estimate``: which estimator can be trusted on these recordings, and how well it says so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import xarray as xr
+
+from harness.models.quantities import listed, quantity, words
+from harness.recorded import figures
+from harness.recorded.run import EXACT
+from harness.recorded.summary import Summary, references_of, signals_of
+from harness.reporting import style
+from harness.reporting.document import (
+    Block,
+    Bullets,
+    Document,
+    Drawing,
+    Heading,
+    Listing,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
+
+_WHITE = 0.01
+"""p-value below which innovations count as correlated."""
+
+_CONSISTENT = (0.90, 0.99)
+"""Share of NIS in its 95 % band that counts as consistent."""
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """Estimators on recordings.
+
+    Attributes:
+        model: Name of the vehicle.
+        runs: By recording, and within it in the order of the estimators.
+        summaries: Of the runs, in the same order.
+        warnings: What is odd about the recordings, in sentences.
+    """
+
+    model: str
+    runs: Sequence[xr.Dataset]
+    summaries: Sequence[Summary]
+    warnings: Sequence[str] = ()
+
+    def by_recording(self) -> dict[str, list[xr.Dataset]]:
+        """Return the runs by recording."""
+        found: dict[str, list[xr.Dataset]] = {}
+        for run in self.runs:
+            found.setdefault(run.attrs["recording"], []).append(run)
+        return found
+
+
+def document(found: Estimated, command: str) -> Document:
+    """Return the report.
+
+    Args:
+        found: The runs.
+        command: How it was made, for the last section.
+    """
+    sections = [
+        Section(lambda: _answer(found), "Which estimator fits these recordings?"),
+        Section(lambda: _comparison(found), "How do the estimators compare?"),
+        Section(lambda: _errors(found), "How large are the errors?"),
+        Section(lambda: _over_time(found), "What is estimated?"),
+        Section(lambda: _innovations(found), "Do the innovations fit what is stated of them?"),
+        Section(lambda: _made(found, command), "How was it made?"),
+    ]
+    return Document(f"What do estimators say of {words(found.model)} on these recordings?", sections)
+
+
+def answer(found: Estimated) -> str:
+    """Return the result in a sentence or two."""
+    parts = []
+    for name in dict.fromkeys(s.estimator for s in found.summaries):
+        of = [s for s in found.summaries if s.estimator == name]
+        lost = [s for s in of if math.isfinite(s.diverged_at)]
+        inside = [s.nis_inside for s in of if math.isfinite(s.nis_inside)]
+        if lost:
+            said = f"diverges on {listed([s.recording for s in lost])}"
+        elif not inside:
+            said = "states no covariance"
+        else:
+            share = style.percent(float(np.mean(inside)))
+            consistent = _CONSISTENT[0] <= float(np.mean(inside)) <= _CONSISTENT[1]
+            said = f"has {share} of NIS in its 95 % band" + ("" if consistent else ", so its noise does not fit")
+        parts.append(f"{name} {said}")
+    return f"{'; '.join(parts)}.{_best(found)}"
+
+
+def _best(found: Estimated) -> str:
+    """Say which estimator is nearest to each reference."""
+    said = []
+    for name in dict.fromkeys(n for s in found.summaries for n in s.errors):
+        of = {
+            e: _pooled([s.errors[name].rmse for s in found.summaries if s.estimator == e and name in s.errors])
+            for e in dict.fromkeys(s.estimator for s in found.summaries)
+        }
+        known = {e: v for e, v in of.items() if math.isfinite(v)}
+        if known:
+            q, best = quantity(name), min(known, key=lambda e: known[e])
+            said.append(f"{q.words} {style.with_unit(q.scale * known[best], q.unit)} ({best})")
+    return f" Smallest RMSE against the reference: {', '.join(said[:4])}." if said else ""
+
+
+def _pooled(values: Sequence[float]) -> float:
+    return math.sqrt(sum(v * v for v in values) / len(values)) if values else math.nan
+
+
+def _answer(found: Estimated) -> list[Block]:
+    return [
+        Heading("Which estimator fits these recordings?"),
+        Prose(strong(answer(found))),
+        Prose(plain(EXACT)),
+    ]
+
+
+def _comparison(found: Estimated) -> list[Block]:
+    rows = []
+    for s in found.summaries:
+        per = s.log_likelihood / s.updates if s.updates else math.nan
+        coloured = [words(n) for n, w in s.whiteness.items() if min(w.ljung_box, w.periodogram) < _WHITE]
+        rows.append(
+            [
+                s.recording,
+                s.estimator,
+                "–" if not math.isfinite(s.diverged_at) else f"at {s.diverged_at:.1f} s",
+                style.number(per, 4),
+                style.number(s.nis),
+                _share(s.nis_inside),
+                f"{len(coloured)} of {len(s.whiteness)}" if math.isfinite(s.nis) else "–",
+                style.number(s.nees),
+                _share(s.nees_inside),
+            ]
+        )
+    header = [
+        "recording", "estimator", "diverged", "log-likelihood per sample", "NIS/dof", "in 95 % band",
+        "outputs not white", "NEES/dof", "in 95 % band",
+    ]  # fmt: skip
+    caption = (
+        "Every estimator on every recording. NIS and NEES over their degrees of freedom are 1 and 95 % lie in the band "
+        "if the stated covariance is right; larger means that it is too small. NEES is of all signals that have a "
+        "reference, which is taken for exact. A dash: not stated, or there is none."
+    )
+    return [Heading("How do the estimators compare?"), Sheet(header, rows, caption, left=3)]
+
+
+def _share(value: float) -> str:
+    return style.percent(value) if math.isfinite(value) else "–"
+
+
+def _errors(found: Estimated) -> list[Block]:
+    rows = []
+    for s in found.summaries:
+        for name, e in s.errors.items():
+            if not math.isfinite(e.rmse):
+                continue
+            q = quantity(name)
+            sizes = [style.number(q.scale * v) for v in (e.rmse, e.bias, e.largest)]
+            rows.append([s.recording, s.estimator, q.words, q.unit, *sizes, style.number(e.nees), _share(e.inside)])
+    if not rows:
+        none = "The recordings hold no reference: no state or port that the estimators do not measure themselves."
+        return [Heading("How large are the errors?"), Prose(plain(none))]
+    header = ["recording", "estimator", "signal", "unit", "RMSE", "bias", "largest", "NEES", "in 95 % band"]
+    caption = "Estimate less reference. A reference is a measurement too; its own error counts here as the estimator's."
+    blocks: list[Block] = [Heading("How large are the errors?"), Sheet(header, rows, caption, left=4)]
+    for name, runs in found.by_recording().items():
+        for part in _pages(references_of(runs[0])):
+            blocks.append(
+                Drawing(
+                    partial(figures.errors, runs, part, f"How far are the estimates from the references ({name})?"),
+                    f"{name}: estimate less reference; the band is twice the stated standard deviation to either side.",
+                    f"Errors of {_named(part)} over time on {name}.",
+                )
+            )
+    return blocks
+
+
+def _over_time(found: Estimated) -> list[Block]:
+    blocks: list[Block] = [Heading("What is estimated?")]
+    for name, runs in found.by_recording().items():
+        for part in _pages(signals_of(runs[0])):
+            blocks.append(
+                Drawing(
+                    partial(figures.estimates, runs, part, f"What is estimated on {name}?"),
+                    f"{name}: estimates with twice their standard deviation to either side, over what was measured "
+                    "and, where the recording holds one, the reference.",
+                    f"Estimates of {_named(part)} over time on {name}.",
+                )
+            )
+    return blocks
+
+
+def _innovations(found: Estimated) -> list[Block]:
+    rows = [
+        [
+            s.recording,
+            s.estimator,
+            words(n),
+            style.number(w.variance),
+            *map(style.probability, (w.ljung_box, w.periodogram)),
+        ]
+        for s in found.summaries
+        if math.isfinite(s.nis)
+        for n, w in s.whiteness.items()
+    ]
+    heading = Heading("Do the innovations fit what is stated of them?")
+    if not rows:
+        return [heading, Prose(plain("No estimator states a covariance, so nothing can be compared."))]
+    header = ["recording", "estimator", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"]
+    caption = (
+        "Innovations over the standard deviation stated of them; those of a correct model are white (large p) with "
+        "variance 1."
+    )
+    blocks: list[Block] = [heading, Sheet(header, rows, caption, left=3)]
+    for name, every in found.by_recording().items():
+        runs = [r for r in every if np.isfinite(r["nis"]).any()]
+        if not runs:
+            continue
+        blocks.append(
+            Drawing(
+                partial(figures.innovations, runs, f"Are the innovations as large as stated ({name})?"),
+                f"{name}: innovations, and twice the standard deviation that is stated of them to either side.",
+                f"Innovations of every output over time on {name}.",
+            )
+        )
+        names = ["nis", *(["nees"] if "nees" in runs[0] else [])]
+        blocks.append(
+            Drawing(
+                partial(figures.normalised, runs, names, f"Is the stated covariance right ({name})?"),
+                f"{name}: averages along the recording. Those of NIS of a consistent estimator lie in the band in 95 "
+                "of 100 windows; neighbouring samples of NEES are alike, so its band is that of a single sample.",
+                f"NIS over time on {name}, with its 95 % band.",
+            )
+        )
+    return blocks
+
+
+def _made(found: Estimated, command: str) -> list[Block]:
+    first = found.runs[0]
+    held = (
+        "run straight from sample to sample" if first.attrs["inputs"] == "joined" else "stay constant between samples"
+    )
+    settings = {r.attrs["estimator"]: r.attrs["settings"] for r in found.runs}
+    notes = [
+        f"Model {first.attrs['model']} with the parameters {first.attrs['parameters']}; recorded inputs {held}.",
+        *(f"{name}: settings {text}." for name, text in settings.items() if text != "none"),
+        *found.warnings,
+    ]
+    return [Heading("How was it made?"), Bullets([plain(n) for n in notes]), Listing(command, "sh")]
+
+
+def _pages(names: Sequence[str]) -> list[list[str]]:
+    """Return the names in equal parts that a page takes."""
+    if not names:
+        return []
+    count = -(-len(names) // figures.PER_FIGURE)
+    return [[str(n) for n in part] for part in np.array_split(np.array(names), count)]
+
+
+def _named(names: Sequence[str]) -> str:
+    return listed([words(n) for n in names])

@@ -1,0 +1,110 @@
+"""``harness estimate`` and ``harness tune --data``: files in, estimates, noise and reports out; bad requests in a line."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.recordings.write import write_recording
+from support.identification import CAR, model_of, recorded
+
+MODEL = ["--model", "car_reference_point", "--parameters", "sun_2015", "--inputs", "held", "--integrator", "euler"]
+SCALE = ["--process-noise", "yaw_rate=1.2e-9", "--process-noise", "lateral_velocity_rear=2.5e-7"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    for seed, name in ((1, "first"), (2, "second")):
+        drive = recorded(model_of(CAR), seed, duration=6.0, speed=15.0, amplitude=0.5)
+        gone = drive["measured_yaw_rate"].values
+        gone[100:150] = np.nan
+        write_recording(drive, folder / f"{name}.csv")
+    return folder
+
+
+def run(*words):
+    return CliRunner().invoke(app, list(map(str, words)))
+
+
+def test_estimates_numbers_and_a_report_are_written(folder, tmp_path):
+    done = run("estimate", *MODEL, *SCALE, "--data", folder / "first.csv", "--data", folder / "second.csv",
+               "-e", "ekf", "-e", "ukf,alpha=0.5", "--signal", "slip_angle_rear", "--out", tmp_path)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "of NIS in its 95 % band" in done.stdout
+    files = sorted(p.name for p in (tmp_path / "estimates").iterdir())
+    assert files == ["first-EKF.csv", "first-UKF_alpha=0.5.csv", "second-EKF.csv", "second-UKF_alpha=0.5.csv"]
+    table = pd.read_csv(tmp_path / "estimates" / "first-EKF.csv")
+    assert {"time", "yaw_rate", "yaw_rate_std", "slip_angle_rear", "nis", "nees"} <= set(table)
+    assert "innovation_covariance_lateral_velocity_rear_yaw_rate" in table
+    assert table["innovation_yaw_rate"][100:150].isna().all()
+    assert table["yaw_rate"].notna().all()
+    stored = json.loads((tmp_path / "estimate.json").read_text())
+    assert len(stored["runs"]) == 4
+    assert "taken for exact" in stored["comment"]
+    assert stored["runs"][0]["errors"]["yaw_rate"]["rmse"] < 0.01
+    page = (tmp_path / "report.html").read_text()
+    assert "taken for exact" in page
+    assert "UKF alpha=0.5" in page
+    assert (tmp_path / "report.pdf").stat().st_size > 10_000
+
+
+def test_netcdf_keeps_units_and_covariances(folder, tmp_path):
+    done = run("estimate", *MODEL, *SCALE, "--data", folder / "first.csv", "-e", "ekf", "--format", "nc",
+               "--out", tmp_path)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    with xr.open_dataset(tmp_path / "estimates" / "first-EKF.nc") as kept:
+        assert kept["yaw_rate"].attrs["units"] == "rad/s"
+        assert kept["yaw_rate"].attrs["ancillary_variables"] == "yaw_rate_std"
+        assert kept["innovation_covariance"].dims == ("time", "output", "other_output")
+        assert kept.attrs["Conventions"].startswith("CF-")
+
+
+def test_noise_is_found_and_estimate_takes_its_file(folder, tmp_path):
+    tuned = tmp_path / "tuned.toml"
+    done = run("tune", *MODEL, *SCALE, "--measurement-noise", "heading=1e-6", "--data", folder / "first.csv",
+               "--out", tuned)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "the recordings determine" in done.stdout
+    assert (tmp_path / "tuned.pdf").stat().st_size > 10_000
+    numbers = json.loads((tmp_path / "tuned.json").read_text())
+    heading = next(v for v in numbers["variances"] if v["of"] == ["heading"] and v["kind"] == "measurement")
+    assert heading["interval_95"][0][0] < model_of(CAR).measurement_noise["heading"] < heading["interval_95"][1][0]
+    words = ["estimate", *MODEL, "--data", folder / "second.csv", "-e", "ekf", "--out", tmp_path / "est"]
+    words[words.index("sun_2015")] = str(tuned)
+    assert run(*words).exit_code == 0
+    (stored,) = json.loads((tmp_path / "est" / "estimate.json").read_text())["runs"]
+    assert stored["nis_inside_95"] == pytest.approx(0.95, abs=0.04)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["estimate", "-e", "ekff"], "closest: ekf"),
+        (["estimate", "-e", "ekf", "-e", "ekf"], "is asked for twice"),
+        (["estimate", "-e", "ukf,alpa=1"], "alpa"),
+        (["estimate", "-e", "ekf", "--signal", "yaw_rat"], "no quantity 'yaw_rat'"),
+        (["estimate", "-e", "ekf", "--unknown-input", "sped"], "'sped' is no input"),
+        (["estimate", "-e", "ekf", "--reference", "yaw_rate=nothing"], "the recording lacks 'nothing'"),
+        (["tune", "--by", "unit", "mass"], "leave out the study"),
+        (["tune", "--drives", "robustness"], "leave out the study and --drives"),
+    ],
+)
+def test_what_cannot_be_is_one_line(folder, tmp_path, words, said):
+    out = tmp_path / ("tuned.toml" if words[0] == "tune" else "est")
+    done = run(*words, *MODEL, "--data", folder / "first.csv", "--out", out)
+    assert done.exit_code == 2
+    assert said in " ".join(done.output.split())
+    assert "Traceback" not in done.output
+
+
+def test_tune_needs_a_study_or_recordings(tmp_path):
+    done = run("tune", "--out", tmp_path / "tuned.toml")
+    assert done.exit_code == 2
+    assert "harness tune STUDY --drives" in " ".join(done.output.split())
+    done = run("tune", "--data", "lap.csv", "--out", tmp_path / "tuned.toml")
+    assert "--data needs --model" in " ".join(done.output.split())
