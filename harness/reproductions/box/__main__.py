@@ -1,7 +1,8 @@
 """Search the box of what the dissertation leaves open, and report.
 
-``python -m harness.reproductions.box --out results/reproduce-box`` keeps every point in ``points/`` as soon as it is computed and goes on from there, then writes ``report.html`` and
-``.pdf``, ``box.json`` and, for the nearest point, ``nearest.toml`` and ``nearest_drives.toml``.
+``python -m harness.reproductions.box --out results/reproduce-box`` keeps every point in ``points/`` as soon as it is
+computed and goes on from there, then writes ``report.html`` and ``.pdf``, ``box.json`` and, for the nearest point,
+``nearest.toml`` and ``nearest_drives.toml``.
 """
 
 from __future__ import annotations
@@ -92,8 +93,7 @@ def as_json(found: report.Found, state: str) -> dict[str, Any]:
                 "share_without_network": list(survival.filters),
                 "holds_at_nearest": holds,
                 "first_order": None if hinge is None else dict(zip(names, hinge.first, strict=True)),
-                "first_order_error": None if hinge is None else dict(zip(names, hinge.first_error, strict=True)),
-                "delta": None if hinge is None else dict(zip(names, hinge.delta, strict=True)),
+                "first_order_error": None if hinge is None else dict(zip(names, hinge.error, strict=True)),
             }
         )
     numbers = [

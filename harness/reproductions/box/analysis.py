@@ -41,20 +41,16 @@ class Hinge:
     Attributes:
         first: First-order index of each factor, ``(factors,)``: the share of the variance of the margin that the factor
             alone explains, from given data (Plischke, Borgonovo and Smith 2013).
-        first_error: Half-width of its 95 % interval.
-        delta: Moment-independent importance (Borgonovo 2007), which counts interactions.
-        delta_error: Half-width of its 95 % interval.
+        error: Half-width of its 95 % interval.
     """
 
     first: Floats
-    first_error: Floats
-    delta: Floats
-    delta_error: Floats
+    error: Floats
 
     def strongest(self, count: int = 2) -> list[int]:
         """Return the factors with the largest first-order index whose interval excludes zero, strongest first."""
         order = np.argsort(-self.first)
-        return [int(k) for k in order[:count] if self.first[k] - self.first_error[k] > 0.0]
+        return [int(k) for k in order[:count] if self.first[k] - self.error[k] > 0.0]
 
 
 @dataclass(frozen=True)
@@ -107,5 +103,5 @@ def _hinge(places: Floats, margins: Floats) -> Hinge | None:
     if np.ptp(margins) == 0.0:
         return None
     problem = {"num_vars": len(FACTORS), "names": [f.name for f in FACTORS], "bounds": [[0.0, 1.0]] * len(FACTORS)}
-    found = delta.analyze(problem, places, margins, seed=SEED)
-    return Hinge(*(np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf", "delta", "delta_conf")))
+    found = delta.analyze(problem, places, margins, method="sobol", seed=SEED)
+    return Hinge(*(np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf")))

@@ -1,4 +1,4 @@
-"""Points of the box: where they lie, what their studies gave, kept one file each so that a search can be interrupted."""
+"""Points of the box: where they lie and what their studies gave, kept one file each so that a search can go on."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class Folder:
             scores = {n: v for n, v in content.items() if n.split("/")[-1] in SCORES}
             if str(content["state"]) != self.state or not np.array_equal(content["place"], place):
                 raise UserError(
-                    f"{path}: made by other code or in another box; give another folder, or delete this one to begin anew"
+                    f"{path}: made by other code or in another box; give another folder, or delete {self.path}"
                 )
             drives, delay = list(map(str, content["drives"])), float(content["delay"])
             return Point(number, place, bands, scores, drives, delay, float(content["ripple"]))

@@ -87,8 +87,8 @@ def _answer(found: Found) -> list[Block]:
         ("Which findings survive?", f"Of the {len(IN_BOX)} findings of chapter 5, {' '.join(texts)}"),
         (
             "How near can one come?",
-            f"At the nearest point {holds} of {len(IN_BOX)} findings hold, and {within} of {len(PUBLISHED)} published numbers "
-            f"are within a factor of two; root mean square distance a factor of {number(2 ** found.told.off(), 2)}.",
+            f"At the nearest point {holds} of {len(IN_BOX)} findings hold, and {within} of {len(PUBLISHED)} published "
+            f"numbers are within a factor of two; root mean square distance a factor of {number(2 ** found.told.off(), 2)}.",
         ),
     ]
     return [
@@ -136,9 +136,9 @@ FINDING_HEADER = (
 
 def _findings(found: Found) -> list[Block]:
     caption = (
-        "Share of the box with its 95 % interval. Hinges on: factors whose first-order index, from the same points (given "
-        "data), is above zero with its 95 % interval; the output is how far the worst of a finding's numbers, the network's "
-        "left out, lies inside its region."
+        "Share of the box with its 95 % interval. Hinges on: factors whose first-order index, from the same points "
+        "(given data), is above zero with its 95 % interval; the output is how far the worst of a finding's numbers, "
+        "the network's left out, lies inside its region."
     )
     return [
         Heading("Where each finding holds, and on what it hinges"),
@@ -205,8 +205,8 @@ def _steering(found: Found) -> list[Block]:
         Prose(plain(text)),
         Drawing(
             lambda: figures.steering(found.points, found.says),
-            "Each point of the sequence: lag of the EKF's steering-wheel angle on two ramps (largest correlation), and root "
-            "mean square distance of the published numbers in powers of two.",
+            "Each point of the sequence: lag of the EKF's steering-wheel angle on two ramps (largest correlation), and "
+            "root mean square distance of the published numbers in powers of two.",
             "delay of the input estimate and distance over the variance of the steering wheel",
         ),
     ]
