@@ -9,7 +9,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -46,6 +46,9 @@ study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with parti
 # One target for every file in studies/identify/: cars identified from measured drives, which are not part of the project.
 $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
 	$(BIN)/python -m harness.cli.identify_measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
+
+reproduce-box: $(VENV)/run.stamp ## which findings of Ziaukas 2023 survive what it does not publish (an hour; goes on where it stopped)
+	$(BIN)/python -m harness.reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime

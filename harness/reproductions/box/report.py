@@ -88,7 +88,8 @@ def _answer(found: Found) -> list[Block]:
         (
             "How near can one come?",
             f"At the nearest point {holds} of {len(IN_BOX)} findings hold, and {within} of {len(PUBLISHED)} published "
-            f"numbers are within a factor of two; root mean square distance a factor of {number(2 ** found.told.off(), 2)}.",
+            f"numbers are within a factor of two; root mean square distance: a factor of "
+            f"{number(2 ** found.told.off(), 2)}.",
         ),
     ]
     return [
