@@ -110,8 +110,8 @@ def records() -> tuple[Record, ...]:
             "a few particles in unlikely regions let the filter detect a change of the state (plain filter)",
             _detects("PF"),
             STUDY,
-            "The friction's random walk is slow (0.04 in a second) and the cloud has become certain of 0.9: none of its "
-            "particles is near 0.3.",
+            "The friction's random walk is slow (0.04 in a second) and the cloud has become certain of 0.9: none of "
+            "its particles is near 0.3.",
         ),
         statement(
             "5",
