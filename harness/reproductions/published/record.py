@@ -66,7 +66,8 @@ class Record:
         unit: As printed.
         kind: Setting, number or statement.
         test: Returns ours; ``None`` where there is nothing to compare.
-        needs: Name of the stored result that ours is read from; ``HERE`` for what is computed on the spot.
+        needs: Names of the stored results that ours is read from, with spaces between; ``HERE`` for what is computed
+            on the spot.
         reason: Why ours differs or may, or why it cannot be compared.
         bar: Why there is nothing to compare.
     """
@@ -119,7 +120,7 @@ def answer(record: Record, stored: Stored) -> Row:
         return Row(record, missing=str(missing))
     except UserError as error:
         return Row(record, missing=f"{error}")
-    old = bool(record.needs) and not stored.origin(record.needs).current
+    old = not all(stored.origin(name).current for name in record.needs.split())
     return Row(record, evidence, old=old)
 
 
