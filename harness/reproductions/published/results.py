@@ -17,9 +17,13 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
+from harness import estimation
 from harness.campaign.results import REALTIME, Results
 from harness.common.errors import UserError
 from harness.config import Study, build_study, load_study
+from harness.estimation.narx import data as training_data
+from harness.estimation.narx.network import load as load_network
+from harness.estimation.narx.training import Plan, Trainer
 from harness.realtime import outcome
 from harness.reproductions.stored import LONG, load
 from harness.study.provenance import code_state, engine_hash
@@ -29,6 +33,7 @@ from harness.study.scores import PENDING
 from harness.study.store import STORE
 
 STUDIES = Path("studies")
+NETWORK = Path(estimation.__file__).parent / "networks" / "semitrailer_24t.npz"
 
 
 class Missing(UserError):
@@ -163,11 +168,20 @@ def state_of(attributes: Mapping[str, Any], study: Study) -> str:
     return "current" if attributes.get("engine") == engine_hash(study) else "older than the code that decides it"
 
 
-def network_origin(path: Path) -> Origin:
-    """Return where a trained network comes from; its file keeps the command and the errors, not the code."""
-    with np.load(path, allow_pickle=False) as kept:
-        made = json.loads(str(kept["description"]))["made"]
-    return Origin(path.stem, made["command"], "", "its code was not kept; its errors are checked below")
+def network_origin(path: Path = NETWORK) -> Origin:
+    """Return where the committed network comes from; it is current if today's code finds the errors stored with it."""
+    network = load_network(path)
+    made = network.made
+    plan = Plan(network.sizes[1:-1], network.input_delays, network.output_delays)
+    data = training_data.make(training_data.semitrailer(made["trailer_mass"]), Path(made["drives"]), made["seed"])
+    found = Trainer(data, plan).errors(network.parameters)
+    same = all(
+        np.allclose(errors[part], made["nrmse"][kind][part], rtol=1e-3)
+        for kind, errors in (("one_step", found.one_step), ("free", found.free))
+        for part in training_data.PARTS
+    )
+    command = "python -m harness.reproductions.narx_training"
+    return Origin(path.stem, command, "", "current" if same else "today's code finds other errors than stored with it")
 
 
 def _made(folder: Path, path: Path) -> str:

@@ -10,7 +10,6 @@ from harness.campaign.claims import CLAIMS, Claim
 from harness.campaign.evidence import Evidence, ratio_of_medians
 from harness.common.arrays import Floats
 from harness.common.statistics import median_interval
-from harness.models.quantities import words
 from harness.reproductions.published.record import Kind, Record, Test, between, point
 from harness.reproductions.published.results import Stored
 
@@ -85,11 +84,6 @@ def middle_half(found: Floats) -> np.floating:
     return np.subtract(*np.nanquantile(found, [0.75, 0.25]))
 
 
-def named(study: str, band: str | None, estimator: str, target: str) -> str:
-    """Return the words for a group of runs."""
-    return f"{estimator}, {words(target)}" + (f", {band}" if band else "") + (f" ({study})" if study == "ideal" else "")
-
-
 def finding(claim: Claim, keep: float | None = None) -> Test:
     """Return the campaign's test of a finding, or the part of it that stands beside a number of theirs."""
 
@@ -109,7 +103,7 @@ def findings(section: str, without: str = "nothing") -> tuple[Record, ...]:
     return tuple(
         Record(
             claim.place,
-            f"{claim.text[:1].lower()}{claim.text[1:].rstrip('.')}" if claim.text[1:2].islower() else claim.text,
+            claim.text.rstrip("."),
             kind=Kind.STATEMENT,
             test=finding(claim),
             needs=needs_of(claim),
