@@ -31,8 +31,8 @@ def document(chapters: Sequence[Chapter], origins: Sequence[Origin]) -> Document
         Sheet(
             ["result", "command", "made", "state"],
             [[o.name, o.command, o.made or "–", wording.state(o)] for o in origins],
-            "What the rows are read from. A row marked † is read from a result that is older than the code or the study "
-            "that decides it.",
+            "What the rows are read from. A row marked † is read from a result that is older than the code or the "
+            "study that decides it.",
             left=4,
         ),
     ]
