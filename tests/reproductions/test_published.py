@@ -132,6 +132,18 @@ def test_a_store_is_current_with_the_hash_and_the_code_of_its_study():
     assert "earlier text" in state_of(right | {"study_hash": "another"}, study)
 
 
+def test_a_finding_says_in_how_much_of_the_box_it_holds(stored, tmp_path):
+    (tmp_path / "reproduce-box").mkdir()
+    found = {"findings": [{"finding": "The mass matters.", "share": [0.34, 0.3, 0.381]}]}
+    (tmp_path / "reproduce-box" / "box.json").write_text(json.dumps(found))
+    row = answer(statement("5", "The mass matters", lambda _: [point("", 1.0, (0.0, 2.0))]), stored)
+    assert wording.why(row) == "Holds in 34 % (30 to 38) of the box of what is not published."
+    assert answer(statement("5", "Another", lambda _: []), stored).box is None
+    (tmp_path / "reproduce-box" / "box.json").write_text("{}")
+    row = answer(statement("5", "The mass matters", lambda _: []), Stored(tmp_path, tmp_path / "out"))
+    assert "box.json: not the result of a box" in row.missing
+
+
 # --- documents
 
 

@@ -53,7 +53,7 @@ def _anchor(title: str) -> str:
 
 
 def _stored(origins: Sequence[Origin], rows: Sequence[Row]) -> str:
-    lines = [[o.name, f"`{o.command}`", o.made or "–", wording.state(o)] for o in origins]
+    lines = [[o.name, f"`{o.command}`", o.made or "–", o.state] for o in origins]
     text = "## Stored results\n\n" + table(["result", "command", "made", "state"], lines)
     if any(row.old for row in rows):
         text += "\n\n† from a stored result that is older than the code or the study that decides it."

@@ -15,7 +15,7 @@ import numpy as np
 from harness.campaign.evidence import Evidence, Verdict, judge
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
-from harness.reproductions.published.results import Missing, Stored
+from harness.reproductions.published.results import Stored
 
 HERE = ""
 """Where a record is computed by ``make reproduce`` itself."""
@@ -92,12 +92,14 @@ class Row:
         evidence: Ours.
         missing: What is missing of the result that it needs, and how to make it; empty if nothing is.
         old: Whether the stored result is older than the code that decides it.
+        box: Share of the box of what is not published in which a finding holds.
     """
 
     record: Record
     evidence: Sequence[Evidence] = field(default_factory=list)
     missing: str = ""
     old: bool = False
+    box: Interval | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -115,13 +117,11 @@ def answer(record: Record, stored: Stored) -> Row:
     if record.test is None:
         return Row(record)
     try:
-        evidence = record.test(stored)
-    except Missing as missing:
-        return Row(record, missing=str(missing))
+        evidence, box = record.test(stored), stored.box.get(record.quantity)
     except UserError as error:
-        return Row(record, missing=f"{error}")
+        return Row(record, missing=str(error))
     old = not all(stored.origin(name).current for name in record.needs.split())
-    return Row(record, evidence, old=old)
+    return Row(record, evidence, old=old, box=box)
 
 
 def printed(text: str) -> tuple[float, float]:

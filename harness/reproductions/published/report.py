@@ -30,7 +30,7 @@ def document(chapters: Sequence[Chapter], origins: Sequence[Origin]) -> Document
         Heading("Stored results"),
         Sheet(
             ["result", "command", "made", "state"],
-            [[o.name, o.command, o.made or "–", wording.state(o)] for o in origins],
+            [[o.name, o.command, o.made or "–", o.state] for o in origins],
             "What the rows are read from. A row marked † is read from a result that is older than the code or the "
             "study that decides it.",
             left=4,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from harness import estimation
 from harness.campaign.results import REALTIME, Results
 from harness.common.errors import UserError
+from harness.common.statistics import Interval
 from harness.config import Study, build_study, load_study
 from harness.estimation.narx import data as training_data
 from harness.estimation.narx.network import load as load_network
@@ -33,6 +34,7 @@ from harness.study.scores import PENDING
 from harness.study.store import STORE
 
 STUDIES = Path("studies")
+BOX = "reproduce-box"
 NETWORK = Path(estimation.__file__).parent / "networks" / "semitrailer_24t.npz"
 
 
@@ -106,6 +108,18 @@ class Stored(Results):
         if not (self.folder / REALTIME / outcome.STORE).is_dir():
             raise Missing("no times per step; make them with 'make study-realtime'")
         return outcome.read(self.folder / REALTIME)
+
+    @cached_property
+    def box(self) -> dict[str, Interval]:
+        """Share of the box of what is not published in which a finding holds, by its text; nothing without a box."""
+        path = self.folder / BOX / "box.json"
+        if not path.is_file():
+            return {}
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))["findings"]
+            return {f["finding"].rstrip("."): Interval(*f["share"]) for f in found}
+        except (ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{path}: not the result of a box ({error}); make it again") from None
 
     def arrays(self, name: str) -> dict[str, NDArray[Any]]:
         """Return what a long reproduction found.

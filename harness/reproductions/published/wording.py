@@ -11,7 +11,6 @@ from harness.campaign.evidence import Evidence, Verdict
 from harness.models.quantities import listed
 from harness.reporting.style import number
 from harness.reproductions.published.record import HERE, INCOMPARABLE, Kind, Outcome, Row, count
-from harness.reproductions.published.results import Origin
 from harness.reproductions.stored import LONG
 
 SHOWN = 3
@@ -55,7 +54,7 @@ class Chapter:
 
 
 def value(e: Evidence) -> str:
-    """Write a number with its interval, if it has one, and the number of runs behind it, if there are several."""
+    """Write a number with its interval, if it has one."""
     if not np.isfinite(e.value.value):
         return "none"
     text = number(e.value.value)
@@ -129,7 +128,11 @@ def why(row: Row) -> str:
     if row.missing:
         return row.missing
     agreed = row.outcome in (Outcome.REPRODUCED, Outcome.TAKEN_OVER)
-    return "" if agreed else row.record.reason
+    said = [] if agreed or not row.record.reason else [row.record.reason]
+    if row.box is not None:
+        shares = [f"{100 * s:.0f}" for s in row.box]
+        said.append(f"Holds in {shares[0]} % ({shares[1]} to {shares[2]}) of the box of what is not published.")
+    return " ".join(said)
 
 
 def sentence(rows: Sequence[Row]) -> str:
@@ -158,8 +161,3 @@ def sentence(rows: Sequence[Row]) -> str:
     if settings:
         text += f" Of {len(settings)} settings {found.get(Outcome.TAKEN_OVER, 0)} are taken over as printed."
     return text
-
-
-def state(origin: Origin) -> str:
-    """Return the state of a stored result in words."""
-    return {"missing": "missing"}.get(origin.state, origin.state)

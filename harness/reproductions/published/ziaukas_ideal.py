@@ -53,7 +53,7 @@ CLOSER = (
     "Our filters hold the kingpin tie and are several times closer to the truth (docs/campaign.md); drives and tyres "
     "are ours."
 )
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+TOLERANCES = (1e-2, 1e-4, 1e-6)
 DELAYED = (
     "Which coupling counts as zero is not printed; each decade of that threshold adds 0.7 s (docs/observability.md)."
 )

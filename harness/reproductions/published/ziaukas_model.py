@@ -34,7 +34,8 @@ from harness.reproductions.ziaukas_swarm_report import PRINTED
 TITLE = "Ziaukas 2023, chapters 2 to 4: filters, network, model, identification"
 NOTE = (
     "The dissertation identifies a measured truck; its measurements and its tyre parameters are not published. The "
-    "swarm here searches hidden parameters on simulated drives, with the same cost, ranges and settings."
+    "swarm here searches hidden parameters on simulated drives, with the same cost, ranges and settings. A simulated "
+    "truck has the equations of the model, so of table 4.6 only that ours are not larger is asked."
 )
 
 SWARM = "identify-swarm"

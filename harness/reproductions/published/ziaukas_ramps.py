@@ -43,7 +43,7 @@ def _ramps(variance: float) -> Callable[[dict[str, Any]], None]:
     """Return what makes a study of two ramps of the ideal case, with a variance of the steering."""
 
     def build(table: dict[str, Any]) -> None:
-        table.pop("drives")
+        table.pop("drives", None)
         own = {"kind": "ramp", "duration": "30 s", "speed": "8 m/s", "rate": "45 deg/s", "rounding": "0.1 s"}
         table["drive"] = [{"name": name, **own, "amplitude": angle} for name, angle in RAMPS.items()]
         table["design"] = [{"name": "ramps", "repeats": RUNS}]
@@ -52,7 +52,7 @@ def _ramps(variance: float) -> Callable[[dict[str, Any]], None]:
             for name in RAMPS
             for k in range(RUNS)
         ]
-        table["belief"]["noise"] = {"process": {STEERING: variance}}
+        table["belief"].setdefault("noise", {}).setdefault("process", {})[STEERING] = variance
 
     return build
 
