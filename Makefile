@@ -9,7 +9,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -65,6 +65,9 @@ study-%:
 
 studies: $(filter-out $(RECORDED),$(STUDIES)) study-realtime ## run every study that needs no recording, gather them in results/campaign/report.html and .pdf
 	$(BIN)/harness campaign results --out results/campaign
+
+reproduce: $(VENV)/run.stamp ## renew docs/reproduction.md: every published number beside ours, from the results that are there
+	$(BIN)/python -m harness.reproductions.reproduce --results results --out results/reproduction
 
 report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done
