@@ -20,7 +20,7 @@ import numpy as np
 
 from harness.cli.options import answers_errors
 from harness.common.errors import UserError
-from harness.common.files import json_text, toml_text, write_files
+from harness.common.files import json_text, read_text, renewed, toml_text, write_files
 from harness.reporting.document import write
 from harness.reproductions.box import report, search, studies
 from harness.reproductions.box.analysis import survivals
@@ -28,6 +28,9 @@ from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, told
 from harness.reproductions.box.factors import FACTORS
 from harness.reproductions.box.plausibility import plausibility
 from harness.reproductions.box.points import Folder, Point, sequence
+
+PAGE = Path("docs/unpublished.md")
+BEGIN, END = "<!-- written by make reproduce-box -->", "<!-- end -->"
 
 LEAST = 32
 """Points below which neither shares nor indices say anything."""
@@ -40,6 +43,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, required=True, help="folder to write to, and to go on from")
     parser.add_argument("--points", type=int, default=256, help="points of the Sobol sequence, a power of two")
     parser.add_argument("--generations", type=int, default=8, help="generations of the search for the nearest point")
+    parser.add_argument("--page", type=Path, help=f"page to renew between its marks, such as {PAGE}")
     parser.add_argument("--jobs", type=int, default=joblib.cpu_count(), help="threads")
     return parser
 
@@ -52,6 +56,7 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"--points {chosen.points}: give a power of two of at least {LEAST}")
     if min(chosen.generations, chosen.jobs - 1) < 0:
         raise UserError("--generations must be at least 0 and --jobs at least 1")
+    page = "" if chosen.page is None else renewed(read_text(chosen.page), "", BEGIN, END)
     begin = time.perf_counter()
 
     def tell(line: str) -> None:
@@ -76,6 +81,8 @@ def main(arguments: Sequence[str]) -> None:
     )
     write(report.document(found), chosen.out)
     write_files(chosen.out, {"box.json": json_text(as_json(found, folder.state)), **as_toml(nearest, found.command)})
+    if page:
+        write_files(chosen.page.parent, {chosen.page.name: renewed(page, report.markdown(found), BEGIN, END)})
     print(f"wrote {chosen.out}/report.html")
 
 

@@ -30,6 +30,7 @@ from harness.reproductions.box.plausibility import AXLES, Plausibility
 from harness.reproductions.box.points import Point
 from harness.reproductions.box.search import score
 from harness.reproductions.box.studies import REPEATS
+from harness.reproductions.published.page import table
 
 
 @dataclass(frozen=True)
@@ -160,20 +161,23 @@ def number_rows(found: Found) -> list[list[str]]:
 NUMBER_HEADER = ("number", "place", "theirs", "ours", "95 % interval", "factor")
 
 
-def _nearest(found: Found) -> list[Block]:
-    p = found.plausibility
+def _vehicle(p: Plausibility) -> str:
+    """Say whether the vehicle could be a real one."""
     loads = listed([f"{number(load / 1000 / 9.81)} t" for load in p.loads])
-    text = (
+    return (
         f"Axles {', '.join(AXLES)} carry {loads}; the tractor {'under' if p.understeer > 0 else 'over'}steers by "
         f"{number(1000 * abs(p.understeer))} mrad per m/s²; the straight run at 80 km/h is "
         f"{'stable' if p.slowest < 0 else 'unstable'} (largest real part {number(p.slowest)} 1/s)."
     )
+
+
+def _nearest(found: Found) -> list[Block]:
     values = [
         [f.words, number(found.nearest.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS
     ]
     return [
         Heading("The point nearest to the dissertation"),
-        Prose(plain(text)),
+        Prose(plain(_vehicle(found.plausibility))),
         Drawing(
             lambda: figures.medians(found.nearest),
             f"Ideal case at the nearest point, six drives, {REPEATS} runs each. Diamonds: medians of Bild 5.6.",
@@ -188,22 +192,31 @@ def _nearest(found: Found) -> list[Block]:
     ]
 
 
-def _steering(found: Found) -> list[Block]:
-    delay = np.array([p.delay for p in found.points])
-    near = np.argsort([score(s) for s in found.says])[: max(len(found.says) // 10, 1)]
-    column = [f.name for f in FACTORS].index("steering_variance")
-    nearest = np.array([FACTORS[column].value(found.points[k].place[column]) for k in near])
-    low, median, high = np.quantile(nearest, [0.1, 0.5, 0.9])
-    text = (
-        "Of (5.3) the last variance, 1e-5 without a unit, may be of the steering wheel or of the road wheels, which is "
-        "5.3e-3 rad² at the wheel. The text says that the input estimate lags by up to 0.7 s and would lag more with a "
-        f"smaller variance. Over the box the lag on two ramps goes from {number(np.nanmin(delay))} to "
-        f"{number(np.nanmax(delay))} s. The tenth of the points nearest to the published numbers has variances of "
-        f"{number(low)} to {number(high)} rad² per step (10 and 90 % quantile), median {number(median)}."
+def markdown(found: Found) -> str:
+    """Return the tables of the page: findings, numbers and factors of the nearest point."""
+    values = [
+        [f.words, number(found.nearest.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS
+    ]
+    return "\n\n".join(
+        [
+            f"Written by `{found.command}`: {len(found.points)} points of the sequence and {found.searched} of the "
+            "search.",
+            "## Where each finding holds",
+            table(FINDING_HEADER, finding_rows(found)),
+            "## The nearest point",
+            _vehicle(found.plausibility),
+            table(NUMBER_HEADER, number_rows(found)),
+            table(["factor", "value", "unit", "from", "to"], values),
+            "## Which steering noise",
+            steering_in_words(found),
+        ]
     )
+
+
+def _steering(found: Found) -> list[Block]:
     return [
         Heading("Which steering noise?"),
-        Prose(plain(text)),
+        Prose(plain(steering_in_words(found))),
         Drawing(
             lambda: figures.steering(found.points, found.says),
             "Each point of the sequence: lag of the EKF's steering-wheel angle on two ramps (largest correlation), and "
@@ -211,6 +224,22 @@ def _steering(found: Found) -> list[Block]:
             "delay of the input estimate and distance over the variance of the steering wheel",
         ),
     ]
+
+
+def steering_in_words(found: Found) -> str:
+    """Say what the box tells of the last variance of (5.3)."""
+    delay = np.array([p.delay for p in found.points])
+    near = np.argsort([score(s) for s in found.says])[: max(len(found.says) // 10, 1)]
+    column = [f.name for f in FACTORS].index("steering_variance")
+    nearest = np.array([FACTORS[column].value(found.points[k].place[column]) for k in near])
+    low, median, high = np.quantile(nearest, [0.1, 0.5, 0.9])
+    return (
+        "Of (5.3) the last variance, 1e-5 without a unit, may be of the steering wheel or of the road wheels, which is "
+        "5.3e-3 rad² at the wheel. The text says that the input estimate lags by up to 0.7 s and would lag more with a "
+        f"smaller variance. Over the box the lag on two ramps goes from {number(np.nanmin(delay))} to "
+        f"{number(np.nanmax(delay))} s. The tenth of the points nearest to the published numbers has variances of "
+        f"{number(low)} to {number(high)} rad² per step (10 and 90 % quantile), median {number(median)}."
+    )
 
 
 def _box(found: Found) -> list[Block]:
