@@ -150,7 +150,7 @@ def test_a_point_is_kept_and_one_of_another_box_refused(tmp_path):
 
 def test_our_vehicle_is_plausible():
     at = settings(CENTRE) | {f"stiffness_{a}": 1.0 for a in ("11", "12", "2")} | {"stiffness_load_2": 1.0}
-    found = plausibility(studies.study_at(at))
+    found = plausibility(at)
     assert found.plausible
     assert found.loads.sum() == pytest.approx((8420 + 24000) * 9.81, rel=1e-3)
 

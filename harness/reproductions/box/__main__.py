@@ -27,7 +27,7 @@ from harness.reproductions.box.analysis import survivals
 from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, told
 from harness.reproductions.box.factors import FACTORS
 from harness.reproductions.box.plausibility import plausibility
-from harness.reproductions.box.points import Folder, Point, sequence
+from harness.reproductions.box.points import Folder, Point, evaluate, sequence
 
 PAGE = Path("docs/unpublished.md")
 BEGIN, END = "<!-- written by make reproduce-box -->", "<!-- end -->"
@@ -44,6 +44,9 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--points", type=int, default=256, help="points of the Sobol sequence, a power of two")
     parser.add_argument("--generations", type=int, default=8, help="generations of the search for the nearest point")
     parser.add_argument("--page", type=Path, help=f"page to renew between its marks, such as {PAGE}")
+    parser.add_argument(
+        "--network", type=Path, help="network trained at the nearest point, to tell that one again with it"
+    )
     parser.add_argument("--jobs", type=int, default=joblib.cpu_count(), help="threads")
     return parser
 
@@ -67,8 +70,11 @@ def main(arguments: Sequence[str]) -> None:
     says = joblib.Parallel(chosen.jobs)(joblib.delayed(told)(point) for point in points)
     more, more_says = search.refine(folder, points, says, chosen.generations, chosen.jobs, tell)
     everyone, every_says = [*points, *more], [*says, *more_says]
-    best = int(np.argmin([search.score(s) for s in every_says]))
+    best = int(np.argmin([search.score(p, s) for p, s in zip(everyone, every_says, strict=True)]))
     nearest = everyone[best]
+    again = None
+    if chosen.network is not None:
+        again = evaluate(nearest.number, nearest.place, chosen.jobs, str(chosen.network.resolve()))
     found = report.Found(
         points,
         says,
@@ -76,7 +82,8 @@ def main(arguments: Sequence[str]) -> None:
         len(more),
         nearest,
         every_says[best],
-        plausibility(studies.study_at(nearest.at)),
+        plausibility(nearest.at),
+        again,
         f"python -m harness.reproductions.box {shlex.join(arguments)}",
     )
     write(report.document(found), chosen.out)
@@ -107,6 +114,7 @@ def as_json(found: report.Found, state: str) -> dict[str, Any]:
         {"number": p.words, "place": p.place, "theirs": p.theirs, "ours": list(n)}
         for p, n in zip(PUBLISHED, found.told.numbers, strict=True)
     ]
+    retrained = None if found.retrained is None else told(found.retrained)
     return {
         "code": state,
         "points": len(found.points),
@@ -114,6 +122,8 @@ def as_json(found: report.Found, state: str) -> dict[str, Any]:
         "findings": findings,
         "nearest": {"number": found.nearest.number, "at": found.nearest.at, "distance": found.told.off(),
                     "numbers": numbers},
+        "retrained": None if retrained is None else {"holds": retrained.holds(), "distance": retrained.off(),
+                                                     "numbers": [list(n) for n in retrained.numbers]},
         "command": found.command,
     }  # fmt: skip
 

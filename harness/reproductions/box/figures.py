@@ -112,6 +112,7 @@ def steering(points: Sequence[Point], says: Sequence[Told]) -> bytes:
         below.set_xlabel("variance of the steering wheel's random walk in rad² per step")
         for axes in (above, below):
             axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(lambda value, _: f"{value:.0e}")
             axes.set_ylim(bottom=0)
             axes.grid()
             for (value, _), dashes in zip(READINGS, (":", "-."), strict=True):

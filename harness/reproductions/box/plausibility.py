@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.config import Study
-from harness.engine.compile import compile_model
+from harness.config import ModelSpec, resolve_single
+from harness.engine.compile import CompiledModel, compile_model
 from harness.engine.simd.lanes import LANES
+from harness.reproductions.box import studies
 
 SPEED = 80 / 3.6
 """m/s at which stability is judged."""
@@ -40,21 +43,28 @@ class Plausibility:
         return bool((self.loads > 0).all() and self.understeer > 0 and self.slowest < 0)
 
 
-def plausibility(study: Study) -> Plausibility:
-    """Judge the vehicle that a study simulates."""
-    spec = study.plant
-    model = spec.model()
+@functools.cache
+def _vehicle() -> tuple[ModelSpec, CompiledModel]:
+    spec = resolve_single(
+        {"vehicle": "semitrailer", "parameters": studies.SET, "tyre": "magic_formula", "sensors": "series"}, "the box"
+    )
     signals = (*(f"vertical_load_axle_{a}" for a in AXLES), *(f"cornering_stiffness_axle_{a}" for a in AXLES))
-    compiled = compile_model(model, spec.step, "euler", 1, signals)
-    constants = compiled.constants(np.repeat(compiled.parameter_vector(spec.values)[:, None], LANES, axis=1))
+    return spec, compile_model(spec.model(), spec.step, "euler", 1, signals)
+
+
+def plausibility(at: Mapping[str, float]) -> Plausibility:
+    """Judge the vehicle of a point, given by its values by factor."""
+    spec, compiled = _vehicle()
+    values = compiled.parameter_vector(spec.values | studies.parameters(at))
+    constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
     x, u = np.zeros((compiled.nx, LANES)), np.zeros((compiled.nu, LANES))
-    u[list(model.inputs).index("speed")] = SPEED
-    told = np.empty((len(signals), LANES))
+    u[list(compiled.model.inputs).index("speed")] = SPEED
+    told = np.empty((2 * len(AXLES), LANES))
     compiled.kernels.signals(x, u, constants, told)
     jacobian = np.empty((compiled.nx, compiled.nx, LANES))
     compiled.kernels.drift_jacobian(x, u, constants, jacobian)
     eigenvalues = np.linalg.eigvals(jacobian[:, :, 0])
-    if spec.values["constraint_rate"] == 0.0:  # as printed, a violated tie stays as it is
+    if at["constraint_rate"] == 0.0:  # as printed, a violated tie stays as it is
         eigenvalues = np.delete(eigenvalues, np.argmin(np.abs(eigenvalues)))
     loads, stiffness = told[: len(AXLES), 0], told[len(AXLES) :, 0]
     understeer = (loads[0] / stiffness[0] - loads[1] / stiffness[1]) / GRAVITY

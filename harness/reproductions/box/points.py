@@ -64,9 +64,9 @@ def sequence(count: int) -> Floats:
     return np.asarray(qmc.Sobol(len(FACTORS), rng=np.random.default_rng(SEED)).random(count))
 
 
-def evaluate(number: int, place: Floats, jobs: int) -> Point:
-    """Run the studies of a point."""
-    study = studies.study_at(settings(place))
+def evaluate(number: int, place: Floats, jobs: int, network: str = studies.NETWORK) -> Point:
+    """Run the studies of a point with a network, by name or file."""
+    study = studies.study_at(settings(place), network)
     evaluator = StudyEvaluator(study)
     for kernel in range(evaluator.kernels):
         evaluator.warm_up(kernel)

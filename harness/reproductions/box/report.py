@@ -24,7 +24,7 @@ from harness.reporting.document import (
 from harness.reporting.style import number, percent
 from harness.reproductions.box import figures
 from harness.reproductions.box.analysis import Survival
-from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, Told
+from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, Told, told
 from harness.reproductions.box.factors import FACTORS
 from harness.reproductions.box.plausibility import AXLES, Plausibility
 from harness.reproductions.box.points import Point
@@ -45,6 +45,7 @@ class Found:
         nearest: The point nearest to the dissertation.
         told: What it says.
         plausibility: Of its vehicle.
+        retrained: The nearest point with a network that was trained there; ``None`` if none was.
         command: That made it.
     """
 
@@ -55,6 +56,7 @@ class Found:
     nearest: Point
     told: Told
     plausibility: Plausibility
+    retrained: Point | None
     command: str
 
 
@@ -78,14 +80,14 @@ def _answer(found: Found) -> list[Block]:
         for verdict in ("nearly everywhere", "in part", "nearly nowhere")
     }
     texts = [
-        f"{len(numbers)} hold {verdict} in the box (number {listed(numbers)})." if numbers else f"None holds {verdict}."
+        f"{len(numbers)} hold {verdict} (number {listed(numbers)})" if numbers else f"none holds {verdict}"
         for verdict, numbers in by_verdict.items()
     ]
     holds = sum(found.told.holds())
     distances = found.told.distances()
     within = sum(d <= 1.0 for d in distances)
     items = [
-        ("Which findings survive?", f"Of the {len(IN_BOX)} findings of chapter 5, {' '.join(texts)}"),
+        ("Which findings survive?", f"Of the {len(IN_BOX)} findings of chapter 5, in the box {'; '.join(texts)}."),
         (
             "How near can one come?",
             f"At the nearest point {holds} of {len(IN_BOX)} findings hold, and {within} of {len(PUBLISHED)} published "
@@ -148,10 +150,10 @@ def _findings(found: Found) -> list[Block]:
     ]
 
 
-def number_rows(found: Found) -> list[list[str]]:
-    """Return the rows of the table of numbers at the nearest point."""
+def number_rows(says: Told) -> list[list[str]]:
+    """Return the rows of the table of numbers at a point."""
     rows = []
-    for published, ours, off in zip(PUBLISHED, found.told.numbers, found.told.distances(), strict=True):
+    for published, ours, off in zip(PUBLISHED, says.numbers, says.distances(), strict=True):
         interval = "–" if ours.lower == ours.upper else f"{number(ours.lower)} to {number(ours.upper)}"
         rows.append([published.words, published.place, number(published.theirs), number(ours.value), interval,
                      number(2**off, 2)])  # fmt: skip
@@ -179,17 +181,41 @@ def _nearest(found: Found) -> list[Block]:
         Heading("The point nearest to the dissertation"),
         Prose(plain(_vehicle(found.plausibility))),
         Drawing(
-            lambda: figures.medians(found.nearest),
+            lambda: figures.medians(
+                found.nearest, [] if found.retrained is None else [("network retrained", found.retrained)]
+            ),
             f"Ideal case at the nearest point, six drives, {REPEATS} runs each. Diamonds: medians of Bild 5.6.",
             "box plots of the ideal case beside the published medians",
         ),
-        Sheet(NUMBER_HEADER, number_rows(found), "Numbers of chapter 5 and ours at the nearest point.", left=2),
+        Sheet(NUMBER_HEADER, number_rows(found.told), "Numbers of chapter 5 and ours at the nearest point.", left=2),
+        *_retrained(found),
         Sheet(
             ["factor", "value", "unit", "from", "to"],
             values,
             f"The nearest point, of {len(found.points) + found.searched}.",
         ),
     ]
+
+
+def _retrained(found: Found) -> list[Block]:
+    if found.retrained is None:
+        return []
+    return [
+        Prose(plain(retrained_in_words(found))),
+        Sheet(NUMBER_HEADER, number_rows(told(found.retrained)), "The same with the network trained there.", left=2),
+    ]
+
+
+def retrained_in_words(found: Found) -> str:
+    """Say what a network that was trained at the nearest point changes; nothing if none was."""
+    if found.retrained is None:
+        return ""
+    says = told(found.retrained)
+    kept = sum(says.holds())
+    return (
+        f"With a network trained at this point {kept} of {len(IN_BOX)} findings hold; the root mean square distance of "
+        f"the numbers is a factor of {number(2 ** says.off(), 2)}."
+    )
 
 
 def markdown(found: Found) -> str:
@@ -205,7 +231,12 @@ def markdown(found: Found) -> str:
             table(FINDING_HEADER, finding_rows(found)),
             "## The nearest point",
             _vehicle(found.plausibility),
-            table(NUMBER_HEADER, number_rows(found)),
+            table(NUMBER_HEADER, number_rows(found.told)),
+            *(
+                []
+                if found.retrained is None
+                else [retrained_in_words(found), table(NUMBER_HEADER, number_rows(told(found.retrained)))]
+            ),
             table(["factor", "value", "unit", "from", "to"], values),
             "## Which steering noise",
             steering_in_words(found),
@@ -229,7 +260,9 @@ def _steering(found: Found) -> list[Block]:
 def steering_in_words(found: Found) -> str:
     """Say what the box tells of the last variance of (5.3)."""
     delay = np.array([p.delay for p in found.points])
-    near = np.argsort([score(s) for s in found.says])[: max(len(found.says) // 10, 1)]
+    near = np.argsort([score(p, s) for p, s in zip(found.points, found.says, strict=True)])[
+        : max(len(found.says) // 10, 1)
+    ]
     column = [f.name for f in FACTORS].index("steering_variance")
     nearest = np.array([FACTORS[column].value(found.points[k].place[column]) for k in near])
     low, median, high = np.quantile(nearest, [0.1, 0.5, 0.9])

@@ -9,6 +9,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.reproductions.box.evidence import IN_BOX, Told, told
 from harness.reproductions.box.factors import FACTORS
+from harness.reproductions.box.plausibility import plausibility
 from harness.reproductions.box.points import SEED, Folder, Point
 
 POPULATION = 24
@@ -21,9 +22,13 @@ WEIGHT = 0.6
 CROSSOVER = 0.7
 
 
-def score(found: Told) -> float:
-    """Return what the search makes small: the distance of the numbers, and the share of findings that do not hold."""
-    return found.off() + 1.0 - sum(found.holds()) / len(IN_BOX)
+def score(point: Point, says: Told) -> float:
+    """Return what the search makes small.
+
+    The distance of the numbers, the share of findings that do not hold, and 1 where the vehicle is not plausible.
+    """
+    implausible = not plausibility(point.at).plausible
+    return says.off() + 1.0 - sum(says.holds()) / len(IN_BOX) + float(implausible)
 
 
 def candidates(places: Floats, scores: Floats, generation: int) -> Floats:
@@ -63,7 +68,7 @@ def refine(
     everyone, all_says = list(points), list(says)
     for generation in range(generations):
         places = np.array([p.place for p in everyone])
-        scores = np.array([score(s) for s in all_says])
+        scores = np.array([score(p, s) for p, s in zip(everyone, all_says, strict=True)])
         tell(f"generation {generation + 1} of {generations}, best so far {scores.min():.2f}")
         for point in folder.points(candidates(places, scores, generation), len(everyone), jobs, tell):
             everyone.append(point)

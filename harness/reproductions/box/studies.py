@@ -78,13 +78,12 @@ def drives(at: Mapping[str, float]) -> list[dict[str, Any]]:
     return [{**drive, "duration": DURATION, "lateral_acceleration_limit": 20.0} for drive in chosen]
 
 
-def study_at(at: Mapping[str, float], repeats: int = REPEATS, samples: int = TYRE_SAMPLES) -> Study:
+def study_at(at: Mapping[str, float], network: str = NETWORK) -> Study:
     """Return the dissertation's studies at a point.
 
     Args:
         at: Values by factor, see ``factors.settings``.
-        repeats: Runs per drive and level with fresh noise.
-        samples: Sets of tyre parameters per band; each is driven once.
+        network: Name or file of the network.
     """
     process, measurement = noise(at)
     plant_noise = {k: v for k, v in process.items() if k != "steering_wheel_angle"}
@@ -115,17 +114,17 @@ def study_at(at: Mapping[str, float], repeats: int = REPEATS, samples: int = TYR
             "estimator": [
                 {"name": EKF, "kind": "ekf"},
                 {"name": UKF, "kind": "ukf"},
-                {"name": NARX, "kind": "narx", "network": NETWORK},
+                {"name": NARX, "kind": "narx", "network": network},
             ],
             "design": [
-                {"name": "ideal", "repeats": repeats},
-                _levels("process-noise", "process_noise_scale", [10, 0.1, 0.001], repeats),
-                _levels("mass", "trailer_mass", ["8 t", "32 t"], repeats),
-                _levels("cog", "trailer_cog_from_rear", ["-2 m", "2 m"], repeats, "shift"),
-                _levels("friction", "friction", [0.5, 0.6, 1.1], repeats),
+                {"name": "ideal", "repeats": REPEATS},
+                _levels("process-noise", "process_noise_scale", [10, 0.1, 0.001]),
+                _levels("mass", "trailer_mass", ["8 t", "32 t"]),
+                _levels("cog", "trailer_cog_from_rear", ["-2 m", "2 m"], "shift"),
+                _levels("friction", "friction", [0.5, 0.6, 1.1]),
                 {
                     "name": "tyre",
-                    "samples": samples,
+                    "samples": TYRE_SAMPLES,
                     "sobol_any_n": True,
                     "factor": [{"parameter": p, "bands": ["0 %", "10 %", "20 %", "30 %"]} for p in tyres],
                 },
@@ -136,5 +135,5 @@ def study_at(at: Mapping[str, float], repeats: int = REPEATS, samples: int = TYR
     )
 
 
-def _levels(name: str, parameter: str, levels: list[Any], repeats: int, key: str = "levels") -> dict[str, Any]:
-    return {"name": name, "repeats": repeats, "factor": [{"parameter": parameter, key: levels}]}
+def _levels(name: str, parameter: str, levels: list[Any], key: str = "levels") -> dict[str, Any]:
+    return {"name": name, "repeats": REPEATS, "factor": [{"parameter": parameter, key: levels}]}
