@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -50,6 +50,9 @@ study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with parti
 $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
 	$(BIN)/python -m harness.cli.identify_measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
 
+reproduce-box: $(VENV)/run.stamp ## which findings of Ziaukas 2023 survive what it does not publish (an hour; goes on where it stopped)
+	$(BIN)/python -m harness.reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box --page docs/unpublished.md
+
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime
 
@@ -65,6 +68,9 @@ study-%:
 
 studies: $(filter-out $(RECORDED),$(STUDIES)) study-realtime ## run every study that needs no recording, gather them in results/campaign/report.html and .pdf
 	$(BIN)/harness campaign results --out results/campaign
+
+reproduce: $(VENV)/run.stamp ## renew docs/reproduction.md: every published number beside ours, from the results that are there
+	$(BIN)/python -m harness.reproductions.reproduce --results results --out results/reproduction
 
 report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done

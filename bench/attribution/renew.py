@@ -15,25 +15,10 @@ from bench.attribution.score import load
 from bench.attribution.tables import tables
 from harness.cli.options import answers_errors
 from harness.common.errors import UserError
-from harness.common.files import write_files
+from harness.common.files import renewed, write_files
 
 PAGE = Path(__file__).parents[2] / "docs" / "attribution.md"
 BEGIN, END = "<!-- written by python -m bench.attribution.renew -->", "<!-- end -->"
-
-
-def renewed(page: str, content: str) -> str:
-    """Return a page with other content between its marks.
-
-    Raises:
-        UserError: If a mark is missing.
-    """
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise UserError(
-            f"the page needs marks: put {BEGIN} and {END} on lines of their own around what is to be written"
-        )
-    return f"{before}{BEGIN}\n\n{content.strip()}\n\n{END}{after}"
 
 
 @answers_errors
@@ -48,7 +33,7 @@ def main(arguments: Sequence[str]) -> None:
     drawn = figures(scored)
     shown = "\n".join(f"![{caption(name)}]({PAGE.stem}/{name})\n" for name in drawn)
     content = f"{tables(scored)}\n## Figures\n\n{shown}"
-    write_files(PAGE.parent, {PAGE.name: renewed(PAGE.read_text(encoding="utf-8"), content)})
+    write_files(PAGE.parent, {PAGE.name: renewed(PAGE.read_text(encoding="utf-8"), content, BEGIN, END)})
     write_files(PAGE.parent / PAGE.stem, drawn)
     print(f"wrote {PAGE} and {len(drawn)} figures")
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
-from harness.campaign.results import Results
+from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 from harness.models.quantities import words
 from harness.realtime.measure import PACES
@@ -37,6 +38,23 @@ LARGER = (1.0, np.inf)
 DRIVES = "The dissertation's tyre parameters and recorded drives are not published; ours are this project's choice."
 
 
+class Groups(Protocol):
+    """Runs of the dissertation's studies, asked for by names; see ``harness.campaign.results.Results``."""
+
+    def errors(self, study: str, band: str | None, estimator: str, target: str) -> Floats:
+        """Return the RMSE of a group of runs, ``(stratum, sample, repeat)``."""
+
+    def diverged(self, study: str, band: str, estimator: str) -> tuple[int, int]:
+        """Return how many runs of a group diverged, and how many there are."""
+
+    def bands(self, study: str) -> list[str]:
+        """Return the labels of a study's levels."""
+
+    @property
+    def times(self) -> Any:
+        """What ``harness realtime`` measured."""
+
+
 @dataclass(frozen=True)
 class Claim:
     """A finding of the dissertation.
@@ -52,7 +70,7 @@ class Claim:
     text: str
     place: str
     means: str
-    test: Callable[[Results], list[Evidence]]
+    test: Callable[[Groups], list[Evidence]]
     reason: str
 
 
@@ -69,24 +87,24 @@ class Finding:
         return judge(self.evidence)
 
 
-def findings(results: Results) -> list[Finding]:
+def findings(results: Groups) -> list[Finding]:
     """Test every claim."""
     return [Finding(claim, claim.test(results)) for claim in CLAIMS]
 
 
-def _between(results: Results, study: str, band: str | None, second: str, first: str, target: str) -> tuple:
+def _between(results: Groups, study: str, band: str | None, second: str, first: str, target: str) -> tuple:
     """Return the ratio of two estimators on the same runs."""
     errors = [results.errors(study, band, name, target) for name in (second, first)]
     return ratio_of_medians(errors[0], errors[1])
 
 
-def _growth(results: Results, study: str, band: str, estimator: str, target: str) -> tuple:
+def _growth(results: Groups, study: str, band: str, estimator: str, target: str) -> tuple:
     """Return the error at a level over that at the level which is believed, on the same drives and noise."""
     errors = [results.errors(study, b, estimator, target) for b in (band, MATCHED[study])]
     return ratio_of_medians(errors[0], errors[1])
 
 
-def _marginal(results: Results) -> list[Evidence]:
+def _marginal(results: Groups) -> list[Evidence]:
     theirs = {("ideal", FORCE): 1.63 / 1.64, ("ideal", ANGLE): 3.55 / 3.54}
     return [
         Evidence(f"UKF : EKF, {words(study)}, {words(target)}", value, MARGINAL, theirs.get((study, target), np.nan), n)
@@ -96,8 +114,8 @@ def _marginal(results: Results) -> list[Evidence]:
     ]
 
 
-def _network(target: str, region: tuple[float, float], theirs: float) -> Callable[[Results], list[Evidence]]:
-    def test(results: Results) -> list[Evidence]:
+def _network(target: str, region: tuple[float, float], theirs: float) -> Callable[[Groups], list[Evidence]]:
+    def test(results: Groups) -> list[Evidence]:
         value, n = _between(results, "ideal", None, NETWORK, EKF, target)
         return [Evidence(f"network : EKF, {words(target)}", value, region, theirs, n)]
 
@@ -106,10 +124,10 @@ def _network(target: str, region: tuple[float, float], theirs: float) -> Callabl
 
 def _grows(
     study: str, bands: tuple[str, ...], targets: tuple[str, ...], region: tuple[float, float]
-) -> Callable[[Results], list[Evidence]]:
+) -> Callable[[Groups], list[Evidence]]:
     """Compare levels with the one believed, for every estimator."""
 
-    def test(results: Results) -> list[Evidence]:
+    def test(results: Groups) -> list[Evidence]:
         return [
             Evidence(f"{name} at {band}, {words(target)}", value, region, np.nan, n)
             for target in targets
@@ -121,7 +139,7 @@ def _grows(
     return test
 
 
-def _ends_diverge(results: Results) -> list[Evidence]:
+def _ends_diverge(results: Groups) -> list[Evidence]:
     found, theirs = [], 11 / 60
     for name in EVERYONE:
         count, total = results.diverged("cog", "-2 m", name)
@@ -130,11 +148,11 @@ def _ends_diverge(results: Results) -> list[Evidence]:
     return found
 
 
-def _worst_at_half(results: Results) -> list[Evidence]:
+def _worst_at_half(results: Groups) -> list[Evidence]:
     """Compare the error at 0.5 with that at the worst of the other levels."""
     found = []
     for name in EVERYONE:
-        others = [b for b in results.design("friction").bands if b != "0.5"]
+        others = [b for b in results.bands("friction") if b != "0.5"]
         medians = [np.nanmedian(results.errors("friction", b, name, FORCE)) for b in others]
         worst = others[int(np.argmax(medians))]
         pair = [results.errors("friction", b, name, FORCE) for b in ("0.5", worst)]
@@ -143,7 +161,7 @@ def _worst_at_half(results: Results) -> list[Evidence]:
     return found
 
 
-def _tyre_growth(results: Results) -> list[Evidence]:
+def _tyre_growth(results: Groups) -> list[Evidence]:
     found = []
     for band, theirs in (("±10 %", 1.046), ("±20 %", 1.238), ("±30 %", 1.509)):
         region = (1 + (theirs - 1) / 2, 1 + 2 * (theirs - 1))
@@ -153,7 +171,7 @@ def _tyre_growth(results: Results) -> list[Evidence]:
     return found
 
 
-def _time_of_a_step(results: Results) -> list[Evidence]:
+def _time_of_a_step(results: Groups) -> list[Evidence]:
     """Compare the time of a step without a pause with that of the EKF."""
     times, found = results.times, []
     for name, kind in ((UKF, "ukf"), (NETWORK, "narx")):

@@ -81,6 +81,10 @@ class Results:
         b, e = _index(study, "level", band, found.bands), _index(study, "estimator", estimator, found.estimators)
         return found.count(ESTIMATOR_DIVERGED, b, e) + found.count(PLANT_DIVERGED, b, e), found.planned
 
+    def bands(self, study: str) -> list[str]:
+        """Return the labels of the levels of a study's first design."""
+        return self.design(study).bands
+
     @cached_property
     def times(self) -> xr.Dataset:
         """What ``harness realtime`` measured."""

@@ -38,6 +38,21 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
     return written
 
 
+def renewed(page: str, content: str, begin: str, end: str) -> str:
+    """Return a page with other content between two marks, each on a line of its own.
+
+    Raises:
+        UserError: If a mark is missing.
+    """
+    before, first, rest = page.partition(begin)
+    _, last, after = rest.partition(end)
+    if not first or not last:
+        raise UserError(
+            f"the page needs marks: put {begin} and {end} on lines of their own around what is to be written"
+        )
+    return f"{before}{begin}\n\n{content.strip()}\n\n{end}{after}"
+
+
 def json_text(content: Any) -> str:
     """Return JSON text of dictionaries, sequences and plain or NumPy scalars; what is not finite becomes ``null``."""
     return json.dumps(_plain(content), indent=2) + "\n"

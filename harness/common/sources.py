@@ -19,7 +19,7 @@ import importlib.util
 import inspect
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -64,8 +64,14 @@ def has_file(module: ModuleType) -> bool:
     return sys.modules.get(module.__name__) is module and _path(module.__name__) is not None
 
 
-def modules(roots: Iterable[ModuleType]) -> list[str]:
-    """Return the names of the modules that the roots consist of: themselves and all they import, in a fixed order."""
+def modules(roots: Iterable[ModuleType], without: Collection[str] = ()) -> list[str]:
+    """Return the names of the modules that the roots consist of: themselves and all they import, in a fixed order.
+
+    Args:
+        roots: Where to begin.
+        without: Names of modules and packages that are left out, with what only they import: those that write down a
+            result and do not decide it.
+    """
     names = [m.__name__ for m in roots]
     inside = _PROJECT | {name.partition(".")[0] for name in names}
     found: dict[str, None] = {}
@@ -73,16 +79,20 @@ def modules(roots: Iterable[ModuleType]) -> list[str]:
     waiting = list(reversed(names))
     while waiting:
         name = waiting.pop()
-        if name not in found:
+        if name not in found and not _lies_in(name, without):
             found[name] = None
             homes = [home for _, home, _ in _resolved(name, inside)]
             waiting += [home for home in reversed(homes) if _is_own(home, inside)]
     return list(found)
 
 
-def digest(roots: Sequence[ModuleType]) -> str:
+def digest(roots: Sequence[ModuleType], without: Collection[str] = ()) -> str:
     """Return the SHA-256 of what ``modules`` say; the order of the roots counts."""
-    return _digest(tuple(m.__name__ for m in roots))
+    return _digest(tuple(m.__name__ for m in roots), tuple(without))
+
+
+def _lies_in(name: str, packages: Collection[str]) -> bool:
+    return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
 def object_digest(module: ModuleType) -> str:
@@ -133,9 +143,9 @@ def _named(code: CodeType) -> Iterator[str]:
 
 
 @functools.cache  # of the code that this process runs, whatever becomes of the files
-def _digest(names: tuple[str, ...]) -> str:
+def _digest(names: tuple[str, ...], without: tuple[str, ...]) -> str:
     inside = _PROJECT | {name.partition(".")[0] for name in names}
-    places = {name: str(place) for place, name in enumerate(modules(sys.modules[n] for n in names))}
+    places = {name: str(place) for place, name in enumerate(modules((sys.modules[n] for n in names), without))}
     total = hashlib.sha256()
     for name in places:
         imports = [(known, places.get(home, home), attribute) for known, home, attribute in _resolved(name, inside)]

@@ -1,1 +1,1 @@
-"""Studies of the methods on simulated recordings, each a command: ``python -m harness.reproductions.<name>``."""
+"""What the sources publish, computed again: each a command, ``python -m harness.reproductions.<name>``."""

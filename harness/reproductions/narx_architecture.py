@@ -23,6 +23,7 @@ from rich.console import Console
 from harness.cli.options import answers_errors
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.files import write_files
 from harness.estimation.narx import data as training_data
 from harness.estimation.narx import lipschitz
 from harness.estimation.narx.data import Data
@@ -39,6 +40,7 @@ from harness.reporting.document import (
     write,
 )
 from harness.reproductions import narx_figures
+from harness.reproductions.stored import save
 
 MOST = 32
 """Neurons in total."""
@@ -215,13 +217,9 @@ def _write(folder: Path, files: dict[str, bytes], found, found_delays: list[lips
     """Write data and figures."""
     arrays = {f"nrmse_{a}x{b}": e for (a, b), e in found.items()}
     arrays |= {f"lipschitz_{i.drive}_{i.output}": i.values for i in found_delays}
-    described = {"command": command, "rows_of_nrmse": ["one step", "free-running", "free-running, tuned"]}
-    try:
-        for name, content in files.items():
-            (folder / name).write_bytes(content)
-        np.savez(folder / "architecture.npz", allow_pickle=False, description=np.array(json.dumps(described)), **arrays)
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written: {error.strerror}") from None
+    described = {"rows_of_nrmse": ["one step", "free-running", "free-running, tuned"]}
+    write_files(folder, files)
+    save(folder, "narx-architecture", command, {"description": np.array(json.dumps(described)), **arrays})
 
 
 if __name__ == "__main__":

@@ -56,6 +56,7 @@ def _arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--out", type=Path, required=True, help="network file to write (.npz)")
     parser.add_argument("--drives", type=Path, default=training_data.DRIVES, help="file of drives")
+    parser.add_argument("--parameters", default="ziaukas_2023", help="set of the semitrailer, or a TOML file")
     parser.add_argument("--trailer-mass", default="24 t", help="of the simulated semitrailer")
     parser.add_argument("--neurons", type=int, nargs="+", default=[32], help="neurons of each hidden layer")
     parser.add_argument("--delays", type=int, nargs=2, default=[2, 2], help="past samples of inputs and outputs")
@@ -77,7 +78,9 @@ def main(arguments: Sequence[str]) -> None:
         raise UserError(f"--out {chosen.out}: a network file ends in .npz")
     if min(*chosen.neurons, *chosen.delays, chosen.restarts, chosen.jobs) < 1:
         raise UserError("neurons, delays, restarts and jobs must be at least 1")
-    data = training_data.make(training_data.semitrailer(chosen.trailer_mass), chosen.drives, chosen.seed)
+    data = training_data.make(
+        training_data.semitrailer(chosen.trailer_mass, chosen.parameters), chosen.drives, chosen.seed
+    )
     plan = Plan(tuple(chosen.neurons), chosen.delays[0], chosen.delays[1], chosen.epochs, 1e-2, chosen.iterations)
     found = candidates(data, plan, chosen.restarts, chosen.seed, chosen.jobs)
     print(table(found, training_data.OUTPUTS))
@@ -88,6 +91,7 @@ def main(arguments: Sequence[str]) -> None:
     made = {
         "command": f"python -m harness.reproductions.narx_training {shlex.join(arguments)}",
         "drives": chosen.drives.as_posix(),
+        "parameters": chosen.parameters,
         "trailer_mass": chosen.trailer_mass,
         "seed": chosen.seed,
         "restarts": chosen.restarts,

@@ -1,15 +1,19 @@
-"""Simulated recordings with hidden parameters."""
+"""Simulated recordings with hidden parameters, and the problem of finding these."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from harness.common.arrays import Floats
 from harness.config import ModelSpec
+from harness.engine.compile import compile_model
+from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive, drive_from
+from harness.identification.simulation_error import Misfit
 from harness.models.contracts import Profile
-from harness.simulation.simulate import simulate_drive, variances
+from harness.simulation.simulate import Simulator, in_lanes, simulate_drive, variances
 
 
 def record(spec: ModelSpec, profile: Profile, name: str, seed: int) -> Drive:
@@ -28,3 +32,48 @@ def record(spec: ModelSpec, profile: Profile, name: str, seed: int) -> Drive:
     drive = drive_from(dataset, model, name)
     spread = variances({**spec.process_noise, **spec.measurement_noise}, model.states)
     return replace(drive, first_mean=np.array([float(dataset[s][0]) for s in model.states]), first_variance=spread)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The problem: costs on the drives to fit and to judge on, and what is to be found.
+
+    Attributes:
+        fit: Cost on the drives to fit.
+        judge: The same on the drives to judge.
+        hidden: The plant's values of the free parameters ``(free,)``.
+        plants: The hidden plant by the name of the drive.
+        profiles: What the driver does by the name of the drive.
+    """
+
+    fit: Misfit
+    judge: Misfit
+    hidden: Floats
+    plants: dict[str, ModelSpec]
+    profiles: dict[str, Profile]
+
+    def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
+        """Return the simulated outputs on a drive to judge, by name; NaN from where it diverges on."""
+        number = [d.name for d in self.judge.drives].index(drive)
+        one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
+        spec = self.plants[drive]
+        names = tuple(spec.model().outputs)
+        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
+        nx, ny = compiled.nx, compiled.ny
+        noise = np.zeros((len(one.time), nx + ny, LANES))
+        batch = Simulator(compiled).run(
+            in_lanes(one.inputs),
+            compiled.constants(values),
+            np.zeros((nx, LANES)),
+            np.zeros((ny, LANES)),
+            noise,
+            in_lanes(one.first_mean),
+        )
+        batch.truth[int(batch.left_at[0]) :] = np.nan
+        return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
+
+    def judged(self, drive: str, candidate: Floats) -> dict[str, tuple[float, float]]:
+        """Return RMSE and largest deviation of each output in SI units, up to where the model diverges."""
+        measured = next(d for d in self.judge.drives if d.name == drive).measurements
+        errors = {name: run - measured[:, i] for i, (name, run) in enumerate(self.free_run(drive, candidate).items())}
+        return {n: (float(np.sqrt(np.nanmean(e**2))), float(np.nanmax(np.abs(e)))) for n, e in errors.items()}

@@ -28,6 +28,7 @@ from harness.identification.innovations import Innovations
 from harness.identification.methods.em import Maximisation, Settings
 from harness.reporting.document import write
 from harness.reproductions.simulated_recording import record
+from harness.reproductions.stored import save
 from harness.reproductions.sun_em_report import Outcome, document
 from harness.simulation.drives import profile_of
 
@@ -142,9 +143,12 @@ def main(arguments: Sequence[str]) -> None:
         console.print(f"{variant}: {count} recordings, median {spent:.1f} s of CPU time each")
     truth = np.array([car(start=False).values[name] for name in FREE])
     command = f"python -m harness.reproductions.sun_em {shlex.join(arguments)}"
-    write(document(truth, found, profiles(chosen.seed), command), chosen.out)
+    over = profiles(chosen.seed)
+    write(document(truth, found, over, command), chosen.out)
     values = {v.replace(", ", "_").replace(" ", "_"): np.array([o.values for o in fs]) for v, fs in found.items()}
-    np.savez(chosen.out / "identify.npz", allow_pickle=False, truth=truth, parameters=np.array(FREE), **values)
+    known = {"truth": truth, "parameters": np.array(FREE), "profile_values": over[0], "profile_q": over[1]}
+    known["iterations"] = np.array([len(o.path) - 1 for o in found["EM, smoother"]])
+    save(chosen.out, "identify-em", command, {**known, **values})
     print(f"wrote {chosen.out}/report.html")
 
 

@@ -31,8 +31,9 @@ from harness.identification.methods.swarm import Settings, SwarmResult, optimise
 from harness.identification.simulation_error import Free, Misfit
 from harness.models.contracts import Profile
 from harness.reporting.document import write
-from harness.reproductions.simulated_recording import record
-from harness.reproductions.ziaukas_swarm_report import Setup, document
+from harness.reproductions.simulated_recording import Setup, record
+from harness.reproductions.stored import save
+from harness.reproductions.ziaukas_swarm_report import document
 from harness.simulation.drives import profile_of, read_drives
 
 DRIVES = BUNDLED_STUDIES / "drives" / "identification.toml"
@@ -188,9 +189,14 @@ def main(arguments: Sequence[str]) -> None:
         stem = name.replace(", ", "_").replace(" ", "_")
         arrays[f"{stem}_values"] = np.array([f.values for f in some])
         arrays[f"{stem}_cost"] = np.array([f.history for f in some])
-    parameters = np.array([f.parameter for f in problem.fit.free])
-    path = chosen.out / "identify.npz"
-    np.savez(path, allow_pickle=False, hidden=problem.hidden, parameters=parameters, **arrays)
+    arrays["hidden"], arrays["parameters"] = problem.hidden, np.array([f.parameter for f in problem.fit.free])
+    overall = min((f for some in found.values() for f in some), key=lambda f: f.cost)
+    judged = [problem.judged(drive.name, overall.values) for drive in problem.judge.drives]  # table 4.6
+    arrays["judged"] = np.array([list(one.values()) for one in judged])
+    arrays["judged_drives"] = np.array([drive.name for drive in problem.judge.drives])
+    arrays["judged_outputs"] = np.array(list(judged[0]))
+    arrays["hidden_cost"] = problem.fit(problem.hidden[None])
+    save(chosen.out, "identify-swarm", command, arrays)
     print(f"wrote {chosen.out}/report.html")
 
 

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.lines import Line2D
 
 from harness.common.arrays import Floats
-from harness.config import ModelSpec
-from harness.engine.compile import compile_model
-from harness.engine.simd.lanes import LANES
 from harness.identification.methods.swarm import Settings, SwarmResult
-from harness.identification.simulation_error import Free, Misfit
-from harness.models.contracts import Profile
+from harness.identification.simulation_error import Free
 from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
@@ -27,7 +22,7 @@ from harness.reporting.document import (
     Sheet,
     plain,
 )
-from harness.simulation.simulate import Simulator, in_lanes
+from harness.reproductions.simulated_recording import Setup
 
 PRINTED = {
     "yaw_rate_tractor": ((1.38, 7.24), (1.51, 7.11)),
@@ -40,45 +35,6 @@ PRINTED = {
 _RUN, _WORST, _BEST = (look.line for look in style.looks(["runs", "worst", "best"]).values())
 _POINTS = 1500
 """Drawn per line."""
-
-
-@dataclass(frozen=True)
-class Setup:
-    """The problem: costs on the drives to fit and to judge on, and what is to be found.
-
-    Attributes:
-        fit: Cost on the drives to fit.
-        judge: The same on the drives to judge.
-        hidden: The plant's values of the free parameters ``(free,)``.
-        plants: The hidden plant by the name of the drive.
-        profiles: What the driver does by the name of the drive.
-    """
-
-    fit: Misfit
-    judge: Misfit
-    hidden: Floats
-    plants: dict[str, ModelSpec]
-    profiles: dict[str, Profile]
-
-    def free_run(self, drive: str, candidate: Floats) -> dict[str, Floats]:
-        """Return the simulated outputs on a drive to judge, by name; NaN from where it diverges on."""
-        number = [d.name for d in self.judge.drives].index(drive)
-        one, values = self.judge.drives[number], in_lanes(self.judge.parameters(number, candidate[None])[:, 0])
-        spec = self.plants[drive]
-        names = tuple(spec.model().outputs)
-        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names)
-        nx, ny = compiled.nx, compiled.ny
-        noise = np.zeros((len(one.time), nx + ny, LANES))
-        batch = Simulator(compiled).run(
-            in_lanes(one.inputs),
-            compiled.constants(values),
-            np.zeros((nx, LANES)),
-            np.zeros((ny, LANES)),
-            noise,
-            in_lanes(one.first_mean),
-        )
-        batch.truth[int(batch.left_at[0]) :] = np.nan
-        return {name: batch.truth[:, i, 0] for i, name in enumerate(names)}
 
 
 def document(problem: Setup, found: Mapping[str, Sequence[SwarmResult]], settings: Settings, command: str) -> Document:
@@ -206,14 +162,12 @@ def _validation(problem: Setup, winner: str, best: SwarmResult) -> list[Block]:
     """Return table 4.6, a table per drive to judge, which come empty first."""
     sheets: list[Block] = []
     for number, drive in enumerate(problem.judge.drives):
-        model, noise = (problem.free_run(drive.name, values) for values in (best.values, problem.hidden))
+        model, noise = (problem.judged(drive.name, values) for values in (best.values, problem.hidden))
         load = "laden" if "laden" in drive.name else "empty"
         rows = []
-        for column, name in enumerate(PRINTED):
+        for name in PRINTED:
             q = quantity(name)
-            measured = drive.measurements[:, column]
-            error, floor = (q.scale * (run[name] - measured) for run in (model, noise))
-            values = (*_errors(error), _errors(floor)[0])
+            values = (q.scale * v for v in (*model[name], noise[name][0]))
             theirs = (f"{v:g}" for v in PRINTED[name][load == "laden"])
             rows.append([f"{q.words}{style.in_unit(q.unit)}", *(style.number(v) for v in values), *theirs])
         caption = f"Table 4.6 for {drive.name}: free run of the best parameters ({winner}) against noisy measurements."
@@ -222,17 +176,12 @@ def _validation(problem: Setup, winner: str, best: SwarmResult) -> list[Block]:
                 " Noise: RMSE of the hidden parameters. The thesis measured a real vehicle, which no model fits; here "
                 "the model has the plant's equations."
             )
-        followed = int(np.sum(np.isfinite(model["yaw_rate_tractor"])))
+        followed = int(np.sum(np.isfinite(problem.free_run(drive.name, best.values)["yaw_rate_tractor"])))
         if followed < len(drive.time):
             caption += f" The model left its range of validity at {drive.time[followed]:.1f} s; errors up to then."
         header = ["signal", "RMSE", "largest", "noise", "thesis: RMSE", "largest"]
         sheets.append(Sheet(header, rows, caption))
     return sheets
-
-
-def _errors(error: Floats) -> tuple[float, float]:
-    """Return root mean square and largest magnitude; missing samples count in neither."""
-    return float(np.sqrt(np.nanmean(error**2))), float(np.nanmax(np.abs(error)))
 
 
 def histograms(

@@ -76,7 +76,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("trailer_mass", "m_2", "kg", 1e3, 6e4, "mass of the trailer with its load"),
     Parameter("trailer_track", r"\ell_\mathrm{track}", "m", 1.0, 3.0, "track width of the trailer"),
     Parameter("trailer_length", r"\ell_2", "m", 4.0, 25.0, "length of the trailer"),
-    Parameter("trailer_inertia_scale", r"\kappa_{J2}", "dimensionless", 0.2, 5.0, "yaw inertia over that of a box"),
+    Parameter("trailer_inertia_scale", r"\kappa_{J2}", "dimensionless", 0.2, 10.0, "yaw inertia over that of a box"),
     Parameter("kingpin_from_rear", r"a_{2,\mathrm{RW}}", "m", 2.0, 25.0, "rear wall to the kingpin"),
     Parameter("axle_21_from_rear", r"b_{21,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the first trailer axle"),
     Parameter("axle_22_from_rear", r"b_{22,\mathrm{RW}}", "m", 0.0, 20.0, "rear wall to the second trailer axle"),

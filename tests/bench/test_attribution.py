@@ -11,7 +11,7 @@ import pytest
 from bench.attribution import renew
 from bench.attribution.__main__ import gathered, main, wanted
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
-from bench.attribution.renew import BEGIN, END, renewed
+from bench.attribution.renew import BEGIN, END
 from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
 from bench.attribution.score import FAILED, load, score, text
 from bench.attribution.tables import (
@@ -27,7 +27,6 @@ from bench.attribution.tables import (
     tables,
     wilson,
 )
-from harness.common.errors import UserError
 from harness.diagnosis.run import augmented_model_of
 from harness.diagnosis.selection.validation import EXCESS
 from harness.identification.measured_file import finely
@@ -245,12 +244,6 @@ def test_what_is_saved_is_what_is_read(several, tmp_path):
     assert "NaN" not in text(several)
     assert text(load(tmp_path / "attribution.json")) == text(several)
     assert load(tmp_path / "attribution.json")[0].claimed == several[0].claimed
-
-
-def test_the_page_keeps_what_is_around_the_marks():
-    assert renewed(f"a\n{BEGIN}\nold\n{END}\nb\n", "new") == f"a\n{BEGIN}\n\nnew\n\n{END}\nb\n"
-    with pytest.raises(UserError, match="lines of their own"):
-        renewed("a\nb\n", "new")
 
 
 def test_a_ratio_is_written_with_two_digits_and_no_exponent():

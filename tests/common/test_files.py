@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from harness.common.errors import UserError
-from harness.common.files import read_toml, toml_text
+from harness.common.files import read_toml, renewed, toml_text
 
 CONTENT = {
     "name": 'a "quoted" name, with µ and \\',
@@ -45,3 +45,12 @@ def test_what_is_no_toml_is_one_error(tmp_path):
     (tmp_path / "a.toml").write_text("name = \n")
     with pytest.raises(UserError, match=r"a\.toml: not valid TOML: .*line 1"):
         read_toml(tmp_path / "a.toml")
+
+
+def test_a_page_keeps_what_is_around_the_marks():
+    assert renewed("a\n<!-- b -->\nold\n<!-- e -->\nc\n", "new", "<!-- b -->", "<!-- e -->") == (
+        "a\n<!-- b -->\n\nnew\n\n<!-- e -->\nc\n"
+    )
+    for page in ("a\nb\n", "<!-- e -->\n<!-- b -->\n"):
+        with pytest.raises(UserError, match="lines of their own"):
+            renewed(page, "new", "<!-- b -->", "<!-- e -->")

@@ -61,12 +61,12 @@ def limits(tables: Sequence[Floats]) -> Floats:
     return np.column_stack([every.min(axis=0), every.max(axis=0)])
 
 
-def semitrailer(trailer_mass: str = "24 t") -> ModelSpec:
-    """Return the plant of the robustness studies at a trailer mass."""
+def semitrailer(trailer_mass: str = "24 t", parameters: str = "ziaukas_2023") -> ModelSpec:
+    """Return the plant of the robustness studies at a trailer mass, by name or TOML file of its parameters."""
     return resolve_single(
         {
             "vehicle": "semitrailer",
-            "parameters": "ziaukas_2023",
+            "parameters": parameters,
             "tyre": "magic_formula",
             "sensors": "series",
             "values": {"trailer_mass": trailer_mass},

@@ -1,0 +1,107 @@
+"""Where in the box a finding holds, and on what that hinges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from SALib.analyze import delta
+
+from harness.campaign.evidence import Evidence, share
+from harness.common.arrays import Floats
+from harness.common.statistics import Interval
+from harness.reproductions.box.evidence import IN_BOX, Told, of_network
+from harness.reproductions.box.factors import FACTORS
+from harness.reproductions.box.points import SEED, Point
+
+EVERYWHERE, NOWHERE = 0.9, 0.1
+LARGEST_MARGIN = 3.0
+"""Powers of two; beyond it a margin says no more."""
+
+
+def margin(evidence: Sequence[Evidence]) -> float:
+    """Return how far the worst number of a finding lies inside its region, in powers of two; negative outside.
+
+    The base is a factor of two of the ratio; a share of no run counts as a half run of 60.
+    """
+    found = []
+    for e in evidence:
+        value = max(e.value.value, 0.5 / 60) if np.isfinite(e.value.value) else np.nan
+        low, high = max(e.region[0], 1e-6), min(e.region[1], 1e6)
+        found.append(min(np.log2(value / low), np.log2(high / value)))
+    worst = np.nanmin(found) if np.isfinite(found).any() else -LARGEST_MARGIN
+    return float(np.clip(worst, -LARGEST_MARGIN, LARGEST_MARGIN))
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """What a finding hinges on.
+
+    Attributes:
+        first: First-order index of each factor, ``(factors,)``: the share of the variance of the margin that the factor
+            alone explains, from given data (Plischke, Borgonovo and Smith 2013).
+        error: Half-width of its 95 % interval.
+    """
+
+    first: Floats
+    error: Floats
+
+    def strongest(self, count: int = 2) -> list[int]:
+        """Return the factors with the largest first-order index whose interval excludes zero, strongest first."""
+        order = np.argsort(-self.first)
+        return [int(k) for k in order[:count] if self.first[k] - self.error[k] > 0.0]
+
+
+@dataclass(frozen=True)
+class Survival:
+    """Where a finding holds.
+
+    Attributes:
+        share: Of the box, all estimators counted.
+        filters: Of the box, the network's numbers left out.
+        hinge: What the filters' margin hinges on; ``None`` where it is the same everywhere.
+    """
+
+    share: Interval
+    filters: Interval
+    hinge: Hinge | None
+
+    @property
+    def verdict(self) -> str:
+        """Say where in the box the finding holds, by the interval of the share."""
+        if self.share.lower >= EVERYWHERE:
+            return "nearly everywhere"
+        return "nearly nowhere" if self.share.upper <= NOWHERE else "in part"
+
+
+def survivals(points: Sequence[Point], says: Sequence[Told]) -> list[Survival]:
+    """Return where each finding of ``IN_BOX`` holds, from the points of the sequence.
+
+    The shares have exact binomial intervals, which are wide for a Sobol sequence.
+    """
+    places = np.array([p.place for p in points])
+    every, filters = (np.array([s.holds(network) for s in says]) for network in (True, False))
+    found = []
+    for k in range(len(IN_BOX)):
+        margins = np.array([margin(_of_filters(s.findings[k])) for s in says])
+        found.append(
+            Survival(
+                share(int(every[:, k].sum()), len(says)),
+                share(int(filters[:, k].sum()), len(says)),
+                _hinge(places, margins),
+            )
+        )
+    return found
+
+
+def _of_filters(evidence: Sequence[Evidence]) -> list[Evidence]:
+    return [e for e in evidence if not of_network(e)] or list(evidence)
+
+
+def _hinge(places: Floats, margins: Floats) -> Hinge | None:
+    if np.ptp(margins) == 0.0:
+        return None
+    problem = {"num_vars": len(FACTORS), "names": [f.name for f in FACTORS], "bounds": [[0.0, 1.0]] * len(FACTORS)}
+    found = delta.analyze(problem, places, margins, method="sobol", seed=SEED)
+    return Hinge(*(np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf")))

@@ -1,0 +1,288 @@
+"""Report of the box: which findings survive, on what they hinge, and the point nearest to the dissertation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.models.quantities import listed
+from harness.reporting.document import (
+    Block,
+    Bullets,
+    Document,
+    Drawing,
+    Heading,
+    Listing,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
+from harness.reporting.style import number, percent
+from harness.reproductions.box import figures
+from harness.reproductions.box.analysis import Survival
+from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, Told, told
+from harness.reproductions.box.factors import FACTORS
+from harness.reproductions.box.plausibility import AXLES, Plausibility
+from harness.reproductions.box.points import Point
+from harness.reproductions.box.search import score
+from harness.reproductions.box.studies import REPEATS
+from harness.reproductions.published.page import table
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the box gave.
+
+    Attributes:
+        points: Of the sequence.
+        says: What they say.
+        survivals: By finding.
+        searched: How many points the search added.
+        nearest: The point nearest to the dissertation.
+        told: What it says.
+        plausibility: Of its vehicle.
+        retrained: The nearest point with a network that was trained there; ``None`` if none was.
+        command: That made it.
+    """
+
+    points: Sequence[Point]
+    says: Sequence[Told]
+    survivals: Sequence[Survival]
+    searched: int
+    nearest: Point
+    told: Told
+    plausibility: Plausibility
+    retrained: Point | None
+    command: str
+
+
+def document(found: Found) -> Document:
+    """Return the report."""
+    return Document(
+        "Which findings of the dissertation survive what it does not publish?",
+        [
+            Section(lambda: _answer(found), "Answer"),
+            Section(lambda: _findings(found), "Where each finding holds, and on what it hinges"),
+            Section(lambda: _nearest(found), "The point nearest to the dissertation"),
+            Section(lambda: _steering(found), "Which steering noise?"),
+            Section(lambda: _box(found), "The box"),
+        ],
+    )
+
+
+def _answer(found: Found) -> list[Block]:
+    by_verdict = {
+        verdict: [str(k) for k, s in enumerate(found.survivals, 1) if s.verdict == verdict]
+        for verdict in ("nearly everywhere", "in part", "nearly nowhere")
+    }
+    texts = [
+        f"{len(numbers)} hold {verdict} (number {listed(numbers)})" if numbers else f"none holds {verdict}"
+        for verdict, numbers in by_verdict.items()
+    ]
+    holds = sum(found.told.holds())
+    distances = found.told.distances()
+    within = sum(d <= 1.0 for d in distances)
+    items = [
+        ("Which findings survive?", f"Of the {len(IN_BOX)} findings of chapter 5, in the box {'; '.join(texts)}."),
+        (
+            "How near can one come?",
+            f"At the nearest point {holds} of {len(IN_BOX)} findings hold, and {within} of {len(PUBLISHED)} published "
+            f"numbers are within a factor of two; root mean square distance: a factor of "
+            f"{number(2 ** found.told.off(), 2)}.",
+        ),
+    ]
+    return [
+        Heading("Answer"),
+        Bullets([f"{strong(question)} {plain(text)}" for question, text in items]),
+        Drawing(
+            lambda: figures.shares(found.survivals),
+            f"Share of {len(found.points)} points of a Sobol sequence over {len(FACTORS)} factors at which all numbers "
+            "behind a finding lie where it puts them; exact binomial intervals.",
+            "share of the box per finding",
+        ),
+    ]
+
+
+def hinges(survival: Survival) -> str:
+    """Say what a finding hinges on: factors with their first-order index."""
+    if survival.hinge is None:
+        return "the same everywhere"
+    strongest = survival.hinge.strongest()
+    named = [f"{FACTORS[k].words} {number(survival.hinge.first[k], 2)}" for k in strongest]
+    return listed(named) if named else "no single factor"
+
+
+def finding_rows(found: Found) -> list[list[str]]:
+    """Return the rows of the table of findings."""
+    rows = []
+    for k, (claim, survival, holds) in enumerate(zip(IN_BOX, found.survivals, found.told.holds(), strict=True), 1):
+        shares = [
+            f"{percent(s.value)} ({percent(s.lower)} to {percent(s.upper)})" for s in (survival.share, survival.filters)
+        ]
+        rows.append([str(k), claim.text, claim.place, *shares, hinges(survival), "yes" if holds else "no"])
+    return rows
+
+
+FINDING_HEADER = (
+    "",
+    "finding",
+    "place",
+    "share",
+    "without the network",
+    "hinges on (first-order index)",
+    "at the nearest",
+)
+
+
+def _findings(found: Found) -> list[Block]:
+    caption = (
+        "Share of the box with its 95 % interval. Hinges on: factors whose first-order index, from the same points "
+        "(given data), is above zero with its 95 % interval; the output is how far the worst of a finding's numbers, "
+        "the network's left out, lies inside its region."
+    )
+    return [
+        Heading("Where each finding holds, and on what it hinges"),
+        Sheet(FINDING_HEADER, finding_rows(found), caption, left=7),
+    ]
+
+
+def number_rows(says: Told) -> list[list[str]]:
+    """Return the rows of the table of numbers at a point."""
+    rows = []
+    for published, ours, off in zip(PUBLISHED, says.numbers, says.distances(), strict=True):
+        interval = "–" if ours.lower == ours.upper else f"{number(ours.lower)} to {number(ours.upper)}"
+        rows.append([published.words, published.place, number(published.theirs), number(ours.value), interval,
+                     number(2**off, 2)])  # fmt: skip
+    return rows
+
+
+NUMBER_HEADER = ("number", "place", "theirs", "ours", "95 % interval", "factor")
+
+
+def _vehicle(p: Plausibility) -> str:
+    """Say whether the vehicle could be a real one."""
+    loads = listed([f"{number(load / 1000 / 9.81)} t" for load in p.loads])
+    return (
+        f"Axles {', '.join(AXLES)} carry {loads}; the tractor {'under' if p.understeer > 0 else 'over'}steers by "
+        f"{number(1000 * abs(p.understeer))} mrad per m/s²; the straight run at 80 km/h is "
+        f"{'stable' if p.slowest < 0 else 'unstable'} (largest real part {number(p.slowest)} 1/s)."
+    )
+
+
+def _nearest(found: Found) -> list[Block]:
+    values = [
+        [f.words, number(found.nearest.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS
+    ]
+    return [
+        Heading("The point nearest to the dissertation"),
+        Prose(plain(_vehicle(found.plausibility))),
+        Drawing(
+            lambda: figures.medians(
+                found.nearest, [] if found.retrained is None else [("network retrained", found.retrained)]
+            ),
+            f"Ideal case at the nearest point, six drives, {REPEATS} runs each. Diamonds: medians of Bild 5.6.",
+            "box plots of the ideal case beside the published medians",
+        ),
+        Sheet(NUMBER_HEADER, number_rows(found.told), "Numbers of chapter 5 and ours at the nearest point.", left=2),
+        *_retrained(found),
+        Sheet(
+            ["factor", "value", "unit", "from", "to"],
+            values,
+            f"The nearest point, of {len(found.points) + found.searched}.",
+        ),
+    ]
+
+
+def _retrained(found: Found) -> list[Block]:
+    if found.retrained is None:
+        return []
+    return [
+        Prose(plain(retrained_in_words(found))),
+        Sheet(NUMBER_HEADER, number_rows(told(found.retrained)), "The same with the network trained there.", left=2),
+    ]
+
+
+def retrained_in_words(found: Found) -> str:
+    """Say what a network that was trained at the nearest point changes; nothing if none was."""
+    if found.retrained is None:
+        return ""
+    says = told(found.retrained)
+    kept = sum(says.holds())
+    return (
+        f"With a network trained at this point {kept} of {len(IN_BOX)} findings hold; the root mean square distance of "
+        f"the numbers is a factor of {number(2 ** says.off(), 2)}."
+    )
+
+
+def markdown(found: Found) -> str:
+    """Return the tables of the page: findings, numbers and factors of the nearest point."""
+    values = [
+        [f.words, number(found.nearest.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS
+    ]
+    return "\n\n".join(
+        [
+            f"Written by `{found.command}`: {len(found.points)} points of the sequence and {found.searched} of the "
+            "search.",
+            "## Where each finding holds",
+            table(FINDING_HEADER, finding_rows(found)),
+            "## The nearest point",
+            _vehicle(found.plausibility),
+            table(NUMBER_HEADER, number_rows(found.told)),
+            *(
+                []
+                if found.retrained is None
+                else [retrained_in_words(found), table(NUMBER_HEADER, number_rows(told(found.retrained)))]
+            ),
+            table(["factor", "value", "unit", "from", "to"], values),
+            "## Which steering noise",
+            steering_in_words(found),
+        ]
+    )
+
+
+def _steering(found: Found) -> list[Block]:
+    return [
+        Heading("Which steering noise?"),
+        Prose(plain(steering_in_words(found))),
+        Drawing(
+            lambda: figures.steering(found.points, found.says),
+            "Each point of the sequence: lag of the EKF's steering-wheel angle on two ramps (largest correlation), and "
+            "root mean square distance of the published numbers in powers of two.",
+            "delay of the input estimate and distance over the variance of the steering wheel",
+        ),
+    ]
+
+
+def steering_in_words(found: Found) -> str:
+    """Say what the box tells of the last variance of (5.3)."""
+    delay = np.array([p.delay for p in found.points])
+    near = np.argsort([score(p, s) for p, s in zip(found.points, found.says, strict=True)])[
+        : max(len(found.says) // 10, 1)
+    ]
+    column = [f.name for f in FACTORS].index("steering_variance")
+    nearest = np.array([FACTORS[column].value(found.points[k].place[column]) for k in near])
+    low, median, high = np.quantile(nearest, [0.1, 0.5, 0.9])
+    return (
+        "Of (5.3) the last variance, 1e-5 without a unit, may be of the steering wheel or of the road wheels, which is "
+        "5.3e-3 rad² at the wheel. The text says that the input estimate lags by up to 0.7 s and would lag more with a "
+        f"smaller variance. Over the box the lag on two ramps goes from {number(np.nanmin(delay))} to "
+        f"{number(np.nanmax(delay))} s. The tenth of the points nearest to the published numbers has variances of "
+        f"{number(low)} to {number(high)} rad² per step (10 and 90 % quantile), median {number(median)}."
+    )
+
+
+def _box(found: Found) -> list[Block]:
+    rows = [
+        [f.words, f.unit, " or ".join(number(c) for c in f.choices) if f.choices else
+         f"{number(f.lower)} to {number(f.upper)}{', log' if f.log else ''}", f.published]
+        for f in FACTORS
+    ]  # fmt: skip
+    return [
+        Heading("The box"),
+        Sheet(["factor", "unit", "range", "what is published"], rows, "What the dissertation leaves open.", left=4),
+        Listing(found.command),
+    ]

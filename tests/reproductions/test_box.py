@@ -1,0 +1,159 @@
+"""The box of what the dissertation leaves open: places, evidence, search, and what is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.campaign.evidence import Evidence
+from harness.common.errors import UserError
+from harness.common.statistics import Interval
+from harness.reproductions.box import analysis, search, studies
+from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, distance, told
+from harness.reproductions.box.factors import FACTORS, settings
+from harness.reproductions.box.plausibility import plausibility
+from harness.reproductions.box.points import SCORES, Folder, Point, lag, ripple, sequence
+
+CENTRE = np.full(len(FACTORS), 0.5)
+BANDS = {
+    "ideal": ["nominal"],
+    "process-noise": ["×10", "×0.1", "×0.001"],
+    "mass": ["8 t", "32 t"],
+    "cog": ["-2 m", "+2 m"],
+    "friction": ["0.5", "0.6", "1.1"],
+    "tyre": ["±0 %", "±10 %", "±20 %", "±30 %"],
+}
+
+
+def point(number=0, place=CENTRE, factors=None, lost=None) -> Point:
+    """Return a point whose RMSE is 1 kN and 1 degree at every level, times a factor by ``(study, band)``."""
+    rng, scores = np.random.default_rng(1), {}
+    for study, bands in BANDS.items():
+        samples, repeats = (8, 1) if study == "tyre" else (1, 8)
+        shape = (len(bands), 6, samples, repeats, 3, 2)
+        base = 1.0 + 0.01 * rng.random(shape[1:4])[..., None, None]
+        times = np.array([(factors or {}).get((study, b), 1.0) for b in bands]).reshape(-1, 1, 1, 1, 1, 1)
+        rmse = np.broadcast_to(base * times * np.array([1e3, np.pi / 180]), shape).astype(np.float32)
+        scores |= {
+            f"{study}/rmse": rmse,
+            f"{study}/max_error": np.full(shape, 0.1),
+            f"{study}/status": np.zeros(shape[:5]),
+        }
+    for study, band, runs in lost or ():
+        scores[f"{study}/max_error"][BANDS[study].index(band)].reshape(-1, 3, 2)[:runs] = 3.0
+    return Point(number, place, BANDS, scores, list("abcdef"), 0.7, 0.01)
+
+
+def test_a_factor_takes_its_ends_and_fills_a_logarithm_evenly():
+    for factor in FACTORS:
+        ends = factor.value(0.0), factor.value(1.0)
+        assert ends == pytest.approx(
+            (factor.choices[0], factor.choices[-1]) if factor.choices else (factor.lower, factor.upper)
+        )
+    logarithmic = next(f for f in FACTORS if f.name == "steering_variance")
+    assert logarithmic.value(0.5) == pytest.approx(1e-4)
+
+
+@pytest.mark.parametrize("place", [np.zeros(len(FACTORS)), CENTRE, np.full(len(FACTORS), 0.999)])
+def test_every_corner_is_a_study_with_six_drives(place):
+    study = studies.study_at(settings(place))
+    assert len(study.drives) == 6
+    assert {d.name for d in study.designs} == set(BANDS)
+    assert study.design("cog").band_labels == tuple(BANDS["cog"])
+    assert study.belief.process_noise["steering_wheel_angle"] == pytest.approx(
+        settings(place)["steering_variance"] * settings(place)["noise_intensity"]
+    )
+
+
+def test_both_readings_of_the_steering_noise_lie_in_the_box():
+    factor = next(f for f in FACTORS if f.name == "steering_variance")
+    assert factor.lower < 1e-5 < 1e-5 * 23**2 < factor.upper
+
+
+def test_the_lag_of_a_delayed_copy_is_its_delay():
+    time = np.arange(3000) * 0.01
+    true = np.sin(0.8 * time) + np.sin(0.31 * time)
+    assert lag(np.roll(true, 70), true, 0.01) == pytest.approx(0.7, abs=0.011)
+    noisy = true + 0.1 * np.random.default_rng(0).standard_normal(len(true))
+    assert ripple(noisy, 0.01) == pytest.approx(0.1, rel=0.15)
+
+
+def test_the_level_as_believed_is_the_ideal_case_and_a_large_error_is_a_lost_run():
+    results = PointResults(point(lost=[("cog", "-2 m", 11)]))
+    believed = results.errors("mass", "24 t", "EKF", "articulation_angle")
+    np.testing.assert_array_equal(believed, results.errors("ideal", None, "EKF", "articulation_angle"))
+    assert results.diverged("cog", "-2 m", "UKF") == (11, 48)
+    assert np.isnan(results.errors("cog", "-2 m", "EKF", "lateral_force_axle_21")).sum() == 11
+
+
+def test_findings_follow_the_errors():
+    says = told(point(factors={("mass", "8 t"): 3.0, ("mass", "32 t"): 3.0}))
+    holds = dict(zip((c.text for c in IN_BOX), says.holds(), strict=True))
+    assert holds["A trailer mass other than believed makes the force clearly worse, in both directions."]
+    assert not holds["The mass hardly affects the articulation angle."]
+    assert holds["Friction hardly affects the articulation angle."]
+
+
+def test_a_distance_of_one_is_a_factor_of_two():
+    assert distance(1.64, 3.28) == distance(1.64, 0.82) == pytest.approx(1.0)
+    assert distance(1.64, np.nan) == 4.0
+    assert distance(1 / 60, 0.0) == pytest.approx(1.0)
+
+
+def test_a_margin_is_positive_inside_and_counts_the_worst_number():
+    def one(value):
+        return Evidence("EKF", Interval(value, value, value), (0.8, 1.25), np.nan, 1)
+
+    assert analysis.margin([one(1.0)]) == pytest.approx(np.log2(1.25))
+    assert analysis.margin([one(1.0), one(2.0)]) == pytest.approx(np.log2(1.25 / 2.0))
+
+
+def test_what_decides_a_finding_is_found():
+    places = sequence(64)
+    points = [point(k, p, {("mass", "8 t"): 1 + 4 * p[7], ("mass", "32 t"): 4.0}) for k, p in enumerate(places)]
+    found = analysis.survivals(points, [told(p) for p in points])[5]
+    assert found.share.lower < np.mean(places[:, 7] > 0.125) < found.share.upper
+    assert found.hinge is not None
+    assert found.hinge.strongest(1) == [7]
+
+
+def test_a_search_goes_towards_the_best_and_repeats_itself():
+    places = sequence(64)
+    target = np.full(len(FACTORS), 0.7)
+    scores = ((places - target) ** 2).sum(axis=1)
+    for generation in range(12):
+        more = search.candidates(places, scores, generation)
+        assert ((more >= 0) & (more <= 1)).all()
+        np.testing.assert_array_equal(more, search.candidates(places, scores, generation))
+        places = np.concatenate([places, more])
+        scores = ((places - target) ** 2).sum(axis=1)
+    assert scores.min() < 0.5 * scores[:64].min()
+
+
+def test_a_point_is_kept_and_one_of_another_box_refused(tmp_path):
+    folder = Folder(tmp_path)
+    first = point(3, sequence(4)[3])
+    folder.put(first)
+    again = folder.get(3, first.place)
+    assert again is not None
+    assert again.bands == first.bands
+    assert again.delay == first.delay
+    for name in first.scores:
+        assert name.split("/")[-1] in SCORES
+        np.testing.assert_array_equal(again.scores[name], first.scores[name])
+    with pytest.raises(UserError, match="another box"):
+        folder.get(3, sequence(4)[2])
+    (tmp_path / "point_0003.npz").write_bytes(b"half")
+    with pytest.raises(UserError, match="cannot be read"):
+        folder.get(3, first.place)
+
+
+def test_our_vehicle_is_plausible():
+    at = settings(CENTRE) | {f"stiffness_{a}": 1.0 for a in ("11", "12", "2")} | {"stiffness_load_2": 1.0}
+    found = plausibility(at)
+    assert found.plausible
+    assert found.loads.sum() == pytest.approx((8420 + 24000) * 9.81, rel=1e-3)
+
+
+def test_every_number_has_a_place():
+    assert all(p.place.startswith("5") and p.theirs > 0 for p in PUBLISHED)
