@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pint import Quantity
 
 from harness.campaign.evidence import Evidence, ratio_of_medians
 from harness.common.statistics import Interval, median_interval
@@ -182,8 +181,7 @@ def _parallel(stored: Stored) -> list[Evidence]:
 def _option(drive: str, name: str, unit: str) -> float:
     """Return an option of a drive of the study in the paper's unit."""
     options = next(d for d in load_study(STUDIES / f"{OF}.toml").drives if d.name == drive).options
-    given: Quantity = registry().Quantity(str(options[name]))
-    return float(given.to(unit).magnitude)
+    return float(registry().Quantity(str(options[name])).to(unit).magnitude)
 
 
 def _manoeuvre(section: str, words_: str, drive: str, speed: str, angle: str) -> tuple[Record, Record]:

@@ -313,9 +313,8 @@ def _ideal_records() -> tuple[Record, ...]:
     theirs = {(FORCE, EKF): 1.64, (FORCE, UKF): 1.63, (FORCE, NETWORK): 1.89}
     theirs |= {(ANGLE, EKF): 3.54, (ANGLE, UKF): 3.55, (ANGLE, NETWORK): 3.26}
 
-    def pair(one: str, other: str, target: str) -> dict[str, tuple[evidence.Group, evidence.Group]]:
-        groups = [("ideal", None, name, target) for name in (one, other)]
-        return {f"{one} over {other}, {words(target)}": (groups[0], groups[1])}  # type: ignore[dict-item]
+    def pair(one: str, other: str, target: str) -> evidence.Pairs:
+        return {f"{one} over {other}, {words(target)}": (("ideal", None, one, target), ("ideal", None, other, target))}
 
     both = pair(UKF, EKF, FORCE) | pair(UKF, EKF, ANGLE)
     ideal = "ideal"
