@@ -103,7 +103,7 @@ def wanted(row: Row) -> str:
 
 
 def _region(low: float, high: float) -> str:
-    if low == high or (high > 0 and abs(high / low - 1) < 1e-6 if low else False):
+    if high - low <= 1e-6 * abs(high):
         return number((low + high) / 2)
     if not np.isfinite(high) or high > 1e12:
         return f"above {number(low)}"
