@@ -12,6 +12,7 @@ from harness.campaign.evidence import Evidence
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval, median_interval
 from harness.config import DriveSpec, resolve_single
+from harness.identification.methods import em
 from harness.models.parameters import sun_2015
 from harness.reproductions.published.record import (
     Record,
@@ -192,7 +193,7 @@ def _car() -> tuple[Record, ...]:
         setting("3.2", "standard deviation of the measured heading", "0.005", degrees(noise["heading"] ** 0.5), "°"),
         setting("3.2", "step", "0.01", sun_2015.NOISE_STEP, "s"),
         setting("3.2", "steps used", "500", SAMPLES - 1),
-        setting("3.2", "particles", "50", 50),
+        setting("3.2", "particles", "50", em.Settings().particles),
         measured("3.2", "length of the recorded steering that drives the simulation", "13.81", "s", MEASURED),
         measured("(3.19)", "first state of that recording", "0.2285, −0.4463, 0.1199", "m/s, rad/s, rad", MEASURED),
         image("figures 3.7, 3.8", "inputs and outputs of the simulated drive"),
