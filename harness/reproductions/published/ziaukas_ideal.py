@@ -36,7 +36,7 @@ from harness.reproductions.published.record import (
     setting,
     statement,
 )
-from harness.reproductions.published.results import NETWORK, STUDIES, Stored
+from harness.reproductions.published.results import NETWORK_FILE, STUDIES, Stored
 from harness.reproductions.stored import LONG
 from harness.simulation.drives import read_drives
 
@@ -233,7 +233,7 @@ def _network_records() -> tuple[Record, ...]:
     train = [name for name in kinds if name.startswith("train-")]
     mass = training_data.semitrailer().values["trailer_mass"]
     command = LONG[ARCHITECTURE].command
-    shapes, network = architectures(MOST), load_network(NETWORK)
+    shapes, network = architectures(MOST), load_network(NETWORK_FILE)
     restarts = network.made["restarts"]
     return (
         setting("5.2.1", "drives to train on", "25", len(train)),
