@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pint import Quantity
 
 from harness.campaign.evidence import Evidence, ratio_of_medians
 from harness.common.statistics import Interval, median_interval
@@ -124,6 +123,17 @@ def _helps_slow(variance: float, target: str) -> Record:
     return Record("3, abstract", quantity, kind=Kind.STATEMENT, test=test, needs=HERE, reason=TUNED)
 
 
+def _least_interval(_: Stored) -> list[Evidence]:
+    """Return the least squared interval that our filter accepts."""
+    accepted = []
+    for squared in (0.5, 0.99, 1.0, 1.5, 3.0):
+        try:
+            accepted.append(st_cdkf.Settings(interval_squared=squared).interval_squared)
+        except ValueError:
+            continue
+    return [point("least of 0.5, 0.99, 1, 1.5 and 3 that is accepted", min(accepted), (1.0, 1.0), 1.0)]
+
+
 def _lost(stored: Stored) -> list[Evidence]:
     """Count runs that diverge, over all levels."""
     status = fading(stored).designs[0].status
@@ -182,8 +192,7 @@ def _parallel(stored: Stored) -> list[Evidence]:
 def _option(drive: str, name: str, unit: str) -> float:
     """Return an option of a drive of the study in the paper's unit."""
     options = next(d for d in load_study(STUDIES / f"{OF}.toml").drives if d.name == drive).options
-    given: Quantity = registry().Quantity(str(options[name]))
-    return float(given.to(unit).magnitude)
+    return float(registry().Quantity(str(options[name])).to(unit).magnitude)
 
 
 def _manoeuvre(section: str, words_: str, drive: str, speed: str, angle: str) -> tuple[Record, Record]:
@@ -202,7 +211,7 @@ def records() -> tuple[Record, ...]:
     default = st_cdkf.Settings()
     motion = {"longitudinal_velocity": "m/s", "sideslip_angle": "rad", "yaw_rate": "rad/s"}
     return (
-        setting("(12)", "squared interval of the central differences, at least", "1", 1.0),
+        statement("(12)", "the squared interval of the central differences is at least 1", _least_interval),
         setting("(21)", "forgetting factor σ", "0.95", default.forgetting),
         foreign("3", "first covariance of the five states", "1", reason="as in every study ours is the process noise"),
         *(

@@ -159,13 +159,15 @@ def setting(place: str, quantity: str, theirs: str, ours: float, unit: str = "",
     return Record(place, quantity, theirs, unit, Kind.SETTING, test, reason=reason)
 
 
-def computed(place: str, quantity: str, theirs: str, ours: Callable[[], float], unit: str = "", **more: str) -> Record:
+def computed(
+    place: str, quantity: str, theirs: str, ours: Callable[[], float], unit: str = "", reason: str = ""
+) -> Record:
     """Return the record of a number that follows from theirs alone; reproduced if equal as printed."""
 
     def test(_: Stored) -> list[Evidence]:
         return [Evidence("", exactly(float(ours())), printed(theirs), float(theirs), 1)]
 
-    return Record(place, quantity, theirs, unit, Kind.NUMBER, test, **more)
+    return Record(place, quantity, theirs, unit, Kind.NUMBER, test, reason=reason)
 
 
 def image(place: str, quantity: str, reason: str = "") -> Record:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from harness.reporting.document import Block, Document, Drawing, Heading, Prose, Section, Sheet, plain
 from harness.reproductions.published import figures, wording
@@ -36,7 +37,7 @@ def document(chapters: Sequence[Chapter], origins: Sequence[Origin]) -> Document
             left=4,
         ),
     ]
-    blocks += [Section(lambda chapter=chapter: _chapter(chapter), chapter.title) for chapter in chapters]  # type: ignore[misc]
+    blocks += [Section(partial(_chapter, chapter), chapter.title) for chapter in chapters]
     return Document("Which published numbers are reproduced?", blocks)
 
 

@@ -35,7 +35,7 @@ from harness.study.store import STORE
 
 STUDIES = Path("studies")
 BOX = "reproduce-box"
-NETWORK = Path(estimation.__file__).parent / "networks" / "semitrailer_24t.npz"
+NETWORK_FILE = Path(estimation.__file__).parent / "networks" / "semitrailer_24t.npz"
 
 
 class Missing(UserError):
@@ -182,7 +182,7 @@ def state_of(attributes: Mapping[str, Any], study: Study) -> str:
     return "current" if attributes.get("engine") == engine_hash(study) else "older than the code that decides it"
 
 
-def network_origin(path: Path = NETWORK) -> Origin:
+def network_origin(path: Path = NETWORK_FILE) -> Origin:
     """Return where the committed network comes from; it is current if today's code finds the errors stored with it."""
     network = load_network(path)
     made = network.made

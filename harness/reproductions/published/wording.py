@@ -16,6 +16,12 @@ from harness.reproductions.stored import LONG
 SHOWN = 3
 """Most numbers of a row that are written out."""
 
+COMPARED = {
+    Outcome.REPRODUCED: "are reproduced",
+    Outcome.NOT_REPRODUCED: "are not",
+    Outcome.UNDECIDED: "cannot be decided",
+    Outcome.MISSING: "wait for a stored result that is missing",
+}
 BECAUSE = {
     Outcome.IMAGE: "are shown only in an image",
     Outcome.MEASURED: "rest on measured data that are not published",
@@ -97,7 +103,7 @@ def wanted(row: Row) -> str:
 
 
 def _region(low: float, high: float) -> str:
-    if low == high or (high > 0 and abs(high / low - 1) < 1e-6 if low else False):
+    if high - low <= 1e-6 * abs(high):
         return number((low + high) / 2)
     if not np.isfinite(high) or high > 1e12:
         return f"above {number(low)}"
@@ -136,28 +142,16 @@ def why(row: Row) -> str:
 
 
 def sentence(rows: Sequence[Row]) -> str:
-    """Return how many of the records are reproduced, in a sentence or two."""
-    found = count(rows)
+    """Return how many of the records are reproduced, in a sentence or two; settings are counted apart."""
     settings = [r for r in rows if r.record.kind is Kind.SETTING]
-    compared = [
-        f"{found[o]} {words}"
-        for o, words in (
-            (Outcome.REPRODUCED, "are reproduced"),
-            (Outcome.NOT_REPRODUCED, "are not"),
-            (Outcome.UNDECIDED, "cannot be decided"),
-            (Outcome.MISSING, "wait for a stored result that is missing"),
-        )
-        if found.get(o) and o is not Outcome.UNDECIDED
-    ]
-    undecided = sum(r.outcome is Outcome.UNDECIDED and r.record.kind is not Kind.SETTING for r in rows)
-    if undecided:
-        compared.insert(min(2, len(compared)), f"{undecided} cannot be decided")
-    barred = [f"{found[o]} {words}" for o, words in BECAUSE.items() if found.get(o)]
-    results = len(rows) - len(settings)
-    text = f"Of {results} numbers and statements {listed(compared)}" if compared else f"There are {results} numbers"
+    found = count(r for r in rows if r.record.kind is not Kind.SETTING)
+    total = sum(found.values())
+    compared = [f"{found[o]} {words}" for o, words in COMPARED.items() if o in found]
+    barred = [f"{found[o]} {words}" for o, words in BECAUSE.items() if o in found]
+    parts = [listed(compared)] if compared else []
     if barred:
-        text += f"; {sum(found.get(o, 0) for o in INCOMPARABLE)} cannot be compared: {listed(barred)}"
-    text += "."
+        parts.append(f"{sum(found[o] for o in BECAUSE if o in found)} cannot be compared: {listed(barred)}")
+    text = f"Of {total} numbers and statements {'; '.join(parts)}."
     if settings:
-        text += f" Of {len(settings)} settings {found.get(Outcome.TAKEN_OVER, 0)} are taken over as printed."
+        text += f" Of {len(settings)} settings {count(settings).get(Outcome.TAKEN_OVER, 0)} are taken over as printed."
     return text

@@ -28,6 +28,9 @@ STUDIES_OF = {
 Group = tuple[str, str | None, str, str]
 """Study, level (``None`` for all), estimator, target."""
 
+Pairs = dict[str, tuple[Group, Group]]
+"""Groups with the same drives and noise, by what is said of them."""
+
 
 def errors(stored: Stored, group: Group) -> Floats:
     """Return the RMSE of a group of runs in report units, ``(drive, sample, repeat)``."""
@@ -47,7 +50,7 @@ def median(group: Group, theirs: float, region: tuple[float, float] | None = Non
     return test
 
 
-def ratio(pairs: dict[str, tuple[Group, Group]], region: tuple[float, float], theirs: float = np.nan) -> Test:
+def ratio(pairs: Pairs, region: tuple[float, float], theirs: float = np.nan) -> Test:
     """Return the test of ratios of median errors, each of a group over another with the same drives and noise."""
 
     def test(stored: Stored) -> list[Evidence]:
@@ -60,9 +63,7 @@ def ratio(pairs: dict[str, tuple[Group, Group]], region: tuple[float, float], th
     return test
 
 
-def extremes(
-    pairs: dict[str, tuple[Group, Group]], of: Callable[[Floats], np.floating], region: tuple[float, float]
-) -> Test:
+def extremes(pairs: Pairs, of: Callable[[Floats], np.floating], region: tuple[float, float]) -> Test:
     """Return the test of ratios of another statistic of the errors, such as the largest; it has no interval."""
 
     def test(stored: Stored) -> list[Evidence]:

@@ -31,15 +31,13 @@ FRICTIONS = ("0.5", "0.6", "0.7", "0.8", "1", "1.1")
 
 BANDS = ("±10 %", "±20 %", "±30 %")
 
-Pairs = dict[str, tuple[evidence.Group, evidence.Group]]
 
-
-def over(study: str, one: str, other: str, target: str, bands: tuple[str, ...]) -> Pairs:
+def over(study: str, one: str, other: str, target: str, bands: tuple[str, ...]) -> evidence.Pairs:
     """Return pairs of two estimators on the same runs, by level."""
     return {f"{one} over {other}, {b}": ((study, b, one, target), (study, b, other, target)) for b in bands}
 
 
-def levels(study: str, one: str, other: str, target: str, names: tuple[str, ...] = EVERYONE) -> Pairs:
+def levels(study: str, one: str, other: str, target: str, names: tuple[str, ...] = EVERYONE) -> evidence.Pairs:
     """Return pairs of two levels, by estimator."""
     return {f"{n}, {one} over {other}": ((study, one, n, target), (study, other, n, target)) for n in names}
 
