@@ -1,4 +1,4 @@
-"""``harness estimate`` and ``harness tune --data``: files in, estimates, noise and reports out; bad requests in a line."""
+"""``harness estimate`` and ``harness tune --data``: estimates, noise and reports out; bad requests in a line."""
 
 import json
 
