@@ -201,6 +201,11 @@ def unregister(role: str, name: str) -> None:
         _forget()
 
 
+def registered() -> tuple[tuple[str, str], ...]:
+    """Return role and name of everything registered."""
+    return tuple(_registered)
+
+
 @dataclass(frozen=True)
 class Carried:
     """What another process needs to find the same components, files that it sees as well.
