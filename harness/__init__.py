@@ -1,5 +1,61 @@
-"""Robustness of vehicle state estimators, and what a model lacks: one package per stage (docs/structure.md)."""
+"""Robustness of vehicle state estimators, and what a model lacks: one package per stage (docs/structure.md).
 
-from harness.common.components import register
+What is named here is the public interface (docs/api.md); everything else is internal. Names are imported when they are
+first asked for, so that ``import harness`` costs next to nothing.
+"""
 
-__all__ = ["register"]
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from harness.api.diagnosis import Diagnosis as Diagnosis
+    from harness.api.drive import Drive as Drive
+    from harness.api.drive import drive as drive
+    from harness.api.estimator import Estimator as Estimator
+    from harness.api.identification import Identification as Identification
+    from harness.api.identification import identify as identify
+    from harness.api.model import Model as Model
+    from harness.api.model import model as model
+    from harness.api.recordings import read_recording as read_recording
+    from harness.api.recordings import simulate as simulate
+    from harness.api.results import Results as Results
+    from harness.api.results import open_results as open_results
+    from harness.api.study import Study as Study
+    from harness.api.study import design as design
+    from harness.api.study import factor as factor
+    from harness.api.study import levels as levels
+    from harness.api.study import read_study as read_study
+    from harness.common.components import register as register
+    from harness.common.errors import ModelError as ModelError
+    from harness.common.errors import UserError as UserError
+
+_PLACES = {
+    "harness.api.diagnosis": ("Diagnosis",),
+    "harness.api.drive": ("Drive", "drive"),
+    "harness.api.estimator": ("Estimator",),
+    "harness.api.identification": ("Identification", "identify"),
+    "harness.api.model": ("Model", "model"),
+    "harness.api.recordings": ("read_recording", "simulate"),
+    "harness.api.results": ("Results", "open_results"),
+    "harness.api.study": ("Study", "design", "factor", "levels", "read_study"),
+    "harness.common.components": ("register",),
+    "harness.common.errors": ("ModelError", "UserError"),
+}
+_PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}
+
+__all__ = sorted(_PLACE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for."""
+    if name not in _PLACE_OF:
+        raise AttributeError(f"module 'harness' has no attribute '{name}'; it offers {', '.join(__all__)}")
+    found = getattr(importlib.import_module(_PLACE_OF[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -22,7 +22,9 @@ values that are impossible together, and ``START``: the first value of a state t
 number, the name of a parameter, or the name of a drive's input (its first sample). A vehicle that carries a load may
 export ``LOADING``, quantities of the load (``Parameter``) from which several of its parameters follow together,
 ``loading(values)``, the load of given parameters, and ``loaded(values, load)``, the parameters that follow. A vehicle
-of several bodies exports ``BODIES``, the axles of each, the steered one first.
+of several bodies exports ``BODIES``, the axles of each, the steered one first. A vehicle with several sets of
+parameters or sensors that fit exports ``USUAL``, which of them a command takes that was not told:
+``{"parameters": ..., "sensors": ...}``.
 
 An effect whose parameters belong to a body, an axle, a tyre or a measured output exports ``PLACE``
 (``models/assembly/placement.py``); one whose state is a random process exports ``NOISE``, its variance per second by

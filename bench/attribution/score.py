@@ -128,7 +128,7 @@ def _expected(sealed: Mapping[str, Any], claimed: Sequence[str], named: Containe
 
 
 def _oracle(file: Path) -> float:
-    excess = json.loads(file.read_text())["excess"] if file.exists() else None
+    excess = json.loads(file.read_text(encoding="utf-8"))["excess"] if file.exists() else None
     return math.nan if excess is None else float(excess)
 
 
@@ -223,7 +223,7 @@ def _reach(true: Mapping[str, float], candidates: Sequence[Mapping[str, Any]]) -
 
 def load(file: Path) -> list[Scored]:
     """Return what ``save`` wrote."""
-    cases = json.loads(file.read_text())
+    cases = json.loads(file.read_text(encoding="utf-8"))
     lists = {f.name for f in fields(Scored) if str(f.type).startswith("tuple")}
     numbers = {f.name for f in fields(Scored) if f.type == "float"}
 

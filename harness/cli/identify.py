@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -18,14 +16,6 @@ from harness.cli.options import (
     SetOption,
     TyreOption,
 )
-from harness.common.errors import UserError
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from harness.config import ModelSpec
-    from harness.identification.contract import Problem
-    from harness.identification.data import Drive
 
 
 def identify(
@@ -60,86 +50,25 @@ def identify(
     The search begins at the values of the parameter set. All measured outputs of the sensors are fitted.
     Writes a parameter set that studies load, identify.json, and a report on the fitted and the held-out drives.
     """
-    from harness.cli.options import ModelOptions, model_spec, pairs
-    from harness.identification.contract import load_method, settings_of
-    from harness.identification.data import step_of
-    from harness.recordings import load_recording
+    from harness.api.identification import identify as identified
+    from harness.api.recordings import read_recording
+    from harness.cli.options import ModelOptions, command, listed, model_of, pairs
 
-    chosen = load_method(method)
-    settings = settings_of(chosen, pairs(setting, "--setting"))
-    _refuse_the_same(data, test or [])
-    fitted, held_out = ([load_recording(path, channels) for path in paths] for paths in (data, test or []))
-    options = ModelOptions(model, parameters, tyre, effect, sensors, values)
-    step = step_of(fitted[0])
-    spec = model_spec(options, fitted + held_out, integrator=integrator, substeps=substeps, step=step)
-    problem, tests = _problem(spec, fitted, held_out, free, seed, jobs)
-    console = Console(stderr=True)
-    with console.status("compiling") as status:
-        fit = chosen.identify(problem, settings, lambda text: status.update(f"{method}: {text}"))
-        status.update("report")
-        written = _write(problem, fit, tests, out)
-    from harness.identification.report import answer
-
-    Console().print(Text(answer(fit), style="bold"), soft_wrap=True)
+    chosen = model_of(
+        ModelOptions(model, parameters, tyre, effect, sensors, values), integrator=integrator, substeps=substeps
+    )
+    found = identified(
+        chosen,
+        [read_recording(path, channels) for path in data],
+        listed(free),
+        test=[read_recording(path, channels) for path in test or []],
+        method=method,
+        settings=pairs(setting, "--setting"),
+        seed=seed,
+        jobs=jobs,
+    )
+    with Console(stderr=True).status("writing the report"):
+        written = found.report(out, command())
+    Console().print(Text(found.answer, style="bold"), soft_wrap=True)
     for path in written:
         Console().print(Text(str(path)), soft_wrap=True)
-
-
-def _refuse_the_same(data: list[Path], test: list[Path]) -> None:
-    """Refuse a held-out drive that is fitted as well."""
-    fitted = {path.resolve() for path in data}
-    for path in test:
-        if path.resolve() in fitted:
-            raise UserError(f"--test {path}: is fitted as well; validate the fit on a drive that was not fitted")
-
-
-def _problem(
-    spec: ModelSpec,
-    fitted: list[xr.Dataset],
-    held_out: list[xr.Dataset],
-    free: str,
-    seed: int,
-    jobs: int | None,
-) -> tuple[Problem, tuple[Drive, ...]]:
-    """Return the problem and the held-out recordings."""
-    from harness.identification.contract import Problem
-    from harness.identification.innovations import Innovations
-
-    names = tuple(name for name in (part.strip() for part in free.split(",")) if name)
-    _check_free(spec, names)
-    innovations = Innovations(spec, jobs=jobs)
-    drives, tests = (
-        tuple(innovations.drive(r, Path(str(r.attrs["file"])).stem) for r in group) for group in (fitted, held_out)
-    )
-    return Problem(innovations, drives, names, seed), tests
-
-
-def _check_free(spec: ModelSpec, names: tuple[str, ...]) -> None:
-    """Refuse names that the model does not have before anything is compiled."""
-    from harness.common.registry import closest
-
-    known = spec.model().parameter_names
-    if not names:
-        raise UserError(f"--free: name the parameters to estimate; the model has: {', '.join(known)}")
-    for name in names:
-        if name not in known:
-            raise UserError(f"--free: the model has no parameter '{name}'{closest(name, known)}")
-
-
-def _write(problem: Problem, fit: Any, tests: tuple[Drive, ...], out: Path) -> list[Path]:
-    from harness.common.failures import Failures
-    from harness.identification.report import document
-    from harness.identification.result import judge, write_outcome
-    from harness.reporting.document import Prose, plain, write
-
-    failures = Failures(out)
-    judged = failures.attempt(
-        "the comparison with the recordings", lambda: list(judge(problem, fit, tests)), lambda _: []
-    )
-    not_made = [Prose(plain(sentence)) for sentence in failures.sentences]
-    names = ", ".join(drive.name for drive in problem.drives)
-    command = " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
-    return [
-        *write_outcome(out, fit, judged, f"harness identify, method {fit.method}, on {names}"),
-        *write(document(fit, judged, command, evidence=not_made or None), out, failures=failures),
-    ]

@@ -7,15 +7,15 @@ commands, so that help appears at once.
 
 from __future__ import annotations
 
-import contextlib
 import functools
+import io
 import json
 import re
 import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 import typer.core
@@ -31,6 +31,9 @@ from harness.cli.realtime import realtime
 from harness.cli.simulate import simulate
 from harness.cli.trace import trace
 from harness.common.errors import ModelError, UserError
+
+if TYPE_CHECKING:
+    from harness.api.results import Results
 
 FAILED, WRONG, INTERRUPTED = 1, 2, 130
 _state = {"debug": False}
@@ -119,6 +122,10 @@ def run(
     dask: Annotated[
         Literal["local"] | None, typer.Option("--dask", help="Run on Dask worker processes of this machine.")
     ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="A first look: fewer drives, repeats and Sobol points, in results/<name>-quick."),
+    ] = False,
 ) -> None:
     """Run a study and write its report.
 
@@ -127,21 +134,11 @@ def run(
     """
     if scheduler is not None and (dask is not None or jobs is not None):
         raise UserError("--scheduler says which workers run the study; leave out --dask and --jobs")
-    from harness.config import load_study
+    from harness.api.study import read_study
 
     path = study_path(study)
-    loaded = load_study(path.resolve() if scheduler is not None else path)  # workers start in other folders
-    from harness.study.run import run_study
-
-    console = Console()
-    with contextlib.ExitStack() as stack:
-        client = None
-        if scheduler is not None or dask is not None:
-            from harness.study.cluster import connected
-
-            client = stack.enter_context(connected(scheduler, jobs))
-        folder = run_study(loaded, out if out is not None else RESULTS / loaded.name, jobs, console, client)
-    _write_report(folder, console, answer=True)
+    loaded = read_study(path.resolve() if scheduler is not None else path, quick)  # workers start in other folders
+    _write_report(loaded.run(out, jobs, scheduler=scheduler, dask=dask), Console(), answer=True)
 
 
 @app.command()
@@ -154,21 +151,22 @@ def report(folder: Annotated[Path, typer.Argument(help="Result folder of a finis
     if not folder.is_dir():
         there = sorted(str(p) for p in folder.parent.glob("*") if p.is_dir())
         raise UserError(f"{folder}: there is no such folder{_closest(str(folder), there)}")
-    _write_report(folder, Console())
+    from harness.api.results import open_results
+
+    _write_report(open_results(folder), Console())
 
 
-def _write_report(folder: Path, console: Console, answer: bool = False) -> None:
+def _write_report(results: Results, console: Console, answer: bool = False) -> None:
     """Write the report of a finished study, print its answer if asked for, and its files."""
-    from harness.study.report import NOT_VERIFIABLE, analyse, headline, write_report
+    from harness.study.report import NOT_VERIFIABLE
 
     aside = Console(stderr=True)
     with aside.status("writing the report"):
-        analysis = analyse(folder)
-        files = write_report(analysis)
-    if not analysis.store.is_verifiable:
-        aside.print(Text(f"{folder}: {NOT_VERIFIABLE}", style="yellow"), soft_wrap=True)
+        files = results.report()
+    if not results.is_verifiable:
+        aside.print(Text(f"{results.folder}: {NOT_VERIFIABLE}", style="yellow"), soft_wrap=True)
     if answer:
-        console.print(Text(headline(analysis), style="bold"), soft_wrap=True)
+        console.print(Text(results.answer, style="bold"), soft_wrap=True)
     for path in files:
         console.print(Text(str(path)), soft_wrap=True)
 
@@ -345,4 +343,7 @@ app.command()(_answers_errors(new))
 
 def main() -> None:
     """Run the command line (the entry point of the ``harness`` script)."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a console or pipe without Greek letters, as on Windows
     app()

@@ -15,8 +15,8 @@ from harness.cli.options import (
     SensorsOption,
     SetOption,
     TyreOption,
-    drive_spec,
-    model_spec,
+    drive_of,
+    model_of,
 )
 from harness.common.errors import UserError
 
@@ -41,12 +41,12 @@ def observability(
 
     Can the states be determined from the measurements? Straight ahead and under lateral excitation.
     """
-    spec = model_spec(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
+    spec = model_of(ModelOptions(vehicle, parameters, tyre, effect, sensors, values)).spec
     profile = None
     if drive is not None:
         from harness.simulation.drives import profile_of
 
-        profile = profile_of(spec, drive_spec(drive, option))
+        profile = profile_of(spec, drive_of(drive, option).spec)
     elif option:
         raise UserError("--option belongs to a drive; name it with --drive")
     from harness.cli.observability_report import report

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,31 +11,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from harness.common import locations
 from harness.common.errors import ModelError, UserError
-from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-    from harness.config import DriveSpec, ModelSpec
+    from harness.api.drive import Drive
+    from harness.api.model import Model
 
 HERE = Path("studies")
 """Studies of the working directory, whether or not it is a project."""
 RESULTS = Path("results")
-DEFAULT_SENSORS = "series"
-"""Sensors of a model without recordings, where the vehicle has them."""
-
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help='Parameter that differs from the set: trailer_mass="8 t".'),
 ]
 ParametersOption = Annotated[
     str | None,
-    typer.Option("--parameters", help="Parameter set, or a TOML parameter file; the vehicle's only set if absent."),
+    typer.Option(
+        "--parameters", help="Parameter set, or a TOML parameter file; the vehicle's usual or only set if absent."
+    ),
 ]
 TyreOption = Annotated[
     str | None, typer.Option("--tyre", help="Tyre; that of the parameter file, or magic_formula where one is needed.")
@@ -45,9 +41,7 @@ EffectOption = Annotated[
 ]
 SensorsOption = Annotated[
     str | None,
-    typer.Option(
-        "--sensors", help="Sensors; those of the parameter file, or the series ones, or the only ones that fit."
-    ),
+    typer.Option("--sensors", help="Sensors; those of the parameter file, or the usual or only ones of the vehicle."),
 ]
 RecordedSensorsOption = Annotated[
     str | None,
@@ -117,6 +111,16 @@ def quantity(given: str, unit: str, option: str) -> float:
     return number
 
 
+def listed(given: str) -> tuple[str, ...]:
+    """Return the names of a comma-separated option."""
+    return tuple(n for n in (part.strip() for part in given.split(",")) if n)
+
+
+def command() -> str:
+    """Return the command that is running, as reports say how they were made."""
+    return " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
+
+
 @dataclass(frozen=True)
 class ModelOptions:
     """A model as the options of a command state it; ``None`` or empty is what was not given.
@@ -138,139 +142,31 @@ class ModelOptions:
     values: list[str] | None = None
 
 
-def model_table(
-    options: ModelOptions, recordings: Sequence[xr.Dataset] | None = None
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return a model given by options as ``[plant]`` of a study states it: the one place where options become a model.
-
-    Tyre, effects and sensors that are not given are those that the parameter file states. Effects and sensors that are
-    given take their place, and a note says so; a tyre cannot, because the values belong to it. What neither states is
-    ``magic_formula`` where a tyre is needed, no effect, and the sensors that use most of the recordings or, without
-    recordings, the series ones.
+def model_of(options: ModelOptions, **further: Any) -> Model:
+    """Return a model given by options.
 
     Args:
         options: What was given.
-        recordings: Those that the model is for, if any.
-
-    Returns:
-        The table, and notes for the user in sentences without a full stop.
+        further: More keys of ``[plant]``, such as ``integrator``.
 
     Raises:
-        UserError: If the vehicle has several parameter sets or sensors to choose from, or the recordings contain no
-            complete set of sensors.
-        ModelError: If there is no such vehicle or parameter set.
+        UserError, ModelError: As ``harness.model``.
     """
-    from harness.config.parameter_set import load_set
+    from harness.api.model import model
 
-    vehicle, name = options.vehicle, parameter_set(options.vehicle, options.parameters)
-    stated = load_set(name, Path(), "--parameters")
-    if stated.vehicle != vehicle:
-        raise UserError(f"--parameters: '{name}' holds values of vehicle '{stated.vehicle}', not of '{vehicle}'")
-    notes: list[str] = []
-    if options.effects and stated.effects and tuple(options.effects) != stated.effects:
-        chosen, there = ", ".join(options.effects), ", ".join(stated.effects)
-        notes.append(f"--effect: the model has {chosen}, in place of {there} of {stated.source}")
-    tyre = options.tyre or stated.tyre
-    if tyre is None and VEHICLES.load(vehicle).AXLES:
-        tyre = "magic_formula"
-    sensors = options.sensors or stated.sensors
-    if options.sensors and stated.sensors and options.sensors != stated.sensors:
-        notes.append(f"--sensors: {options.sensors}, in place of {stated.sensors} of {stated.source}")
-    if sensors is None and recordings is not None:
-        sensors, lacking = _most_sensors(vehicle, tyre, recordings)
-        notes += lacking
-    elif sensors is None:
-        sensors = _usual_sensors(vehicle, tyre)
-    table = {
-        "vehicle": vehicle,
-        "parameters": name,
-        "tyre": tyre,
-        "effects": list(options.effects) if options.effects else None,
-        "sensors": sensors,
-        "values": pairs(options.values, "--set"),
-    }
-    return {key: value for key, value in table.items() if value is not None}, tuple(notes)
-
-
-def model_spec(options: ModelOptions, recordings: Sequence[xr.Dataset] | None = None, **further: Any) -> ModelSpec:
-    """Resolve a model given by options, as ``model_table``, and print its notes.
-
-    Args:
-        options: What was given.
-        recordings: Those that the model is for, if any.
-        further: More keys of ``[plant]``, such as ``step``.
-    """
-    from harness.config import resolve_single
-
-    table, notes = model_table(options, recordings)
-    spec = resolve_single({**table, **further}, "command line")
-    for note in notes:
-        Console(stderr=True).print(Text(f"note: {note}"), soft_wrap=True)
-    return spec
-
-
-def parameter_set(vehicle: str, given: str | None) -> str:
-    """Return the parameter set asked for, or the vehicle's only one.
-
-    Raises:
-        UserError: If none is asked for and the vehicle has none or several.
-        ModelError: If there is no such vehicle.
-    """
-    VEHICLES.load(vehicle)
-    if given is not None:
-        return given
-    sets = PARAMETERS.names()
-    fit = [n for n in sets if vehicle == PARAMETERS.load(n).VEHICLE]
-    if len(fit) == 1:
-        return fit[0]
-    there = f"There are {', '.join(fit)}; or write a TOML parameter file" if fit else "Write a TOML parameter file"
-    raise UserError(f"--parameters: which values of '{vehicle}'? {there} (docs/studies.md)")
-
-
-def _usual_sensors(vehicle: str, tyre: str | None) -> str:
-    """Return the sensors of a vehicle where no recordings decide: the series ones, or the only ones that fit."""
-    fit = [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
-    if DEFAULT_SENSORS in fit or len(fit) == 1:
-        return DEFAULT_SENSORS if DEFAULT_SENSORS in fit else fit[0]
-    raise UserError(f"--sensors: which of '{vehicle}'? There are {', '.join(fit) or 'none that fit'}")
-
-
-def _most_sensors(vehicle: str, tyre: str | None, recordings: Sequence[xr.Dataset]) -> tuple[str, tuple[str, ...]]:
-    """Return the set of sensors that uses most signals of the recordings, and what a larger one would need.
-
-    Raises:
-        UserError: If there is none; with the signals that each lacks.
-    """
-    there = set.intersection(*({str(v).removeprefix("measured_") for v in r} for r in recordings))
-    names = [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
-    needs = {n: set(SENSORS.load(n).OUTPUTS) for n in names}
-    complete = [n for n in names if needs[n] <= there]
-    if not complete:
-        lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)
-        raise UserError(f"--sensors: the recordings contain no complete set of sensors of '{vehicle}': {lacking}")
-    best, largest = (max(some, key=lambda n: len(needs[n])) for some in (complete, names))
-    if len(needs[best]) == len(needs[largest]):
-        return best, ()
-    note = (
-        f"the recordings lack {', '.join(sorted(needs[largest] - there))}, so sensors '{best}' are used "
-        f"({', '.join(sorted(needs[best]))}), and what only '{largest}' would show cannot be found"
+    return model(
+        options.vehicle,
+        options.parameters,
+        tyre=options.tyre,
+        effects=options.effects or None,
+        sensors=options.sensors,
+        values=pairs(options.values, "--set") or None,
+        **further,
     )
-    return best, (note,)
 
 
-def _fits(vehicle: str, tyre: str | None, sensors: str) -> bool:
-    """Whether a vehicle publishes what a set of sensors measures."""
-    from harness.models.assembly.assemble import assemble
-
-    try:
-        assemble(vehicle, tyre, (), sensors)
-    except ModelError:
-        return False
-    return True
-
-
-def drive_spec(kind: str, options: list[str] | None) -> DriveSpec:
+def drive_of(kind: str, options: list[str] | None) -> Drive:
     """Return a drive given on the command line."""
-    from harness.config import DriveSpec
+    from harness.api.drive import drive
 
-    return DriveSpec(kind, kind, pairs(options, "--option"), f"--drive {kind}", Path())
+    return drive(kind, **pairs(options, "--option"))

@@ -17,8 +17,8 @@ from harness.cli.options import (
     SensorsOption,
     SetOption,
     TyreOption,
-    drive_spec,
-    model_spec,
+    drive_of,
+    model_of,
 )
 
 
@@ -42,17 +42,12 @@ def simulate(
 
     One column per signal, in SI units, under the names that harness list signals shows.
     """
+    from harness.api.recordings import simulate as simulated
     from harness.recordings.write import check_target, write_recording
 
     check_target(out)
-    spec = model_spec(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
-    for name in signal or []:
-        spec.model().resolve(name)
-    from harness.simulation.drives import profile_of
-    from harness.simulation.simulate import simulate_drive
-
-    profile = profile_of(spec, drive_spec(drive, option))
-    recording = simulate_drive(spec, profile, signal or [], seed)
+    model = model_of(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
+    recording = simulated(model, drive_of(drive, option), seed, signal or [])
     write_recording(recording, out)
     samples, signals = recording.sizes["time"], len(recording.data_vars)
     Console().print(Text(f"{out}: {samples} samples of {signals} signals"), soft_wrap=True)

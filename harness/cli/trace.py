@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -19,10 +17,6 @@ from harness.cli.options import (
     TyreOption,
     study_path,
 )
-from harness.common.errors import UserError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def trace(
@@ -56,60 +50,17 @@ def trace(
 
     Writes trace.json, the nominal and the amended model as parameter files, and a report.
     """
-    from harness.cli.options import ModelOptions, model_table
-    from harness.diagnosis.report.report import document
-    from harness.diagnosis.run import Task, run_trace
-    from harness.identification.data import step_of
-    from harness.identification.measured_file import finely, fitted_parameters
-    from harness.reporting.document import write
+    from harness.api.diagnosis import Diagnosis
+    from harness.api.recordings import read_recording
+    from harness.cli.options import ModelOptions, command, listed, model_of
 
-    _refuse_the_same(train, test)
-    fitted, held_out = ([_load(path, channels) for path in paths] for paths in (train, test))
-    table, notes = model_table(ModelOptions(model, parameters, tyre, effect, sensors, values), fitted + held_out)
-    spec = finely(table, step_of(fitted[0]), "command line")
-    chosen = fitted_parameters(spec, _listed(free), "--free")
     path = None if study is None else study_path(study)
-    task = Task(spec, fitted, held_out, chosen, _kinds(estimators), path, repeats, jobs=jobs, notes=notes)
-    console = Console(stderr=True)
-    outcome = run_trace(task, out, console)
-    with console.status("writing the report"):
-        command = " ".join(["harness", *map(shlex.quote, sys.argv[1:])])
-        write(document(outcome, command), out, failures=outcome.failures)
-    Console().print(Text(outcome.answer, style="bold"), soft_wrap=True)
-    for name in ("report.html", "report.pdf", "trace.json", "nominal.toml", "amended.toml"):
-        Console().print(Text(str(out / name)), soft_wrap=True)
-
-
-def _refuse_the_same(train: list[Path], test: list[Path]) -> None:
-    """Refuse a held-out drive that is fitted as well, by content, so that a copy is recognised."""
-    for path in [*train, *test]:
-        if not path.exists():
-            raise UserError(f"{path}: there is no such recording")
-    fitted = {_content(path): path for path in train}
-    for path in test:
-        if _content(path) in fitted:
-            raise UserError(f"--test {path}: is the drive --train {fitted[_content(path)]}; hold out another one")
-
-
-def _content(path: Path) -> bytes | Path:
-    return path.read_bytes() if path.is_file() else path.resolve()
-
-
-def _load(path: Path, channels: Path | None) -> xr.Dataset:
-    from harness.recordings import load_recording
-
-    return load_recording(path, channels).assign_attrs(name=path.name.split(".")[0])
-
-
-def _listed(given: str) -> tuple[str, ...]:
-    return tuple(n for n in (part.strip() for part in given.split(",")) if n)
-
-
-def _kinds(given: str) -> tuple[str, ...]:
-    """Return the estimators to run, each known."""
-    from harness.estimation.contract import load_estimator
-
-    kinds = _listed(given)
-    for kind in kinds:
-        load_estimator(kind)
-    return kinds
+    diagnosis = Diagnosis(listed(free), listed(estimators), path, repeats, jobs)
+    fitted, held_out = ([read_recording(each, channels) for each in paths] for paths in (train, test))
+    nominal = model_of(ModelOptions(model, parameters, tyre, effect, sensors, values))
+    diagnosis.fit(nominal, fitted, held_out, out)
+    with Console(stderr=True).status("writing the report"):
+        written = diagnosis.report(out, command())
+    Console().print(Text(diagnosis.answer_, style="bold"), soft_wrap=True)
+    for file in written:
+        Console().print(Text(str(file)), soft_wrap=True)

@@ -195,7 +195,7 @@ def _path(name: str) -> Path | None:
 def _read(name: str) -> _File:
     path = _path(name)
     assert path is not None
-    source = path.read_text()
+    source = path.read_text(encoding="utf-8")
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     imports: list[_Import] = []
     lines = source.splitlines()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,6 +19,7 @@ from harness.config.designs import resolve_design
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
 from harness.config.problems import Problems, add_validation_errors
+from harness.config.quick import shortened
 from harness.config.report_options import limits, over_time
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
@@ -30,11 +31,12 @@ from harness.models.drive_options import options_of
 _Table = TypeVar("_Table", bound=BaseModel)
 
 
-def load_study(path: str | Path) -> Study:
+def load_study(path: str | Path, quick: bool = False) -> Study:
     """Read a study file, check everything in it and return it with all defaults and units resolved.
 
     Args:
         path: The TOML file. Files it names are looked for in its folder first, then in the working directory.
+        quick: Return the study shortened, under a name of its own, see ``harness.config.quick``.
 
     Raises:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem, each with
@@ -46,7 +48,12 @@ def load_study(path: str | Path) -> Study:
     raw = _validated(parse_toml(text, str(path)), StudyFile, problems)
     problems.stop()
     assert raw is not None
-    return _resolve(raw, text, path)
+    if not quick:
+        return _resolve(raw, text, path)
+    drives = _drives(raw, path.parent, problems)
+    problems.stop()
+    found = [replace(d, options=_with_whole_paths(d.options, d.base)) for d in drives]
+    return _resolve_tables(shortened(raw, found), path)
 
 
 def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "study") -> Study:
@@ -67,6 +74,11 @@ def build_study(content: Mapping[str, Any] | StudyFile, path: str | Path = "stud
     raw = content if isinstance(content, StudyFile) else _validated(content, StudyFile, problems)
     problems.stop()
     assert raw is not None
+    return _resolve_tables(raw, path)
+
+
+def _resolve_tables(raw: StudyFile, path: Path) -> Study:
+    """Check a study that stands in no file as it is, see ``_resolve``; its text is the file that states the same."""
     try:
         text = toml_text(raw.model_dump(exclude_unset=True, exclude_none=True))
     except (TypeError, ValueError) as error:
@@ -83,7 +95,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     plant = resolve_model(plant_table, problems)
     belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
     drives = _drives(raw, folder, problems)
-    estimators, rule = tuned(raw.tuning, _estimators(raw.estimator, folder, problems), folder, problems)
+    estimators, rule = tuned(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
     _refuse_twice([d.name for d in raw.design], "design", "name", problems)
     for i, entry in enumerate(raw.design):
@@ -175,16 +187,17 @@ def _drives(raw: StudyFile, folder: Path, problems: Problems) -> list[DriveSpec]
             problems.add("drives", str(error))
             continue
         if content is not None:
-            drives += _drive_specs(content.drive, path.parent, folder, inner, drives)
-    drives += _drive_specs(raw.drive, folder, folder, problems, drives)
+            drives += drive_specs(content.drive, path.parent, folder, inner, drives)
+    drives += drive_specs(raw.drive, folder, folder, problems, drives)
     if not drives and not raw.drives and not raw.drive:
         problems.add("drives", 'a study needs a drive; add drives = "robustness" or a [[drive]] table')
     return drives
 
 
-def _drive_specs(
+def drive_specs(
     tables: list[DriveTable], beside: Path, folder: Path, problems: Problems, before: list[DriveSpec]
 ) -> list[DriveSpec]:
+    """Return drives, their options known; those before them have names that none of them may have."""
     specs: list[DriveSpec] = []
     for i, table in enumerate(tables):
         key = f"drive[{i}]"
@@ -219,6 +232,11 @@ def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
     return next((c for c in candidates if any(_names_file(c, v) for v in options.values())), candidates[0])
 
 
+def _with_whole_paths(options: dict[str, Any], base: Path) -> dict[str, Any]:
+    """Return options whose files are found from any folder."""
+    return {k: str((base / v).resolve()) if _names_file(base, v) else v for k, v in options.items()}
+
+
 def _names_file(folder: Path, value: Any) -> bool:
     """Whether an option's value names a file: text with a suffix, so that column names are none."""
     if not isinstance(value, str) or not Path(value).suffix:
@@ -229,7 +247,8 @@ def _names_file(folder: Path, value: Any) -> bool:
         return False
 
 
-def _estimators(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
+def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Problems) -> list[EstimatorSpec]:
+    """Return estimators, their settings checked and completed."""
     specs: list[EstimatorSpec] = []
     for i, table in enumerate(tables):
         key, settings = f"estimator[{i}]", table.further

@@ -98,12 +98,13 @@ def stated(side: str, table: ModelTable, folder: Path, problems: Problems, paren
     return plain if found is None else _with_set(plain, found, problems)
 
 
-def resolve_single(table: Mapping[str, Any], where: str) -> ModelSpec:
+def resolve_single(table: Mapping[str, Any], where: str, side: Literal["plant", "belief"] = "plant") -> ModelSpec:
     """Return a model that is stated outside a study, such as on the command line.
 
     Args:
-        table: Keys and values as in ``[plant]``.
+        table: Keys and values as in ``[plant]`` or ``[belief]``.
         where: Named in errors in place of the file.
+        side: What the model is for; an estimator's belief may have unknown inputs and needs measurement noise.
 
     Raises:
         UserError: If anything in it is wrong.
@@ -115,7 +116,7 @@ def resolve_single(table: Mapping[str, Any], where: str) -> ModelSpec:
         add_validation_errors(problems, error, ModelTable)
         problems.stop()
         raise
-    spec = resolve_model(stated("plant", parsed, Path(), problems), problems)
+    spec = resolve_model(stated(side, parsed, Path(), problems), problems)
     problems.stop()
     assert spec is not None
     return spec

@@ -17,10 +17,15 @@ TABLE, TABLES = "(table)", "(array of tables)"
 
 
 class Problems:
-    """The problems of one study; raised together as one ``UserError``."""
+    """The problems of one study; raised together as one ``UserError``.
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    Args:
+        file: Named in every message.
+        root: Key path that messages leave out, of what stands alone and not in a list of a file.
+    """
+
+    def __init__(self, file: str, root: str = "") -> None:
+        self.file, self._root = file, root
         self._lines: list[str] = []
 
     def of(self, file: str) -> Problems:
@@ -34,6 +39,7 @@ class Problems:
 
     def at(self, key: str) -> str:
         """Return ``file: key``, the place as errors name it."""
+        key = key.removeprefix(self._root).removeprefix(".") if self._root else key
         return f"{self.file}: {key}" if key else self.file
 
     def add(self, key: str, message: str) -> None:

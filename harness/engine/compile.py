@@ -120,7 +120,7 @@ def load_source(stem: str, source: str) -> ModuleType:
     if not path.exists():
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False) as file:
+            with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=folder, suffix=".tmp", delete=False) as file:
                 file.write(source)
             os.replace(file.name, path)  # atomic, so another process never imports half a file
         except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +45,21 @@ def step_of(recording: xr.Dataset) -> float:
     """Return the sample time in s, rounded to a nanosecond."""
     time = recording["time"].to_numpy()
     return round(float(time[-1] - time[0]) / (len(time) - 1), 9)
+
+
+def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> None:
+    """Refuse a held-out recording that is fitted as well, by content, so that a copy is recognised.
+
+    Raises:
+        UserError: If there is one.
+    """
+    for i, recording in enumerate(held_out):
+        same = next((j for j, other in enumerate(fitted) if recording.equals(other)), None)
+        if same is not None:
+            names = recording.attrs.get("file", f"number {i + 1}"), fitted[same].attrs.get("file", f"number {same + 1}")
+            raise UserError(
+                f"test: {names[0]} is fitted as well, it holds the same as {names[1]}; hold out another one"
+            )
 
 
 def drive_from(recording: xr.Dataset, model: Model, name: str) -> Drive:

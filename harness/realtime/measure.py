@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.process import forced_switches
 from harness.common.registry import closest
 from harness.config import DesignSpec, Study
 from harness.engine.compile import CompiledModel, load_source, paste
@@ -106,8 +106,10 @@ def contestants(study: Study, drive: str, duration: float) -> dict[str, Contesta
         duration: s of it.
 
     Raises:
-        UserError: If there is no such drive, or it is shorter.
+        UserError: If there is no such drive, it is shorter, or the system lacks the clock.
     """
+    if not hasattr(time, "CLOCK_MONOTONIC"):
+        raise UserError("steps are timed by clock_gettime, which Windows lacks; use Linux or macOS for this command")
     names = [d.name for d in study.drives]
     if drive not in names:
         raise UserError(f"--drive {drive}: study '{study.name}' has no such drive{closest(drive, names)}")
@@ -197,21 +199,15 @@ def _every_cycle(field: Sequence[Contestant], samples: int, cycle: float, taken:
             if e == len(field):
                 taken[e, k - 1] = field[0].look(1)[0]
                 continue
-            switches = _switches()
+            switches = forced_switches()
             taken[e, k - 1] = field[e].run(k, k + 1)[0]
-            interrupted[e, k - 1] = _switches() > switches
+            interrupted[e, k - 1] = forced_switches() > switches
     return interrupted
 
 
 def _refuse_divergence(name: str, contestant: Contestant) -> None:
     if not np.all(np.isfinite(contestant.mean)):
         raise UserError(f"estimator '{name}' diverges on this drive, so its time is meaningless; choose another drive")
-
-
-def _switches() -> int:
-    """Return how often this thread lost its core against its will; 0 where the system does not tell."""
-    thread = getattr(resource, "RUSAGE_THREAD", None)
-    return 0 if thread is None else resource.getrusage(thread).ru_nivcsw
 
 
 @contextlib.contextmanager

@@ -17,6 +17,7 @@ of a signal is ``sign * factor * channel + offset``, as the steering calibration
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -185,21 +186,18 @@ class ChannelMap:
     source: str = ""
 
 
-def load_map(path: str | Path) -> ChannelMap:
+def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
     """Read a channel map.
 
     Args:
-        path: File, or the name of a map of the user's project or of the package.
+        source: A TOML file, the name of a map of the user's project or of the package, or what a file holds.
 
     Raises:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem with file, key and
             remedy. Blank units are refused: a number without a unit is a guess.
     """
-    path = Path(path)
-    if not path.suffix and not path.is_file():
-        path = locations.find(locations.CHANNELS, str(path))
-    problems = Problems(str(path))
-    content = read_toml(path)
+    where, content = _content(source)
+    problems = Problems(where)
     raw = _validate({k: v for k, v in content.items() if k in MapFile.model_fields}, MapFile, problems, "")
     entries = {k: v for k, v in content.items() if k not in MapFile.model_fields}
     if not entries:
@@ -215,9 +213,19 @@ def load_map(path: str | Path) -> ChannelMap:
     problems.stop()
     assert raw is not None
     with problems.catch(""):
-        found = _resolve(raw, channels, str(path))
+        found = _resolve(raw, channels, where)
     problems.stop()
     return found
+
+
+def _content(source: str | Path | Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """Return what messages call a map, and what it holds."""
+    if isinstance(source, Mapping):
+        return "channels", source
+    path = Path(source)
+    if not path.suffix and not path.is_file():
+        path = locations.find(locations.CHANNELS, str(path))
+    return str(path), read_toml(path)
 
 
 def _validate(content: Any, table: type[Any], problems: Problems, key: str) -> Any:

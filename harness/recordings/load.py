@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -30,14 +31,16 @@ _LONGEST = 20_000_000
 
 
 def load_recording(
-    path: str | os.PathLike[str], channels: str | Path | None = None, step: float | None = None
+    path: str | os.PathLike[str],
+    channels: str | Path | Mapping[str, Any] | None = None,
+    step: float | None = None,
 ) -> xr.Dataset:
     """Read a measured drive.
 
     Args:
         path: Recording: a file of a known format, or a folder with one signal per file.
-        channels: Channel map. Without one the columns must carry the names of ``models/signals.py``, in SI units, and
-            the clock the name ``time``.
+        channels: Channel map: a file or its content. Without one the columns must carry the names of
+            ``models/signals.py``, in SI units, and the clock the name ``time``.
         step: Step of the common time base in s, in place of that of the channel map.
 
     Returns:
@@ -51,8 +54,23 @@ def load_recording(
     Raises:
         UserError: If file or map cannot be read, or do not fit each other; with file, key or column, and remedy.
     """
-    file = os.fspath(path)
-    tables = readers.read_tables(path)
+    return recording_of(readers.read_tables(path), os.fspath(path), channels, step)
+
+
+def recording_of(
+    tables: list[readers.Table],
+    file: str,
+    channels: str | Path | Mapping[str, Any] | None = None,
+    step: float | None = None,
+) -> xr.Dataset:
+    """Return what a reader returned as a recording, see ``load_recording``.
+
+    Args:
+        tables: One per clock.
+        file: Where they come from, for errors and reports.
+        channels: Channel map: a file or its content.
+        step: Step of the common time base in s, in place of that of the channel map.
+    """
     mapping = plain_map(tables, file) if channels is None else load_map(channels)
     if step is not None:
         mapping = replace(mapping, step=step)

@@ -23,6 +23,7 @@ from scipy.optimize import differential_evolution
 from harness.cli.options import answers_errors
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.files import BUNDLED_STUDIES
 from harness.config import DriveSpec, ModelSpec, resolve_single
 from harness.engine.compile import compile_model
 from harness.identification.data import Drive
@@ -34,7 +35,7 @@ from harness.reproductions.simulated_recording import record
 from harness.reproductions.ziaukas_swarm_report import Setup, document
 from harness.simulation.drives import profile_of, read_drives
 
-DRIVES = Path("studies/drives/identification.toml")
+DRIVES = BUNDLED_STUDIES / "drives" / "identification.toml"
 LOADS = {
     "empty": {"trailer_mass": "7.5 t", "trailer_cog_from_rear": "7.2 m"},
     "laden": {"trailer_mass": "24 t", "trailer_cog_from_rear": "7.8 m"},

@@ -96,7 +96,8 @@ def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: t
         dtype="uint64",
         fill_value=0,
         compressors=None,
-        dimension_names=("band", "chunk", "drive", "array"),
+        # Names of its own: designs differ in size, and xarray reads the group as one dataset.
+        dimension_names=[f"{design}_{each}" for each in ("band", "chunk", "drive", "array")],
         attributes={
             "arrays": {name: list(d) for name, d in dims.items()},
             "files": {_name(root, own): _hex(own), **of_files(root, design)},

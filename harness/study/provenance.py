@@ -83,7 +83,7 @@ def _git(*arguments: str) -> str | None:
 def processor() -> str:
     """Return the name of the processor, for the record of a result."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or "unknown processor"

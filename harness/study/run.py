@@ -8,7 +8,6 @@ interruption changes a bit of the store.
 from __future__ import annotations
 
 import json
-import resource
 import time
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
@@ -29,6 +28,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from harness.common.process import peak_memory_mib
 from harness.config import Study
 from harness.study.checksums import described
 from harness.study.design import Unit, units
@@ -108,11 +108,12 @@ def run_study(
             "duration_s": round(seconds, 2),
             "runs_per_s": round(left / seconds, 1),
         }
-        if client is None:
-            record["peak_memory_mib"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-        (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n")
+        if client is None and (peak := peak_memory_mib()) is not None:
+            record["peak_memory_mib"] = peak
+        (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     if todo or not store.has_histories:
         store.write_histories(histories(evaluator))
+    store.consolidate()
     return out
 
 

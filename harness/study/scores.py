@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, PENDING = 0, 1, 2, -1
+FLAGS = {"ok": OK, "estimator_diverged": ESTIMATOR_DIVERGED, "plant_diverged": PLANT_DIVERGED, "pending": PENDING}
+"""Codes of the status by the word that stores and tables have for them."""
 
 STATUS = "status"
 OVER_TIME = "rmse_over_time"

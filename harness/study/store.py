@@ -4,7 +4,9 @@ One group per design, with the plain dimensions ``band, sample, drive, repeat, e
 chunks of its own, so threads and processes write without knowing of each other. ``status`` is written after
 the scores of a unit, so a unit whose status is pending counts as not done, and the checksums of all its chunks last
 (``harness.study.checksums``). Nothing that depends on the number of workers or on the clock is in the store;
-``run.json`` beside it tells that.
+``run.json`` beside it tells that. When a study ends, ``consolidate`` copies the metadata of all groups into the root,
+so that ``xarray.open_datatree`` reads the whole store without looking for its groups; checksums cover the groups' own
+metadata, which everything here reads.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import json
 import platform
 import shutil
+import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,7 +32,7 @@ from harness.study.checksums import HISTORY, Fault
 from harness.study.design import Unit, points, samples_per_unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.provenance import code_state, commit, processor
-from harness.study.scores import MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
+from harness.study.scores import FLAGS, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
 
 STORE = "scores.zarr"
 
@@ -88,18 +91,26 @@ class Store:
     @property
     def has_histories(self) -> bool:
         """Whether every run to be drawn over time is there."""
-        root = zarr.open_group(str(self.path), mode="r")
+        root = zarr.open_group(str(self.path), mode="r", use_consolidated=False)
         return HISTORY in root and root[HISTORY].attrs.get("runs") == len(self.study.history)
 
     def write_histories(self, histories: Sequence[xr.Dataset]) -> None:
         """Write the runs to be drawn over time, each to a group ``history/<index>``; their number comes last."""
-        group = zarr.open_group(str(self.path), mode="r+").create_group(HISTORY, overwrite=True)
+        root = zarr.open_group(str(self.path), mode="r+", use_consolidated=False)
+        group = root.create_group(HISTORY, overwrite=True)
         for index, history in enumerate(histories):
             history = history.assign_coords({n: _text(history[n].values) for n in ("estimator", "target")})
             history.attrs["rmse"] = json.dumps(history.attrs["rmse"])
             name = f"{HISTORY}/{index}"
             history.to_zarr(self.path, group=name, mode="w", consolidated=False, zarr_format=3)
         group.attrs.update({"files": checksums.of_files(self.path, HISTORY), "runs": len(histories)})
+
+    def consolidate(self) -> None:
+        """Copy the metadata of all groups into those of the root; the same bits however often it is done."""
+        with warnings.catch_warnings():
+            # Version 3 of the format leaves these copies to the libraries; whoever ignores them reads the same.
+            warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
+            zarr.consolidate_metadata(str(self.path), zarr_format=3)
 
     def _mend(self, evaluator: StudyEvaluator) -> None:
         """Put back what an empty store has, and make the units pending that have lost something else."""
@@ -220,7 +231,8 @@ def _empty(study: Study, design: DesignSpec, evaluator: StudyEvaluator) -> xr.Da
     for i, factor in enumerate(table.factors):
         unit = design.factors[i].unit
         variables[f"factor_{factor}"] = (("band", "sample"), table.values[:, :, i], {"units": unit})
-    variables[STATUS] = (dims, status, {"long_name": MEANINGS[STATUS]})
+    flags = {"flag_values": list(FLAGS.values()), "flag_meanings": " ".join(FLAGS)}  # as CF has them
+    variables[STATUS] = (dims, status, {"long_name": MEANINGS[STATUS], **flags})
     factors = [
         {
             "name": name,

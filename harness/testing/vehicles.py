@@ -42,6 +42,11 @@ def check_vehicle(vehicle: str | ModuleType) -> None:
         _check_every_parameter_is_read(name)
         fits = fitting_sensors(name, tyres_of(name)[0])
         require(fits, f"no set of sensors measures what '{name}' publishes; add one")
+        usual = getattr(load("vehicles", name), "USUAL", {})
+        for what, there in (("parameters", sets_of(name)), ("sensors", fits)):
+            require(
+                usual.get(what, there[0]) in there, f"{name}: USUAL names {what} that do not fit; there are {there}"
+            )
 
 
 def _check_exports(name: str) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 STATES: tuple[str, ...] = ("lateral_velocity", "yaw_rate")
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 AXLES: dict[str, str] = {"front": "front", "rear": "rear"}
+USUAL: dict[str, str] = {"parameters": "govindarajan_2018", "sensors": "car_series"}
 VALID: dict[str, float] = {"lateral_velocity": 30.0, "yaw_rate": 10.0}
 
 PARAMETERS: tuple[Parameter, ...] = (

@@ -34,6 +34,7 @@ STATES: tuple[str, ...] = (
 )
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "longitudinal_acceleration")
 AXLES: dict[str, str] = {}
+USUAL: dict[str, str] = {"parameters": "li_2017", "sensors": "car_inertial"}
 START: dict[str, float | str] = {
     "longitudinal_velocity": "speed",
     "cornering_stiffness_front": "first_stiffness_front",

@@ -25,6 +25,7 @@ LOWEST_FRICTION = 0.05
 STATES: tuple[str, ...] = ("lateral_velocity", "yaw_rate", "friction_coefficient")
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 AXLES: dict[str, str] = {"front": "front", "rear": "rear"}
+USUAL: dict[str, str] = {"parameters": "lex_2015", "sensors": "car_series"}
 START: dict[str, float | str] = {"friction_coefficient": "friction"}
 VALID: dict[str, float] = {"lateral_velocity": 30.0, "yaw_rate": 5.0, "friction_coefficient": 5.0}
 

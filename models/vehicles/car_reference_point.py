@@ -32,6 +32,7 @@ CONSTANTS: dict[str, str] = {"GRAVITY": "m/s^2", "LOWEST_SPEED": "m/s"}
 STATES: tuple[str, ...] = ("lateral_velocity_rear", "yaw_rate", "heading")
 INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 AXLES: dict[str, str] = {}
+USUAL: dict[str, str] = {"parameters": "sun_2015", "sensors": "car_reference"}
 VALID: dict[str, float] = {"lateral_velocity_rear": 30.0, "yaw_rate": 5.0}
 
 PARAMETERS: tuple[Parameter, ...] = (

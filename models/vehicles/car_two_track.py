@@ -56,6 +56,7 @@ SMALLEST_SLIP = 0.005
 CONSTANTS: dict[str, str] = {"GRAVITY": "m/s^2", "LOWEST_SPEED": "m/s", "LOWEST_LOAD": "N"}
 
 AXLES: dict[str, str] = {"fl": "front", "fr": "front", "rl": "rear", "rr": "rear"}
+USUAL: dict[str, str] = {"parameters": "althoff_2020", "sensors": "car_series"}
 
 STATES: tuple[str, ...] = (
     "longitudinal_velocity",

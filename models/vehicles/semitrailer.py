@@ -48,6 +48,7 @@ INPUTS: tuple[str, ...] = ("steering_wheel_angle", "speed")
 
 # Axle -> group of tyre parameters: the three trailer axles share one (Ziaukas 2023, 4.2.2).
 AXLES: dict[str, str] = {"11": "11", "12": "12", "21": "2", "22": "2", "23": "2"}
+USUAL: dict[str, str] = {"parameters": "ziaukas_2023", "sensors": "series"}
 
 BODIES: dict[str, tuple[str, ...]] = {"tractor": ("11", "12"), "trailer": ("21", "22", "23")}
 

@@ -40,7 +40,28 @@ def test_one_drive_is_simulated(harness, tmp_path, packages):
     assert (tmp_path / "drive.csv").read_text().startswith("time")
 
 
+def test_studies_of_the_package_are_found_by_name_and_those_of_the_user_come_first(harness, tmp_path):
+    assert "heavier or lighter" in harness("list", "studies")
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "mass.toml").write_text(STUDY.replace("Does the runner keep its promises?", "Mine?"))
+    listed = harness("list", "studies")
+    assert "Mine?" in listed
+    assert listed.count("\nmass ") == 1
+    assert "joint-loading" in listed
+
+
 def test_a_study_is_run_with_its_report(harness, tmp_path):
     (tmp_path / "probe.toml").write_text(STUDY)
     assert "report.html" in harness("run", "probe.toml", "--jobs", 1)
     assert (tmp_path / "results" / "probe" / "report.html").is_file()
+
+
+def test_a_quick_look_at_a_study_of_the_package_has_a_name_of_its_own(harness, tmp_path):
+    """By its name, from a folder that holds nothing of ours; a quick look is never taken for the whole study."""
+    assert "kalman-lecture-quick" in harness("run", "kalman-lecture", "--quick", "--jobs", 1)
+    assert [p.name for p in (tmp_path / "results").iterdir()] == ["kalman-lecture-quick"]
+
+
+def test_a_console_without_greek_letters_gets_the_answer(harness, monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    assert "noise scale" in harness("run", "kalman-lecture", "--quick", "--jobs", 1)

@@ -59,7 +59,7 @@ def test_a_fit_is_kept_where_the_comparison_with_the_recordings_fails(folder, tm
     def broken(*_):
         raise ZeroDivisionError("no sample is left")
 
-    monkeypatch.setattr("harness.identification.result.judge", broken)
+    monkeypatch.setattr("harness.identification.fit_recordings.judge", broken)
     done = run("--data", folder / "first.csv", "--free", "stiffness_over_load_front", "--setting", "annealings=0",
                "--setting", "iterations=1", "--setting", "profiles=false", "--out", tmp_path)  # fmt: skip
     assert done.exit_code == 0, done.output
@@ -73,7 +73,7 @@ def test_a_fit_is_kept_where_the_comparison_with_the_recordings_fails(folder, tm
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--free", ""], "--free: name the parameters to estimate; the model has: stiffness_over_load_front"),
+        (["--free", ""], "free: name the parameters to estimate; the model has: stiffness_over_load_front"),
         (["--free", "stiffness_front"], "closest: stiffness_over_load_front"),
         (["--free", "cog_height", "--method", "likelyhood"], "closest: likelihood"),
         (["--free", "cog_height", "--setting", "stats=2"], "no setting 'stats'; closest: starts"),

@@ -76,7 +76,7 @@ def test_version(harness):
 def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, monkeypatch):
     seen = {}
 
-    def run_study(study, out, jobs, console, client):
+    def run_study(study, out, jobs, client):
         seen.update(study=study, out=out, jobs=jobs)
         return synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
@@ -111,12 +111,12 @@ def test_run_on_a_cluster_takes_its_client_from_the_options(harness, small_study
         asked.append((scheduler, workers))
         yield f"client of {scheduler}"
 
-    def run_study(study, out, jobs, console, client):
+    def run_study(study, out, jobs, client):
         seen.append((client, study.path.is_absolute()))
-        return out
 
     monkeypatch.setattr(cluster, "connected", connected)
     monkeypatch.setattr(stage, "run_study", run_study)
+    monkeypatch.setattr("harness.api.results.open_results", lambda folder: folder)
     monkeypatch.setattr(cli, "_write_report", lambda *_, **__: None)
     for options in (["--scheduler", "tcp://there:8786"], ["--dask", "local", "--jobs", 2]):
         assert harness("run", small_study, "--out", tmp_path / "out", *options)[0] == 0
@@ -150,7 +150,7 @@ def test_cluster_options_that_do_not_fit(harness, small_study, options, message)
 def test_exit_status_says_what_kind_of_error(harness, small_study, tmp_path, monkeypatch, raised, status, begins):
     import harness.study.run as stage
 
-    def run_study(*_args):
+    def run_study(*_, **__):
         raise raised
 
     monkeypatch.setattr(stage, "run_study", run_study)
@@ -185,7 +185,8 @@ def test_study_by_name(harness, small_study, monkeypatch):
 
     monkeypatch.chdir(ROOT)
     names = []
-    monkeypatch.setattr(stage, "run_study", lambda study, out, *_: names.append((study.name, out)) or out)
+    monkeypatch.setattr(stage, "run_study", lambda study, out, *_, **__: names.append((study.name, out)))
+    monkeypatch.setattr("harness.api.results.open_results", lambda folder: folder)
     monkeypatch.setattr(cli, "_write_report", lambda *_, **__: None)
     assert harness("run", "mass")[0] == 0
     assert names == [("mass", Path("results/mass"))]
@@ -299,9 +300,12 @@ def test_simulate_writes_a_recording(harness, tmp_path, suffix):
     ("arguments", "message"),
     [
         (["semitrailr", "--drive", "sine"], "unknown vehicle 'semitrailr'; closest: semitrailer"),
-        (["semitrailer", "--drive", "sin"], "--drive sin: unknown drive 'sin'; closest: sine"),
+        (["semitrailer", "--drive", "sin"], "drive 'sin': kind: unknown drive 'sin'; closest: sine"),
         (["semitrailer", "--drive", "sine", "--option", "speed"], "--option 'speed': write NAME=VALUE"),
-        (["semitrailer", "--drive", "sine", "--option", "sped=3"], "unknown option 'sped'; closest: speed"),
+        (
+            ["semitrailer", "--drive", "sine", "--option", "sped=3"],
+            "sped: drive 'sine' has no option 'sped'; closest: speed",
+        ),
         (
             ["semitrailer", "--drive", "sine", "--set", "trailer_mass=-8 t"],
             "trailer_mass: trailer_mass = -8000 kg lies below 1000 kg",
@@ -312,12 +316,12 @@ def test_simulate_writes_a_recording(harness, tmp_path, suffix):
         ),
         (
             ["semitrailer", "--drive", "sine", "--option", "speed=12,5 m/s"],
-            "--drive sine, speed: '12,5 m/s' may mean '12.5 m/s' or '125 m/s'",
+            "drive 'sine', speed: '12,5 m/s' may mean '12.5 m/s' or '125 m/s'",
         ),
-        (["semitrailer", "--drive", "sine", "--option", "speed=1_2"], "--drive sine, speed: '1_2' means '12'"),
+        (["semitrailer", "--drive", "sine", "--option", "speed=1_2"], "drive 'sine', speed: '1_2' means '12'"),
         (
             ["semitrailer", "--drive", "sine", "--option", "speed=nan"],
-            "--drive sine, speed: nan is not a finite number",
+            "drive 'sine', speed: nan is not a finite number",
         ),
         (["semitrailer", "--drive", "sine", "--signal", "coupling_forc"], "closest: coupling_force"),
         (["semitrailer", "--drive", "sine", "--parameters", "x"], "unknown parameter 'x'"),

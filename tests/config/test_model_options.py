@@ -10,10 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
-from harness.cli.options import ModelOptions, model_table
+from harness.cli.options import ModelOptions, model_of
 from harness.common.errors import UserError
 from harness.config import resolve_single
 from harness.config.parameter_set import set_text
+from harness.models.roles import VEHICLES
 
 ROOT = Path(__file__).parents[2]
 SIGNALS = ("steering_wheel_angle", "speed", "yaw_rate", "lateral_acceleration", "lateral_velocity")
@@ -33,7 +34,7 @@ def begun(monkeypatch):
         raise Reached
 
     for place in (
-        "harness.identification.innovations.Innovations",
+        "harness.identification.fit_recordings.Innovations",
         "harness.diagnosis.run.run_trace",
         "harness.simulation.simulate.simulate_drive",
         "harness.cli.observability_report.report",
@@ -63,6 +64,10 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "amended.toml").write_text(set_text(spec, "a test", {}))
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def completed(options):
+    return model_of(options).completed()
 
 
 def run(line):
@@ -99,31 +104,31 @@ def test_a_tyre_that_the_values_do_not_belong_to_is_refused(command, folder, beg
 def test_effects_that_are_given_take_the_place_of_the_files_with_a_note(command, folder, begun):
     done = run(f"{COMMANDS[command]} --parameters amended.toml --effect steering_lag")
     assert begun[0].effects == ("steering_lag",)
-    note = "note: --effect: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml"
+    note = "note: effects: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml"
     assert note in done.stderr
 
 
 def test_a_trace_is_told_of_replaced_effects_too(folder):
-    _, notes = model_table(ModelOptions("car", "amended.toml", effects=["steering_lag"], sensors="car_series"))
+    _, notes = completed(ModelOptions("car", "amended.toml", effects=["steering_lag"], sensors="car_series"))
     assert notes == (
-        "--effect: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml",
+        "effects: the model has steering_lag, in place of steering_lag, sensor_bias@yaw_rate of amended.toml",
     )
 
 
 def test_sensors_of_a_file_are_taken_unless_others_are_given(folder):
     path = folder / "amended.toml"
     path.write_text('sensors = "car_series"\n' + path.read_text())
-    table, notes = model_table(ModelOptions("car", "amended.toml"))
+    table, notes = completed(ModelOptions("car", "amended.toml"))
     assert (table["sensors"], notes) == ("car_series", ())
-    table, notes = model_table(ModelOptions("car", "amended.toml", sensors="car_lateral"))
+    table, notes = completed(ModelOptions("car", "amended.toml", sensors="car_lateral"))
     assert (table["sensors"], notes) == (
         "car_lateral",
-        ("--sensors: car_lateral, in place of car_series of amended.toml",),
+        ("sensors: car_lateral, in place of car_series of amended.toml",),
     )
     assert resolve_single({"vehicle": "car", "parameters": "amended.toml"}, "a study").sensors == "car_series"
     path.write_text(path.read_text().replace("car_series", "car_serie"))
     with pytest.raises(UserError, match=r"amended\.toml: sensors: unknown sensor 'car_serie'; closest: car_series"):
-        model_table(ModelOptions("car", "amended.toml"))
+        completed(ModelOptions("car", "amended.toml"))
 
 
 @pytest.mark.parametrize(
@@ -131,29 +136,40 @@ def test_sensors_of_a_file_are_taken_unless_others_are_given(folder):
     [
         (
             ModelOptions("car"),
-            r"--parameters: which values of 'car'\? There are blanco_2021, govindarajan_2018, lyons_2024; or write",
+            r"parameters: which values of 'car'\? There are blanco_2021, govindarajan_2018, lyons_2024; or write",
         ),
         (
             ModelOptions("car", "blanco_2021"),
-            r"--sensors: which of 'car'\? There are car_lateral, car_navigation, car_s",
+            r"sensors: which of 'car'\? There are car_lateral, car_navigation, car_s",
         ),
         (ModelOptions("car", "ziaukas_2023"), r"'ziaukas_2023' holds values of vehicle 'semitrailer', not of 'car'"),
     ],
 )
-def test_what_cannot_be_guessed_is_asked_for_with_the_choices(options, message):
+def test_what_cannot_be_guessed_is_asked_for_with_the_choices(options, message, monkeypatch):
+    monkeypatch.delattr(VEHICLES.load("car"), "USUAL")
     with pytest.raises(UserError, match=message):
-        model_table(options)
+        completed(options)
+
+
+def test_the_usual_parameters_and_sensors_are_taken_and_a_choice_is_said():
+    table, notes = completed(ModelOptions("car"))
+    assert (table["parameters"], table["sensors"]) == ("govindarajan_2018", "car_series")
+    assert notes == ("parameters: govindarajan_2018, the usual ones of 'car'; there are also blanco_2021, lyons_2024",)
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES.names())
+def test_every_vehicle_can_be_named_alone(vehicle):
+    assert resolve_single(completed(ModelOptions(vehicle))[0], "command line").vehicle == vehicle
 
 
 def test_what_follows_needs_no_option():
-    assert model_table(ModelOptions("semitrailer"))[0] == {
+    assert completed(ModelOptions("semitrailer"))[0] == {
         "vehicle": "semitrailer",
         "parameters": "ziaukas_2023",
         "tyre": "magic_formula",
         "sensors": "series",
-        "values": {},
     }
-    alone = model_table(ModelOptions("scalar_example"))[0]
+    alone = completed(ModelOptions("scalar_example"))[0]
     assert (alone["sensors"], "tyre" in alone) == ("example", False)
 
 
@@ -168,7 +184,7 @@ BEGINNINGS = (
     "harness.study.cluster.connected",
     "harness.realtime.measure.contestants",
     "harness.campaign.write_campaign",
-    "harness.study.report.analyse",
+    "harness.api.results.open_results",
 )
 
 

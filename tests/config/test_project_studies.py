@@ -45,6 +45,13 @@ def test_schema_describes_every_key_and_is_valid_json(tmp_path):
             assert "description" in entry, key
 
 
+def test_the_schema_beside_the_studies_is_up_to_date_and_every_study_names_it():
+    stored = (ROOT / "studies" / "study.schema.json").read_text(encoding="utf-8")
+    assert json.loads(stored) == study_schema(), "write it anew: harness schema --out studies/study.schema.json"
+    for path in (ROOT / "studies").glob("*.toml"):
+        assert path.read_text(encoding="utf-8").startswith("#:schema study.schema.json\n"), path
+
+
 def test_study_copied_elsewhere_has_the_same_hash(tmp_path):
     shutil.copytree(ROOT / "studies", tmp_path / "studies")
     assert load_study(tmp_path / "studies" / "mass.toml").hash == load_study(ROOT / "studies" / "mass.toml").hash

@@ -58,7 +58,7 @@ def compiled():
 
 def copied(module, **instead):
     """Return the text of a module that imports from other modules."""
-    text = Path(module.__file__).read_text()
+    text = Path(module.__file__).read_text(encoding="utf-8")
     for old, new in instead.items():
         text = re.sub(rf"from [\w.]*\b{old} import", f"from {new} import", text)
     return text

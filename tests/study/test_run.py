@@ -3,6 +3,7 @@
 import io
 import json
 import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from harness.study.run import run_study
 from harness.study.run_noise import Case
 from harness.study.scores import (
     ESTIMATOR_DIVERGED,
+    FLAGS,
     OK,
     PENDING,
     PER_RUN,
@@ -115,6 +117,26 @@ def test_an_interrupted_run_is_continued_to_the_same_bits(study, finished, tmp_p
     run_study(study, tmp_path / "cut", jobs=2)
     assert bits(tmp_path / "cut") == bits(finished)
     assert not set(seen) & set(done_before)
+
+
+def test_xarray_opens_a_finished_store_whole_and_without_a_warning(finished, copy, study):
+    (copy / STORE / "level" / "status" / "c" / "0" / "0" / "1" / "0" / "0").unlink()
+    shutil.rmtree(copy / STORE / "history")
+    run_study(study, copy, jobs=1)
+    for folder in (finished, copy):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            tree = xr.open_datatree(folder / STORE)
+        assert {"level", "band", "history"} <= set(tree.children)
+        assert set(tree["history"].children) == {"0", "1"}
+        assert tree["history"].attrs["runs"] == 2
+        assert tree["level/rmse"].dims == ("band", "sample", "drive", "repeat", "estimator", "target")
+    status = tree["level/status"]
+    assert dict(zip(status.attrs["flag_meanings"].split(), status.attrs["flag_values"], strict=True)) == FLAGS
+    inside = json.loads((finished / STORE / "zarr.json").read_text())["consolidated_metadata"]["metadata"]
+    for name, metadata in inside.items():
+        own = json.loads((finished / STORE / name / "zarr.json").read_text())
+        assert {k: v for k, v in metadata.items() if k != "consolidated_metadata"} == own
 
 
 def test_a_finished_study_computes_nothing_again(study, finished, monkeypatch):

@@ -31,11 +31,11 @@ def model_of(table, **values):
     return dataclasses.replace(spec, values={**spec.values, **values})
 
 
-def recorded(spec, seed, kind="random_sequence", **options):
+def recorded(spec, seed, signals=(), kind="random_sequence", **options):
     """Return a simulated drive with its noise."""
     vehicle = VEHICLES.load(spec.vehicle)
     context = DriveContext(vehicle.wheelbase(spec.values), spec.values["steering_ratio"], spec.step)
-    return simulate_drive(spec, build_drive(kind, options, context, "test"), [], seed)
+    return simulate_drive(spec, build_drive(kind, options, context, "test"), signals, seed)
 
 
 def car_fit(seed, duration=20.0, speed=15.0, jobs=1, kind="ekf", **values):

@@ -10,6 +10,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.files import BUNDLED_STUDIES
 from harness.common.registry import closest
 from harness.config import DriveSpec, ModelSpec
 from harness.config.model import resolve_single
@@ -19,7 +20,7 @@ from harness.models.contracts import Profile
 from harness.simulation.drives import profile_of, read_drives
 from harness.simulation.simulate import Simulator, in_lanes, input_table, variances
 
-DRIVES = Path("studies/drives/narx-training.toml")
+DRIVES = BUNDLED_STUDIES / "drives" / "narx-training.toml"
 INPUTS = ("yaw_rate_trailer", "speed")
 OUTPUTS = ("articulation_angle", "lateral_force_axle_21")
 PARTS = ("train", "validation", "test")

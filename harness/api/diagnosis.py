@@ -1,0 +1,171 @@
+"""``harness.Diagnosis``: which physical effect a model lacks, and which parameter is wrong."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from harness.api import _show
+from harness.api.model import Model, model_of
+from harness.api.recordings import recordings_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from harness.diagnosis.result.outcome import Outcome
+
+ESTIMATORS = ("ekf", "ukf", "cdkf")
+
+
+class Diagnosis:
+    """A search for what a model lacks that recordings can show (docs/trace.md).
+
+    Args:
+        free: Parameters of the nominal model that are fitted in any case; cornering stiffnesses by default.
+        estimators: Kinds of estimators run on the held-out recordings with the nominal and the amended model.
+        study: Study file of the same vehicle that measures what the amendment gains.
+        repeats: Noise realisations of each level of that study.
+        jobs: Threads; all cores by default.
+
+    Attributes:
+        verdict_: ``adequate``, ``amended`` or ``unresolved``.
+        answer_: The result in sentences.
+        effects_: What was added, a row per parameter: index ``(addition, parameter)``, columns ``kind`` (``effect``,
+            ``parameter``), ``value``, ``standard_error``, ``unit`` (SI).
+        amended_: The amended model.
+        nominal_: The nominal model, refitted.
+        record_: Everything as ``trace.json`` has it.
+
+    Raises:
+        ModelError: If there is no such estimator.
+
+    Example:
+        >>> import harness as h
+        >>> h.Diagnosis(estimators=["ekf"])
+        Diagnosis
+          estimators: ekf
+          verdict: not fitted yet
+    """
+
+    verdict_: str
+    answer_: str
+    effects_: pd.DataFrame
+    amended_: Model
+    nominal_: Model
+    record_: dict[str, Any]
+
+    def __init__(
+        self,
+        free: Sequence[str] = (),
+        estimators: Sequence[str] = ESTIMATORS,
+        study: str | Path | None = None,
+        repeats: int = 8,
+        jobs: int | None = None,
+    ) -> None:
+        from harness.config.roles import ESTIMATORS as ROLE
+
+        self.free = (free,) if isinstance(free, str) else tuple(free)
+        self.estimators = (estimators,) if isinstance(estimators, str) else tuple(estimators)
+        for kind in self.estimators:
+            ROLE.load(kind, ())
+        self.study = None if study is None else Path(study)
+        self.repeats, self.jobs = repeats, jobs
+        self._outcome: Outcome | None = None
+
+    def fit(self, model: Model, train: Any, test: Any, folder: str | Path | None = None) -> Self:
+        """Find what the model lacks.
+
+        Args:
+            model: The nominal model. Sensors and step are those of the recordings where they are not stated, and it is
+                integrated finely.
+            train: Recordings to fit: paths, DataFrames or Datasets, see ``harness.read_recording``.
+            test: Held-out recordings, on which every addition has to prove itself.
+            folder: Where ``trace.json`` and both models are written as soon as there is a verdict; nowhere by default.
+
+        Returns:
+            Itself, with ``verdict_`` and the other attributes.
+
+        Raises:
+            UserError: If recordings and model do not fit each other, or the recordings are too short or too calm.
+            ModelError: If there is no such estimator.
+        """
+        from rich.console import Console
+
+        from harness.diagnosis.run import Task, run_trace
+        from harness.identification.data import refuse_the_same, step_of
+        from harness.identification.measured_file import finely, fitted_parameters
+
+        fitted, held_out = recordings_of(train, "train"), recordings_of(test, "test")
+        refuse_the_same(fitted, held_out)
+        table, notes = model.completed([*fitted, *held_out])
+        spec = finely(table, step_of(fitted[0]), f"model '{model.vehicle}'")
+        free = fitted_parameters(spec, self.free, "free")
+        task = Task(
+            spec, fitted, held_out, free, self.estimators, self.study, self.repeats, jobs=self.jobs, notes=notes
+        )
+        if folder is None:
+            self._scratch = tempfile.TemporaryDirectory(prefix="diagnosis-")  # tracebacks, and scores of the study
+        outcome = run_trace(task, Path(self._scratch.name if folder is None else folder), Console(stderr=True))
+        self._take(outcome)
+        return self
+
+    def _take(self, outcome: Outcome) -> None:
+        from harness.diagnosis.result.record import record
+
+        self._outcome = outcome
+        self.verdict_, self.answer_ = str(outcome.verdict), outcome.answer
+        self.effects_ = _additions(outcome)
+        self.amended_, self.nominal_ = model_of(outcome.amended), model_of(outcome.nominal)
+        self.record_ = record(outcome)
+
+    def report(self, folder: str | Path, command: str = _show.IN_PYTHON) -> list[Path]:
+        """Write ``report.html``, ``report.pdf``, ``trace.json``, ``nominal.toml`` and ``amended.toml``.
+
+        Args:
+            folder: Where to.
+            command: How it was made, as the report says.
+
+        Returns:
+            Their paths.
+
+        Raises:
+            UserError: If the folder cannot be written to, or nothing was fitted yet.
+        """
+        from harness.common.errors import UserError
+        from harness.diagnosis.report.report import document
+        from harness.diagnosis.result.record import write_outcome
+        from harness.reporting.document import write
+
+        if self._outcome is None:
+            raise UserError("the diagnosis has nothing to report yet; call fit(model, train, test) first")
+        outcome = self._outcome
+        written = write(document(outcome, command), Path(folder), failures=outcome.failures)
+        return [*written, *write_outcome(outcome, Path(folder))]
+
+    def _facts(self) -> dict[str, Any]:
+        return {
+            "free": ", ".join(self.free),
+            "estimators": ", ".join(self.estimators),
+            "study": self.study,
+            "verdict": getattr(self, "verdict_", "not fitted yet"),
+            "answer": getattr(self, "answer_", ""),
+        }
+
+    def __repr__(self) -> str:
+        """Return the diagnosis in a few lines."""
+        return _show.text("Diagnosis", self._facts())
+
+    def _repr_html_(self) -> str:
+        if self._outcome is None:
+            return _show.html("Diagnosis", self._facts())
+        return _show.html("Diagnosis", self._facts(), self.effects_, f"{len(self.effects_)} parameters of additions")
+
+
+def _additions(outcome: Outcome) -> pd.DataFrame:
+    import pandas as pd
+
+    rows = {(h.name, v.name): (h.kind, v.value, v.std, v.unit) for h in outcome.added for v in outcome.values[h.name]}
+    index = pd.MultiIndex.from_tuples(list(rows), names=["addition", "parameter"])
+    return pd.DataFrame(list(rows.values()), index=index, columns=["kind", "value", "standard_error", "unit"])

@@ -1,0 +1,110 @@
+"""``harness.Estimator``: an estimator with its settings, run over recordings or compared in studies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+from harness.api import _show
+from harness.config import single_estimator
+
+if TYPE_CHECKING:
+    import os
+
+    import pandas as pd
+    import xarray as xr
+
+    from harness.api.model import Model
+
+
+class Estimator:
+    """An estimator.
+
+    Args:
+        kind: Kind of estimator (``harness list estimators``).
+        settings: Settings of the kind (``harness list estimators <kind>``), as in ``[[estimator]]`` of a study file.
+
+    Attributes:
+        kind: Kind of estimator.
+        settings: What was stated.
+
+    Raises:
+        UserError: If there is no such estimator, it has no such setting, or a setting does not fit.
+
+    Example:
+        >>> import harness as h
+        >>> h.Estimator("ukf", alpha=0.5)
+        Estimator 'ukf'
+          alpha: 0.5
+    """
+
+    def __init__(self, kind: str, **settings: Any) -> None:
+        self._spec = single_estimator({**settings, "kind": kind}, f"estimator '{kind}'")
+        self.kind, self.settings = kind, dict(settings)
+
+    def table(self) -> dict[str, Any]:
+        """Return the estimator by the keys of ``[[estimator]]`` in a study file."""
+        return {"kind": self.kind, **self.settings}
+
+    def run(
+        self,
+        model: Model,
+        recording: str | os.PathLike[str] | pd.DataFrame | xr.Dataset,
+        *,
+        signals: Sequence[str] = (),
+        references: Mapping[str, str] | None = None,
+        inputs: Literal["joined", "held"] | None = None,
+        seed: int = 0,
+    ) -> xr.Dataset:
+        """Run it over a recording.
+
+        Inputs are taken for exact: what their noise does to the estimate is in none of the standard deviations.
+
+        Args:
+            model: What it believes, with unknown inputs if there are any. Sensors and step are those of the recording
+                where they are not stated.
+            recording: Measured or simulated: a path, a DataFrame or a Dataset, see ``harness.read_recording``. A
+                missing measurement (NaN) is skipped; inputs may have no gaps.
+            signals: Ports and inputs to estimate beside every state.
+            references: Signal of the recording by the state or port that it is the reference of; by default a signal of
+                the same name that is not measured, of a simulated recording the exact one.
+            inputs: ``joined`` where inputs run straight from sample to sample, as measured ones do, ``held`` where they
+                stay constant behind each, as those of a simulation do; by default what fits the recording.
+            seed: Of estimators that draw random numbers.
+
+        Returns:
+            Dataset over ``time`` (s), CF attributes, SI units: ``<state>`` and ``<state>_std`` of every state and
+            signal ``(time,)``, ``innovation_<output>``, ``innovation_std_<output>``,
+            ``innovation_covariance (time, output, other_output)``, ``nis``, ``nis_degrees``, ``log_likelihood``; where
+            the recording holds a reference ``reference_<signal>``, ``error_<signal>``, ``nees_<signal>``, ``nees``,
+            ``nees_degrees``. Attributes tell ``diverged_at`` (s, NaN if it did not), ``log_likelihood`` (sum),
+            ``updates``, ``repairs``.
+
+        Raises:
+            UserError: If recording and model do not fit each other.
+            ModelError: If the estimator does not fit the model.
+
+        Example:
+            >>> import harness as h
+            >>> car = h.model("car", "govindarajan_2018", sensors="car_series")
+            >>> run = h.simulate(car, h.drive("sine", duration="10 s", amplitude="20 deg"), seed=1)
+            >>> found = h.Estimator("ekf").run(car, run)
+            >>> found.lateral_velocity.attrs["units"], bool(abs(found.error_lateral_velocity).max() < 0.5)
+            ('m/s', True)
+        """
+        from harness.api.recordings import recordings_of
+        from harness.identification.data import step_of
+        from harness.recorded.run import RecordedEstimator, RecordedModel
+
+        (given,) = recordings_of(recording, "recording")
+        spec = model.resolved_for([given], step=step_of(given))
+        held: Literal["joined", "held"] = inputs or given.attrs.get("inputs", "joined")
+        believed = RecordedModel(spec, signals, held, references)
+        return RecordedEstimator(believed, self.kind, self._spec.settings, self._spec.base).run(given, seed)
+
+    def __repr__(self) -> str:
+        """Return the estimator in a few lines."""
+        return _show.text(f"Estimator '{self.kind}'", self.settings)
+
+    def _repr_html_(self) -> str:
+        return _show.html(f"Estimator '{self.kind}'", self.settings)

@@ -1,0 +1,183 @@
+"""``harness.identify``: parameters from recordings, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness.api import _show
+from harness.api.model import Model, model_of
+from harness.api.recordings import recordings_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from harness.identification.fit_recordings import Fitted
+
+
+def identify(
+    model: Model,
+    train: Any,
+    free: Sequence[str],
+    *,
+    test: Any = (),
+    method: str = "likelihood",
+    settings: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    jobs: int | None = None,
+) -> Identification:
+    """Fit parameters of a model to recordings.
+
+    The search begins at the values of the model. All measured outputs of its sensors are fitted.
+
+    Args:
+        model: The model. Sensors and step are those of the recordings where they are not stated.
+        train: Recording or list of recordings to fit: paths, DataFrames or Datasets, see ``harness.read_recording``.
+        free: Names of the parameters to find.
+        test: Held-out recordings, on which the fit is judged.
+        method: ``likelihood``, ``swarm`` or ``em`` (docs/identification).
+        settings: Of the method.
+        seed: Of the method's random numbers.
+        jobs: Threads; all cores by default.
+
+    Returns:
+        What was found.
+
+    Raises:
+        UserError: If a parameter, setting or signal is unknown or missing, or a held-out recording is fitted as well.
+        ModelError: If there is no such method.
+
+    Example:
+        >>> import harness as h
+        >>> car = h.model("car", "govindarajan_2018", sensors="car_series")
+        >>> run = h.simulate(car, h.drive("sine", duration="20 s", amplitude="20 deg"), seed=1)
+        >>> fit = h.identify(car.replace(values={"yaw_inertia": "3000 kg*m^2"}), run, free=["yaw_inertia"])
+        >>> list(fit.estimates.columns)[:4], fit.estimates.index.tolist()[0]
+        (['value', 'standard_error', 'lower', 'upper'], 'yaw_inertia')
+    """
+    from rich.console import Console
+
+    from harness.identification.data import step_of
+    from harness.identification.fit_recordings import Task, fit_recordings
+
+    fitted = recordings_of(train, "train")
+    held_out = recordings_of(test, "test") if not _is_none(test) else []
+    spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
+    names = (free,) if isinstance(free, str) else tuple(free)
+    task = Task(spec, fitted, names, held_out, method, dict(settings or {}), seed, jobs)
+    with Console(stderr=True).status("compiling") as status:
+        return Identification(fit_recordings(task, status.update))
+
+
+def _is_none(given: Any) -> bool:
+    return given is None or (isinstance(given, list | tuple) and not given)
+
+
+class Identification:
+    """Parameters as found; made by ``harness.identify``."""
+
+    def __init__(self, found: Fitted) -> None:
+        self._found = found
+
+    @property
+    def model(self) -> Model:
+        """The model with what was found."""
+        return model_of(self._found.fit.spec)
+
+    @property
+    def answer(self) -> str:
+        """The result in a sentence."""
+        from harness.identification.report import answer
+
+        return answer(self._found.fit)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the method's convergence criterion was met."""
+        return self._found.fit.converged
+
+    @property
+    def estimates(self) -> pd.DataFrame:
+        """What was found by name, parameters first, then variances.
+
+        Columns ``value``, ``standard_error`` (infinite if the recordings say nothing), ``lower`` and ``upper`` end of
+        the 95 % interval, ``start``, all in SI units, ``unit``, ``verdict`` (``determined``, ``weakly determined``,
+        ``not determined``, ``at its bound``) and ``reason``.
+        """
+        import pandas as pd
+
+        rows = {
+            e.name: (e.value, e.error, e.lower, e.upper, e.start, e.unit, e.verdict, e.reason)
+            for e in self._found.fit.estimates
+        }
+        columns = ["value", "standard_error", "lower", "upper", "start", "unit", "verdict", "reason"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("name")
+
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """Correlation of the estimates ``(n, n)``; empty if the method states none."""
+        import pandas as pd
+
+        names = [e.name for e in self._found.fit.estimates] if self._found.fit.correlation.size else []
+        return pd.DataFrame(self._found.fit.correlation, index=names, columns=names)
+
+    @property
+    def errors(self) -> pd.DataFrame:
+        """Root mean square errors by ``(drive, output)`` before and after the fit, SI units.
+
+        Columns ``held_out``, ``simulation_before``, ``simulation_after`` (model driven by the inputs only),
+        ``one_step_before``, ``one_step_after`` (innovations), ``unit``.
+        """
+        import pandas as pd
+
+        from harness.models.signals import SIGNALS
+
+        outputs = list(self._found.fit.spec.model().outputs)
+        rows = {
+            (j.drive.name, name): (
+                j.held_out,
+                *j.free_error[:, a].tolist(),
+                *j.one_step_error[:, a].tolist(),
+                SIGNALS[name].unit if name in SIGNALS else "",
+            )
+            for j in self._found.judged()
+            for a, name in enumerate(outputs)
+        }
+        columns = ["held_out", "simulation_before", "simulation_after", "one_step_before", "one_step_after", "unit"]
+        index = pd.MultiIndex.from_tuples(list(rows), names=["drive", "output"])
+        return pd.DataFrame(list(rows.values()), index=index, columns=columns)
+
+    def report(self, folder: str | Path, command: str = _show.IN_PYTHON) -> list[Path]:
+        """Write ``parameters.toml``, ``identify.json``, ``report.html`` and ``report.pdf`` and return their paths.
+
+        Args:
+            folder: Where to.
+            command: How it was made, as the report says.
+
+        Raises:
+            UserError: If the folder cannot be written to.
+        """
+        from harness.identification.fit_recordings import write_fit
+
+        return write_fit(self._found, Path(folder), command)
+
+    def _facts(self) -> dict[str, Any]:
+        fit, problem = self._found.fit, self._found.problem
+        return {
+            "answer": self.answer,
+            "model": fit.spec.model().name,
+            "method": fit.method,
+            "fitted": ", ".join(d.name for d in problem.drives),
+            "held out": ", ".join(d.name for d in self._found.tests),
+            "converged": "yes" if fit.converged else "no",
+        }
+
+    def __repr__(self) -> str:
+        """Return the result in a few lines."""
+        values = {e.name: f"{e.value:.6g} ± {e.error:.2g} {e.unit}" for e in self._found.fit.estimates}
+        return _show.text("Identification", {**self._facts(), **values})
+
+    def _repr_html_(self) -> str:
+        table = self.estimates.drop(columns="reason")
+        return _show.html("Identification", self._facts(), table, f"{len(table)} estimates")

@@ -1,0 +1,158 @@
+"""``harness.simulate`` and ``harness.read_recording``: signals over time as an xarray Dataset."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from harness.api.drive import Drive
+from harness.api.model import Model
+from harness.common.errors import UserError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_UNEVEN = 1e-3
+"""Largest deviation of a sampling interval from their mean, in intervals."""
+
+
+def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Sequence[str] = ()) -> xr.Dataset:
+    """Simulate one drive.
+
+    Args:
+        model: The vehicle.
+        drive: What it drives.
+        seed: Seed of process and measurement noise; ``None`` simulates without noise.
+        signals: Quantities to record beside states, inputs and measured outputs (``harness list signals``).
+
+    Returns:
+        Dataset over ``time`` (s): the true states and ``signals`` under their names, the inputs under theirs, and
+        ``measured_<output>`` with noise. Each variable has ``units`` (SI), ``long_name``, ``frame`` and ``role``, one
+        of ``truth``, ``input`` and ``measurement``. It is a recording: wherever one is taken, this is.
+
+    Raises:
+        UserError: If the drive does not fit, a signal is unknown, or the vehicle leaves the range in which its
+            equations hold.
+        ModelError: If the drive asks for too much lateral acceleration.
+
+    Example:
+        >>> import harness as h
+        >>> car = h.model("car", "govindarajan_2018", sensors="car_series")
+        >>> run = h.simulate(car, h.drive("sine", duration="10 s", amplitude="20 deg"), seed=1)
+        >>> run.measured_yaw_rate.dims, run.measured_yaw_rate.attrs["units"], run.measured_yaw_rate.attrs["role"]
+        (('time',), 'rad/s', 'measurement')
+        >>> sorted(run.filter_by_attrs(role="truth").data_vars)
+        ['lateral_velocity', 'yaw_rate']
+    """
+    from harness.simulation.drives import profile_of
+    from harness.simulation.simulate import simulate_drive
+
+    spec = model.spec
+    for signal in signals:
+        spec.model().resolve(signal)
+    found = simulate_drive(spec, profile_of(spec, drive.spec), signals, seed)
+    inputs = set(spec.model().inputs) - set(spec.model().states)
+    for name, variable in found.data_vars.items():
+        measured = str(name).startswith("measured_")
+        variable.attrs["role"] = "measurement" if measured else "input" if name in inputs else "truth"
+    return found.assign_attrs(name=drive.name, inputs="held")  # constant behind each sample
+
+
+def read_recording(
+    source: str | os.PathLike[str] | pd.DataFrame | xr.Dataset,
+    channels: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    *,
+    step: float | str | None = None,
+    name: str | None = None,
+) -> xr.Dataset:
+    """Read a measured drive, or bring one that is in memory onto one time base in SI units.
+
+    Args:
+        source: File of a known format (``harness list readers``), folder with one signal per file, DataFrame (one row
+            per sample, ``time`` in s as column or index or an index of times, units by column in ``attrs["units"]``) or
+            Dataset (variables over a time, units in the attribute ``units`` of each).
+        channels: Channel map: path of a TOML file or its content as a mapping (docs/measured-data.md). Without one the
+            columns must carry the names of signals; in a file they must be in SI units, in memory a stated unit is
+            converted.
+        step: Step of the common time base: s, or text with a unit; that of the channel map or of the clock by default.
+        name: In reports; by default that of the file.
+
+    Returns:
+        Dataset over ``time`` (s, equidistant from 0) with a variable per signal, ``(time,)``, NaN in gaps, with
+        ``units``, ``long_name``, ``frame`` and what is known of its channel; attribute ``warnings`` lists what is
+        irregular.
+
+    Raises:
+        UserError: If source or map cannot be read or do not fit each other; with file, key or column, and remedy.
+
+    Example:
+        >>> import numpy as np, pandas as pd, harness as h
+        >>> time = np.arange(0, 5, 0.01)
+        >>> log = pd.DataFrame({"t": time, "gyro": 10 * np.sin(time)})
+        >>> channels = {"time": {"channel": "t", "unit": "s"}, "yaw_rate": {"channel": "gyro", "unit": "deg/s"}}
+        >>> lap = h.read_recording(log, channels)
+        >>> lap.yaw_rate.attrs["units"], round(float(lap.yaw_rate.max()), 4), dict(lap.sizes)
+        ('rad/s', 0.1745, {'time': 500})
+    """
+    import pandas as pd
+
+    from harness.common.units import to_si
+    from harness.recordings.in_memory import tables_of
+    from harness.recordings.load import load_recording, recording_of
+
+    seconds = None if step is None else to_si(step, "s", "step")
+    if seconds is not None and seconds <= 0:
+        raise UserError(f"step: {step!r} must be positive")
+    mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
+    if isinstance(source, pd.DataFrame | xr.Dataset):
+        what = name or str(source.attrs.get("name") or type(source).__name__)
+        found = recording_of(tables_of(source, mapped is not None), what, mapped, seconds)
+        return found.assign_attrs(name=what)
+    if not isinstance(source, str | os.PathLike):
+        raise UserError(f"a recording is a path, a pandas DataFrame or an xarray Dataset, not {type(source).__name__}")
+    found = load_recording(source, mapped, seconds)
+    return found.assign_attrs(name=name or Path(source).name.split(".")[0])
+
+
+def recordings_of(given: Any, what: str) -> list[xr.Dataset]:
+    """Return recordings as the packages below take them (internal).
+
+    Args:
+        given: One recording or several: a path, a DataFrame, or a Dataset, such as ``simulate`` and ``read_recording``
+            return, whole or a part of it.
+        what: Argument, for errors.
+
+    Raises:
+        UserError: If there is none, or one cannot be read or is not on one time base.
+    """
+    several = given if isinstance(given, list | tuple) else [given]
+    if not several:
+        raise UserError(f"{what}: give at least one recording")
+    found = []
+    for i, each in enumerate(several):
+        if not isinstance(each, xr.Dataset) or each.get("time", xr.DataArray(0)).dtype.kind in "mM":
+            found.append(read_recording(each))
+        else:
+            found.append(_completed(each, f"{what}[{i}]" if isinstance(given, list | tuple) else what))
+    return found
+
+
+def _completed(recording: xr.Dataset, what: str) -> xr.Dataset:
+    """Return a recording with the attributes that reading would have given it, its time from 0."""
+    if "time" not in recording.dims or recording.sizes["time"] < 2:
+        raise UserError(f"{what}: has no dimension 'time' of at least two samples; harness.read_recording makes one")
+    time = np.asarray(recording["time"].to_numpy(), dtype=float)
+    if np.ptp(np.diff(time)) > _UNEVEN * abs(time[-1] - time[0]) / (len(time) - 1):
+        raise UserError(f"{what}: is not sampled evenly; harness.read_recording brings it onto one time base")
+    name = str(recording.attrs.get("name") or "recording")
+    known = {"name": name, "file": name, "reference": "CoG", "warnings": []}
+    begun = recording["time"].copy(data=time - time[0]) if time[0] else recording["time"]
+    found = recording.assign_coords(time=begun).assign_attrs({**known, **recording.attrs})
+    for each in found.data_vars.values():
+        each.attrs = {"derived": 0, **each.attrs}
+    return found

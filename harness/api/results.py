@@ -1,0 +1,205 @@
+"""``harness.open_results``: the scores of a finished study as one xarray DataTree, and as a table."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.common.units import scale
+from harness.models.quantities import quantity
+from harness.study.checksums import HISTORY
+from harness.study.results import StudyResults, read
+from harness.study.scores import FLAGS, PER_RUN, PER_TARGET, STATUS
+
+if TYPE_CHECKING:
+    from harness.study.report.analysis import Analysis
+
+_INDEX = ("band", "drive", "sample", "repeat", "estimator")
+_WORDS = ("band_label", "drive", "estimator", "target", "target_unit")
+
+
+def open_results(folder: str | Path) -> Results:
+    """Open the result folder of a study.
+
+    Args:
+        folder: Result folder, such as ``results/mass``.
+
+    Returns:
+        The results; all of it is read, and its files checked against their checksums.
+
+    Raises:
+        UserError: If there is no store, it is not one that a study wrote, or files of it are missing or damaged.
+
+    Example:
+        >>> import tempfile, harness as h
+        >>> study = h.Study(
+        ...     plant=h.model("car", "govindarajan_2018", sensors="car_series"),
+        ...     targets=["lateral_velocity"],
+        ...     drives=[h.drive("sine", duration="10 s", amplitude="20 deg")],
+        ...     estimators=["ekf"],
+        ...     designs=[h.levels("mass", ["1.5 t", "1.8 t"], repeats=4)],
+        ... )
+        >>> folder = tempfile.mkdtemp()
+        >>> _ = study.run(folder, jobs=1)
+        >>> results = h.open_results(folder)
+        >>> results["mass/rmse"].dims
+        ('band', 'sample', 'drive', 'repeat', 'estimator', 'target')
+    """
+    found = read(Path(folder))
+    root = xr.Dataset(attrs={**found.attributes, "folder": str(folder)})
+    nodes = {d.name: _ordered(d.data) for d in found.designs}
+    runs = {f"history/{i}": history for i, history in enumerate(found.histories)}
+    tree = Results.from_dict({"/": root, **nodes, **runs}, name=str(found.attributes.get("study_name", "")))
+    tree._read = found
+    return tree
+
+
+class Results(xr.DataTree):
+    """The results of a study: a DataTree with one node per design and one per run that was kept over time.
+
+    ``results["<design>"]`` has the dimensions ``band`` (level), ``sample`` (Sobol point), ``drive``, ``repeat``,
+    ``estimator`` and ``target``. Variables over all of them: ``rmse``, ``bias``, ``max_error``, in the SI unit of the
+    target, which is in the coordinate ``target_unit``. Over all but ``target``: ``nees``, ``nis``, ``nees_inside``,
+    ``nis_inside``, ``log_likelihood``, ``repairs``, ``updates``, ``time_of_divergence`` (s) and ``status``, whose codes
+    are in its attributes ``flag_values`` and ``flag_meanings``. ``factor_<parameter>`` over ``(band, sample)`` is what
+    was varied, in SI units. Coordinates: ``drive``, ``estimator``, ``target``, ``band_label``, ``target_unit``,
+    ``duration`` (s). ``.sel`` takes ``band_label``, ``drive``, ``estimator`` and ``target`` by their names.
+
+    ``results["history/<i>"]`` has ``truth (time, target)``, ``estimate`` and ``std (time, estimator, target)``,
+    ``measured_<output>`` and ``input_<name>`` over ``time`` (s).
+    """
+
+    __slots__ = ("_analysed", "_read")
+
+    _read: StudyResults | None
+    _analysed: Analysis | None
+
+    @property
+    def folder(self) -> Path:
+        """The result folder."""
+        return self._found.directory
+
+    @property
+    def _found(self) -> StudyResults:
+        """The same as the report takes it; read again where xarray has made a new tree of this one."""
+        found = getattr(self, "_read", None)
+        if found is None:
+            found = self._read = read(Path(str(self.root.attrs["folder"])))
+        return found
+
+    def to_dataframe(self, design: str | None = None, report_units: bool = False) -> pd.DataFrame:
+        """Return the scores as a tidy table: one row per run, estimator and target, of what is selected.
+
+        Args:
+            design: One design; all of them by default.
+            report_units: Whether errors and factors are in the units of reports (deg, kN, t) in place of SI units.
+
+        Returns:
+            Columns ``design``, ``band`` (label), one per factor, ``drive``, ``sample``, ``repeat``, ``estimator``,
+            ``target``, ``unit`` (of the errors), ``rmse``, ``bias``, ``max_error``, the scores of the run, and
+            ``status`` in words. Labels are categories in the order of the study. ``attrs["units"]`` has the unit of
+            every column that has one. Scores of runs that are not ``ok`` are as stored; select with ``status``.
+
+        Raises:
+            KeyError: If there is no design of that name.
+        """
+        nodes = {name: node for name, node in self.children.items() if name != HISTORY and design in (None, name)}
+        if not nodes:
+            there = ", ".join(name for name in self.children if name != HISTORY)
+            raise KeyError(f"there is no design '{design}'; there are {there}")
+        tables = [_rows(name, node.to_dataset(), report_units) for name, node in nodes.items()]
+        table = pd.concat(tables, ignore_index=True) if len(tables) > 1 else tables[0]
+        for name in ("design", "band", "drive", "estimator", "target", "unit", STATUS):
+            words = dict.fromkeys(word for each in tables for word in each[name].cat.categories)
+            table[name] = pd.Categorical(table[name], categories=list(words))
+        table.attrs = {"units": {k: v for each in tables for k, v in each.attrs["units"].items()}}
+        return table
+
+    @property
+    def answer(self) -> str:
+        """The answer of the study in a sentence, as the report begins with it."""
+        from harness.study.report import headline
+
+        return headline(self._analysis())
+
+    @property
+    def is_verifiable(self) -> bool:
+        """Whether the store has checksums, so that none of its files can be missing or damaged unnoticed."""
+        return self._found.is_verifiable
+
+    def report(self) -> list[Path]:
+        """Write ``report.html`` and ``report.pdf`` into the result folder and return their paths.
+
+        Raises:
+            UserError: If the folder cannot be written to.
+        """
+        from harness.study.report import write_report
+
+        return write_report(self._analysis())
+
+    def _analysis(self) -> Analysis:
+        from harness.study import report
+
+        made = getattr(self, "_analysed", None)
+        if made is None:
+            made = self._analysed = report.Analysis(self._found)
+        return made
+
+
+def _ordered(data: xr.Dataset) -> xr.Dataset:
+    """Return a design with its scores in a fixed order, bands to be selected by their label."""
+    scores = [n for n in (*PER_TARGET, *PER_RUN, STATUS) if n in data]
+    return data[[*scores, *sorted(str(n) for n in data if n not in scores)]].set_xindex("band_label")
+
+
+def _rows(design: str, data: xr.Dataset, report_units: bool) -> pd.DataFrame:
+    """Return the table of one design, of which a part may have been selected."""
+    data = data.expand_dims([d for d in (*_INDEX, "target") if d not in data.dims])
+    sizes = {dim: data.sizes[dim] for dim in (*_INDEX, "target")}
+    places = dict(zip(sizes, (i.ravel() for i in np.indices(list(sizes.values()))), strict=True))
+    words = {n: [str(w) for w in np.atleast_1d(data[n].values)] for n in _WORDS}
+    units: dict[str, str] = {"time_of_divergence": "s"}
+    table: dict[str, Any] = {
+        "design": _labels(np.zeros_like(places["band"]), [design]),
+        "band": _labels(places["band"], words["band_label"]),
+    }
+    for factor in json.loads(data.attrs.get("factors", "[]")):
+        name = str(factor["name"])
+        values = _over(data[f"factor_{name}"], ("band", "sample"))[places["band"], places["sample"]]
+        units[name] = str((report_units and factor["unit"]) or factor["si_unit"])
+        table[name] = values / scale(units[name], factor["si_unit"], name) if report_units else values
+    table["drive"] = _labels(places["drive"], words["drive"])
+    table |= {name: places[name] for name in ("sample", "repeat")}
+    table["estimator"] = _labels(places["estimator"], words["estimator"])
+    table["target"] = _labels(places["target"], words["target"])
+    shown = [quantity(n, u) for n, u in zip(words["target"], words["target_unit"], strict=True)]
+    table["unit"] = _labels(places["target"], [q.unit for q in shown] if report_units else words["target_unit"])
+    factors = np.array([q.scale if report_units else 1.0 for q in shown])[places["target"]]
+    for name in (n for n in PER_TARGET if n in data):
+        table[name] = _over(data[name], (*_INDEX, "target")).ravel() * factors
+    for name in (n for n in PER_RUN if n in data):
+        table[name] = np.repeat(_over(data[name], _INDEX).ravel(), sizes["target"])
+    word_of = {code: word for word, code in FLAGS.items()}
+    codes = np.repeat(_over(data[STATUS], _INDEX).ravel(), sizes["target"])
+    table[STATUS] = pd.Categorical([word_of[int(code)] for code in codes], categories=list(FLAGS))
+    frame = pd.DataFrame(table)
+    frame.attrs["units"] = units
+    return frame
+
+
+def _over(array: xr.DataArray, dims: tuple[str, ...]) -> NDArray[Any]:
+    """Return values over some dimensions; along others, which a selection gave it, they do not change."""
+    return np.asarray(array.isel({d: 0 for d in array.dims if d not in dims}).transpose(*dims).values)
+
+
+def _labels(places: NDArray[np.int64], words: list[str]) -> pd.Categorical[str]:
+    """Return words by place as categories in their order; words may occur twice."""
+    unique = list(dict.fromkeys(words))
+    codes = np.array([unique.index(w) for w in words])
+    return pd.Categorical.from_codes(codes[places], pd.Index(unique))

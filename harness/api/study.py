@@ -1,0 +1,361 @@
+"""``harness.Study``: estimators compared where the vehicle departs from what they believe."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+
+from harness.api import _show
+from harness.api.drive import Drive
+from harness.api.estimator import Estimator
+from harness.api.model import Model
+from harness.common.errors import UserError
+from harness.config import Study as StudyRecord
+from harness.config import build_study, load_study
+
+if TYPE_CHECKING:
+    from harness.api.results import Results
+
+Quantity = float | str
+Drives = str | Drive | Mapping[str, Any] | Sequence[str | Drive | Mapping[str, Any]]
+Estimators = (
+    Mapping[str, str | Estimator | Mapping[str, Any]] | str | Estimator | Sequence[str | Estimator | Mapping[str, Any]]
+)
+
+
+class FactorKeys(TypedDict, total=False):
+    """Keys of ``[[design.factor]]`` beside ``parameter``; exactly one of levels, shift, bands and range.
+
+    Attributes:
+        of: Whose value it replaces: ``plant`` (default), ``belief`` or ``both``.
+        unit: Of the labels and of plain numbers.
+        levels: Values.
+        shift: Differences from what is believed; percent is relative to it.
+        bands: Half-widths around what is believed.
+        range: One band by its edges.
+        scale: ``linear`` (default) or ``log``.
+        band: Half-width around each level or shift.
+        labels: One per band.
+    """
+
+    of: Literal["plant", "belief", "both"]
+    unit: str
+    levels: Sequence[Quantity]
+    shift: Sequence[Quantity]
+    bands: Sequence[Quantity]
+    range: Sequence[Quantity]
+    scale: Literal["linear", "log"]
+    band: Quantity
+    labels: Sequence[str]
+
+
+class DesignKeys(TypedDict, total=False):
+    """Keys of ``[[design]]`` beside ``name`` and ``factor``.
+
+    Attributes:
+        sampling: ``sobol`` (default), ``saltelli`` for sensitivity indices, ``tolerance`` for nested boxes.
+        samples: Sobol points per band (default 1).
+        boxes: Nested boxes of a tolerance design.
+        repeats: Runs with fresh noise per point (default 1).
+        sobol_any_n: Allow a number of samples that is no power of two.
+    """
+
+    sampling: Literal["sobol", "saltelli", "tolerance"]
+    samples: int
+    boxes: int
+    repeats: int
+    sobol_any_n: bool
+
+
+class StudyKeys(TypedDict, total=False):
+    """Further keys of a study file.
+
+    Attributes:
+        title: The question, heading of the report.
+        seed: Of all random numbers (default 0).
+        tuning: File written by ``harness tune``.
+        history: The runs to draw over time.
+        limits: Largest tolerable RMSE by target.
+        report: Further content of the report.
+    """
+
+    title: str
+    seed: int
+    tuning: str
+    history: Mapping[str, Any] | Sequence[Mapping[str, Any]]
+    limits: Mapping[str, Quantity]
+    report: Mapping[str, Any]
+
+
+def factor(parameter: str, **keys: Unpack[FactorKeys]) -> dict[str, Any]:
+    """Return a factor of a design: the table ``[[design.factor]]`` of a study file.
+
+    Args:
+        parameter: Parameter of the model, or ``process_noise_scale``, ``measurement_noise_scale``.
+        keys: See ``FactorKeys``. A number is in SI units or in ``unit``, text carries its own.
+
+    Example:
+        >>> import harness as h
+        >>> h.factor("mass", shift=["-10 %", "10 %"])
+        {'parameter': 'mass', 'shift': ['-10 %', '10 %']}
+    """
+    return {"parameter": parameter, **{k: _listed(v) for k, v in keys.items()}}
+
+
+def design(name: str, factors: Sequence[Mapping[str, Any]] = (), **keys: Unpack[DesignKeys]) -> dict[str, Any]:
+    """Return a design: the table ``[[design]]`` of a study file.
+
+    Args:
+        name: Unique name, that of its group in the store.
+        factors: From ``factor``; the i-th bands of all of them belong together. None for the nominal case alone.
+        keys: See ``DesignKeys``.
+
+    Example:
+        >>> import harness as h
+        >>> h.design("loads", [h.factor("mass", range=["1.4 t", "1.9 t"])], samples=16)["samples"]
+        16
+    """
+    return {"name": name, "factor": [dict(each) for each in factors], **keys}
+
+
+def levels(
+    parameter: str, values: Sequence[Quantity], repeats: int = 1, name: str = "", **keys: Unpack[FactorKeys]
+) -> dict[str, Any]:
+    """Return a design that varies one parameter over levels.
+
+    Args:
+        parameter: As in ``factor``.
+        values: The levels.
+        repeats: Runs with fresh noise per level and drive.
+        name: Name of the design; that of the parameter by default.
+        keys: Of the factor, see ``FactorKeys``.
+
+    Example:
+        >>> import harness as h
+        >>> h.levels("mass", ["1.4 t", "1.9 t"], repeats=8)["repeats"]
+        8
+    """
+    return design(name or parameter, [{**factor(parameter, **keys), "levels": _listed(values)}], repeats=repeats)
+
+
+class Study:
+    """A study: drives, plant, belief, estimators and what is varied.
+
+    Arguments are the keys of a study file and mean the same (docs/studies.md); the tables of which a file may have
+    several are in the plural here.
+
+    Args:
+        plant: The vehicle that is simulated: a model, or a mapping with the keys of ``[plant]``.
+        belief: The model that the estimators assume: a model, or a mapping with the keys in which it differs from the
+            plant, such as ``{"unknown_inputs": ["steering_wheel_angle"]}``. As the plant by default.
+        targets: Quantities to score: states or ports of both models.
+        drives: Drives; text names a file of drives.
+        estimators: Kind or estimator by its name in tables and figures; without names, a list of them.
+        designs: From ``levels`` or ``design``.
+        name: Name of the study and of its result folder.
+        folder: Files that it names are looked for here first.
+        further: See ``StudyKeys``.
+
+    Raises:
+        UserError: If anything in it is wrong; one line per problem.
+        ModelError: If there is no such vehicle or parameter set.
+
+    Example:
+        >>> import harness as h
+        >>> study = h.Study(
+        ...     plant=h.model("car", "govindarajan_2018", sensors="car_series"),
+        ...     targets=["lateral_velocity"],
+        ...     drives=[h.drive("sine", duration="10 s", amplitude="20 deg")],
+        ...     estimators={"EKF": "ekf", "UKF": h.Estimator("ukf", alpha=0.5)},
+        ...     designs=[h.levels("mass", ["1.5 t", "1.8 t"], repeats=4)],
+        ... )
+        >>> study.runs
+        16
+    """
+
+    def __init__(
+        self,
+        plant: Model | Mapping[str, Any],
+        *,
+        targets: Sequence[str],
+        drives: Drives,
+        estimators: Estimators,
+        designs: Sequence[Mapping[str, Any]],
+        belief: Model | Mapping[str, Any] | None = None,
+        name: str = "study",
+        folder: str | Path = "",
+        **further: Unpack[StudyKeys],
+    ) -> None:
+        content = {
+            "name": name,
+            "targets": _listed(targets),
+            "plant": _model_table(plant),
+            **({} if belief is None else {"belief": _model_table(belief)}),
+            **_drive_tables(drives),
+            "estimator": _estimator_tables(estimators),
+            "design": [dict(each) for each in ([designs] if isinstance(designs, Mapping) else designs)],
+            **{key: _listed(value) for key, value in further.items()},
+        }
+        self._record = build_study(content, Path(folder) / name)
+
+    @property
+    def record(self) -> StudyRecord:
+        """The resolved record that all packages below take (internal)."""
+        return self._record
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self._record.name
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, each estimator's counted."""
+        drives, estimators = len(self._record.drives), len(self._record.estimators)
+        return sum(d.bands * d.samples * d.repeats for d in self._record.designs) * drives * estimators
+
+    @property
+    def toml(self) -> str:
+        """The study file that states the same."""
+        return self._record.text
+
+    def run(
+        self,
+        out: str | Path | None = None,
+        jobs: int | None = None,
+        *,
+        scheduler: str | None = None,
+        dask: Literal["local"] | None = None,
+    ) -> Results:
+        """Run the study and return its results.
+
+        An interrupted run continues where it stopped, and a finished one computes nothing again. The scores are
+        identical to the bit for any number of workers. Progress is shown on stderr.
+
+        Args:
+            out: Result folder; ``results/<name>`` by default.
+            jobs: Worker threads, or processes with ``dask``; all cores by default.
+            scheduler: Address of a Dask scheduler whose workers run it (docs/cluster.md).
+            dask: ``"local"`` runs it on Dask worker processes of this machine.
+
+        Raises:
+            UserError: If the folder holds another study's result, or a worker of the cluster does not fit.
+
+        Example:
+            >>> import tempfile, harness as h
+            >>> study = h.Study(
+            ...     plant=h.model("car", "govindarajan_2018", sensors="car_series"),
+            ...     targets=["lateral_velocity"],
+            ...     drives=[h.drive("sine", duration="10 s", amplitude="20 deg")],
+            ...     estimators=["ekf"],
+            ...     designs=[h.levels("mass", ["1.5 t", "1.8 t"], repeats=4)],
+            ... )
+            >>> results = study.run(tempfile.mkdtemp(), jobs=1)
+            >>> results["mass"].rmse.sizes["repeat"], len(results.to_dataframe())
+            (4, 8)
+        """
+        from harness.api.results import open_results
+        from harness.study.run import run_study
+
+        if scheduler is not None and (dask is not None or jobs is not None):
+            raise UserError("scheduler says which workers run the study; leave out dask and jobs")
+        with contextlib.ExitStack() as stack:
+            client = None
+            if scheduler is not None or dask is not None:
+                from harness.study.cluster import connected
+
+                client = stack.enter_context(connected(scheduler, jobs))
+            folder = Path("results") / self.name if out is None else Path(out)
+            run_study(self._record, folder, jobs, client=client)
+        return open_results(folder)
+
+    def _facts(self) -> dict[str, Any]:
+        study = self._record
+        return {
+            "question": study.title,
+            "targets": ", ".join(study.targets),
+            "plant": study.plant.model().name,
+            "belief": study.belief.model().name,
+            "drives": ", ".join(d.name for d in study.drives),
+            "estimators": ", ".join(e.name for e in study.estimators),
+            "designs": ", ".join(f"{d.name} ({', '.join(d.band_labels)})" for d in study.designs),
+            "runs": self.runs,
+        }
+
+    def __repr__(self) -> str:
+        """Return the study in a few lines."""
+        return _show.text(f"Study '{self.name}'", self._facts())
+
+    def _repr_html_(self) -> str:
+        return _show.html(f"Study '{self.name}'", self._facts())
+
+
+def read_study(path: str | Path, quick: bool = False) -> Study:
+    """Read a study file.
+
+    Args:
+        path: TOML file; files it names are looked for in its folder first.
+        quick: Few drives and runs for a first look, under a name of its own.
+
+    Raises:
+        UserError: If anything in it is wrong; one line per problem.
+
+    Example:
+        >>> import tempfile, pathlib, harness as h
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "small.toml"
+        >>> _ = file.write_text('''
+        ... name = "small"
+        ... targets = ["lateral_velocity"]
+        ... [plant]
+        ... vehicle = "car"
+        ... parameters = "govindarajan_2018"
+        ... tyre = "magic_formula"
+        ... sensors = "car_series"
+        ... [[drive]]
+        ... name = "sine"
+        ... kind = "sine"
+        ... amplitude = "20 deg"
+        ... [[estimator]]
+        ... kind = "ekf"
+        ... [[design]]
+        ... name = "nominal"
+        ... ''')
+        >>> h.read_study(file).runs
+        1
+    """
+    study = Study.__new__(Study)
+    study._record = load_study(path, quick)
+    return study
+
+
+def _model_table(given: Model | Mapping[str, Any]) -> dict[str, Any]:
+    return given.table() if isinstance(given, Model) else dict(given)
+
+
+def _drive_tables(given: Drives) -> dict[str, Any]:
+    """Return drives by the keys of a study file: ``drives`` are files, ``drive`` tables."""
+    several = [given] if isinstance(given, str | Drive | Mapping) else list(given)
+    files = [each for each in several if isinstance(each, str)]
+    tables = [each.table() if isinstance(each, Drive) else each for each in several if not isinstance(each, str)]
+    return {**({"drives": files} if files else {}), **({"drive": tables} if tables else {})}
+
+
+def _estimator_tables(given: Estimators) -> list[dict[str, Any]]:
+    if isinstance(given, Mapping):
+        return [{**_estimator_table(each), "name": name} for name, each in given.items()]
+    return [_estimator_table(each) for each in ([given] if isinstance(given, str | Estimator) else given)]
+
+
+def _estimator_table(given: str | Estimator | Mapping[str, Any]) -> dict[str, Any]:
+    if isinstance(given, str):
+        return {"kind": given}
+    return given.table() if isinstance(given, Estimator) else dict(given)
+
+
+def _listed(value: Any) -> Any:
+    """Return a sequence or array as the list that TOML has for it."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [_listed(each) for each in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,141 @@
+"""A model of which only some keys are stated: the others follow from its parameter set and from recordings.
+
+The one place where a vehicle named on the command line or in Python becomes a table as ``[plant]`` of a study has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from harness.common.errors import ModelError, UserError
+from harness.config.parameter_set import load_set
+from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
+
+_TYRE = "magic_formula"
+
+
+def complete(
+    table: Mapping[str, Any],
+    recordings: Sequence[Iterable[Hashable]] | None = None,
+    choose_sensors: bool = True,
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return a model's table with parameter set, tyre and sensors filled in.
+
+    Tyre, effects and sensors that are not stated are those of the parameter file. Effects and sensors that are stated
+    take their place, and a note says so; a tyre cannot, because the values belong to it. What neither states is
+    ``magic_formula`` where a tyre is needed, no effect, and the sensors that use most of the recordings or, without
+    recordings, the usual ones of the vehicle, which also has a usual parameter set.
+
+    Args:
+        table: Keys and values as in ``[plant]``; ``vehicle`` at least. ``None`` is what was not stated.
+        recordings: The signals of those that the model is for, if any.
+        choose_sensors: Whether sensors are filled in that neither table nor parameter file states.
+
+    Returns:
+        The table, and notes for the user in sentences without a full stop.
+
+    Raises:
+        UserError: If the vehicle has several parameter sets or sensors to choose from and no usual one, or the
+            recordings contain no complete set of sensors.
+        ModelError: If there is no such vehicle or parameter set.
+    """
+    stated = {key: value for key, value in table.items() if value is not None}
+    vehicle = str(stated["vehicle"])
+    name, chosen_for = _parameter_set(vehicle, stated.get("parameters"))
+    found = load_set(name, Path(), "parameters")
+    if found.vehicle != vehicle:
+        raise UserError(f"parameters: '{name}' holds values of vehicle '{found.vehicle}', not of '{vehicle}'")
+    notes = list(chosen_for)
+    effects = tuple(stated.get("effects") or ())
+    if effects and found.effects and effects != found.effects:
+        chosen, there = ", ".join(effects), ", ".join(found.effects)
+        notes.append(f"effects: the model has {chosen}, in place of {there} of {found.source}")
+    tyre = stated.get("tyre") or found.tyre
+    if tyre is None and VEHICLES.load(vehicle).AXLES:
+        tyre = _TYRE
+    sensors = stated.get("sensors") or found.sensors
+    if stated.get("sensors") and found.sensors and sensors != found.sensors:
+        notes.append(f"sensors: {sensors}, in place of {found.sensors} of {found.source}")
+    if sensors is None and choose_sensors and recordings is not None:
+        sensors, lacking = _most_sensors(vehicle, tyre, recordings)
+        notes += lacking
+    elif sensors is None and choose_sensors:
+        sensors = _usual_sensors(vehicle, tyre)
+    chosen_keys = {"vehicle": vehicle, "parameters": name, "tyre": tyre, "sensors": sensors}
+    return {**stated, **{k: v for k, v in chosen_keys.items() if v is not None}}, tuple(notes)
+
+
+def _parameter_set(vehicle: str, given: str | None) -> tuple[str, tuple[str, ...]]:
+    """Return the parameter set asked for, or the vehicle's usual or only one, and a note if there was a choice.
+
+    Raises:
+        UserError: If none is asked for and the vehicle has none, or several and no usual one.
+        ModelError: If there is no such vehicle.
+    """
+    VEHICLES.load(vehicle)
+    if given is not None:
+        return str(given), ()
+    sets = PARAMETERS.names()
+    fit = [n for n in sets if vehicle == PARAMETERS.load(n).VEHICLE]
+    if (chosen := _usual(vehicle, "parameters", fit)) is not None:
+        others = ", ".join(n for n in fit if n != chosen)
+        return chosen, (f"parameters: {chosen}, the usual ones of '{vehicle}'; there are also {others}",) * bool(others)
+    there = f"There are {', '.join(fit)}; or write a TOML parameter file" if fit else "Write a TOML parameter file"
+    raise UserError(f"parameters: which values of '{vehicle}'? {there} (docs/studies.md)")
+
+
+def _usual(vehicle: str, what: str, fit: Sequence[str]) -> str | None:
+    """Return what a vehicle's ``USUAL`` names of what fits, or the only one that fits."""
+    named = getattr(VEHICLES.load(vehicle), "USUAL", {}).get(what)
+    return named if named in fit else fit[0] if len(fit) == 1 else None
+
+
+def fitting_sensors(vehicle: str, tyre: str | None) -> list[str]:
+    """Return the sets of sensors whose outputs a vehicle publishes."""
+    return [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
+
+
+def _usual_sensors(vehicle: str, tyre: str | None) -> str:
+    """Return the sensors of a vehicle where no recordings decide: the usual ones, or the only ones that fit."""
+    fit = fitting_sensors(vehicle, tyre)
+    if (chosen := _usual(vehicle, "sensors", fit)) is not None:
+        return chosen
+    raise UserError(f"sensors: which of '{vehicle}'? There are {', '.join(fit) or 'none that fit'}")
+
+
+def _most_sensors(
+    vehicle: str, tyre: str | None, recordings: Sequence[Iterable[Hashable]]
+) -> tuple[str, tuple[str, ...]]:
+    """Return the set of sensors that uses most signals of the recordings, and what a larger one would need.
+
+    Raises:
+        UserError: If there is none; with the signals that each lacks.
+    """
+    there = set.intersection(*({str(v).removeprefix("measured_") for v in r} for r in recordings))
+    names = fitting_sensors(vehicle, tyre)
+    needs = {n: set(SENSORS.load(n).OUTPUTS) for n in names}
+    whole = [n for n in names if needs[n] <= there]
+    if not whole:
+        lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)
+        raise UserError(f"sensors: the recordings contain no complete set of sensors of '{vehicle}': {lacking}")
+    best, largest = (max(some, key=lambda n: len(needs[n])) for some in (whole, names))
+    if len(needs[best]) == len(needs[largest]):
+        return best, ()
+    note = (
+        f"the recordings lack {', '.join(sorted(needs[largest] - there))}, so sensors '{best}' are used "
+        f"({', '.join(sorted(needs[best]))}), and what only '{largest}' would show cannot be found"
+    )
+    return best, (note,)
+
+
+def _fits(vehicle: str, tyre: str | None, sensors: str) -> bool:
+    """Whether a vehicle publishes what a set of sensors measures."""
+    from harness.models.assembly.assemble import assemble
+
+    try:
+        assemble(vehicle, tyre, (), sensors)
+    except ModelError:
+        return False
+    return True

@@ -1,0 +1,120 @@
+"""Recordings in, parameters and report out: what ``harness identify`` and ``harness.identify`` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from harness.common.errors import UserError
+from harness.common.failures import Failures
+from harness.common.registry import closest
+from harness.config import ModelSpec
+from harness.identification.contract import Fit, Problem, load_method, settings_of
+from harness.identification.data import Drive, refuse_the_same
+from harness.identification.innovations import Innovations
+from harness.identification.measured_file import names_of
+from harness.identification.report import document
+from harness.identification.result import Judged, judge, write_outcome
+from harness.reporting.document import Prose, plain, write
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be fitted.
+
+    Attributes:
+        spec: The model; the search begins at its values.
+        train: Recordings to fit, each with its ``name`` as attribute.
+        free: Parameters to find.
+        test: Held-out recordings.
+        method: File in ``harness/identification/methods``.
+        settings: Of the method; its defaults for what is absent.
+        seed: Of the method's random numbers.
+        jobs: Threads; all cores by default.
+    """
+
+    spec: ModelSpec
+    train: Sequence[xr.Dataset]
+    free: tuple[str, ...]
+    test: Sequence[xr.Dataset] = ()
+    method: str = "likelihood"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    jobs: int | None = None
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model fitted to recordings.
+
+    Attributes:
+        problem: The model before the fit, with the fitted recordings.
+        fit: What was found.
+        tests: The held-out recordings.
+    """
+
+    problem: Problem
+    fit: Fit
+    tests: tuple[Drive, ...]
+
+    def judged(self) -> list[Judged]:
+        """Return every recording against the model before and after the fit, the fitted ones first."""
+        return judge(self.problem, self.fit, self.tests)
+
+
+def fit_recordings(task: Task, say: Callable[[str], None] = lambda _: None) -> Fitted:
+    """Fit a model to recordings.
+
+    Args:
+        task: What is to be fitted.
+        say: Is told what is being done.
+
+    Raises:
+        UserError: If a parameter, setting or signal is unknown or missing, or a held-out recording is fitted as well.
+        ModelError: If there is no such method.
+    """
+    method = load_method(task.method)
+    settings = settings_of(method, task.settings)
+    _check_free(task.spec, task.free)
+    refuse_the_same(task.train, task.test)
+    innovations = Innovations(task.spec, jobs=task.jobs)
+    recordings = [*task.train, *task.test]
+    drives = [innovations.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    problem = Problem(innovations, tuple(drives[: len(task.train)]), task.free, task.seed)
+    fit = method.identify(problem, settings, lambda text: say(f"{task.method}: {text}"))
+    return Fitted(problem, fit, tuple(drives[len(task.train) :]))
+
+
+def _check_free(spec: ModelSpec, names: Sequence[str]) -> None:
+    """Refuse names that the model does not have before anything is compiled."""
+    known = spec.model().parameter_names
+    if not names:
+        raise UserError(f"free: name the parameters to estimate; the model has: {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise UserError(f"free: the model has no parameter '{name}'{closest(name, known)}")
+
+
+def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
+    """Write the parameter set, ``identify.json`` and the report; return their paths.
+
+    Args:
+        found: What was found.
+        folder: Where to.
+        command: How it was made, for the report.
+
+    Raises:
+        UserError: If the folder cannot be written to.
+    """
+    failures = Failures(folder)
+    judged = failures.attempt("the comparison with the recordings", found.judged, lambda _: [])
+    not_made = [Prose(plain(sentence)) for sentence in failures.sentences]
+    names = ", ".join(drive.name for drive in found.problem.drives)
+    return [
+        *write_outcome(folder, found.fit, judged, f"harness identify, method {found.fit.method}, on {names}"),
+        *write(document(found.fit, judged, command, evidence=not_made or None), folder, failures=failures),
+    ]

@@ -1,0 +1,37 @@
+"""Counts of the operating system, and that the package needs no Unix."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from harness.common import process
+
+ROOT = Path(__file__).parents[2]
+
+WITHOUT_UNIX = """
+import importlib, os, pkgutil, sys, time
+for name in ("resource", "fcntl", "pwd", "grp", "termios", "posix_ipc"):
+    sys.modules[name] = None
+for name in ("fork", "getloadavg", "sched_setaffinity", "sched_getaffinity", "getuid", "nice"):
+    delattr(os, name)
+del time.CLOCK_MONOTONIC
+import harness
+for module in pkgutil.walk_packages(harness.__path__, "harness."):
+    if module.name != "harness.__main__":
+        importlib.import_module(module.name)
+from harness.common.process import forced_switches, peak_memory_mib
+assert peak_memory_mib() is None and forced_switches() == 0
+"""
+
+
+def test_peak_memory_is_that_of_a_process_with_numpy_and_not_of_a_machine():
+    assert 30 < process.peak_memory_mib() < 20_000
+
+
+def test_switches_are_counted():
+    assert process.forced_switches() >= 0
+
+
+def test_every_module_imports_where_the_unix_modules_are_absent():
+    done = subprocess.run([sys.executable, "-c", WITHOUT_UNIX], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

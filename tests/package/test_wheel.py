@@ -1,0 +1,109 @@
+"""The package as users get it: built, installed in a fresh environment, used from a folder that holds nothing of ours.
+
+The environment borrows the dependencies of the one that runs the tests; the harness in it is the wheel's.
+"""
+
+import os
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HOSTILE = "raise SystemExit('{} of the user was imported')\n"
+BIN = "Scripts" if os.name == "nt" else "bin"
+
+pytestmark = pytest.mark.wheel
+
+
+def run(*command, cwd, expect=0):
+    """Run a command without any path to the checkout; return what it prints."""
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        [*map(str, command)], cwd=cwd, env=environment, capture_output=True, text=True, encoding="utf-8", check=False
+    )
+    assert done.returncode == expect, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory):
+    """The sdist, and the wheel that is built from it."""
+    folder = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, ROOT, cwd=folder)
+    return next(folder.glob("*.tar.gz")), next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="session")
+def fresh(built, tmp_path_factory):
+    """An environment with the wheel; its folder of programs."""
+    folder = tmp_path_factory.mktemp("fresh")
+    run(sys.executable, "-m", "venv", "--without-pip", folder / "venv", cwd=folder)
+    programs = folder / "venv" / BIN
+    python = programs / "python"
+    pip = (sys.executable, "-m", "pip", "--python", python)
+    run(*pip, "install", "--quiet", "--no-index", "--no-deps", built[1], cwd=folder)
+    here = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip()
+    borrowed = dict.fromkeys(sysconfig.get_path(kind) for kind in ("purelib", "platlib"))
+    (Path(here) / "dependencies.pth").write_text("\n".join(borrowed), encoding="utf-8")
+    return programs
+
+
+@pytest.fixture(scope="module")
+def empty(tmp_path_factory):
+    """A folder of the user, with modules that must not be touched."""
+    folder = tmp_path_factory.mktemp("user")
+    for name in ("models", "tests", "support", "bench", "studies"):
+        (folder / f"{name}.py").write_text(HOSTILE.format(name), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def harness(fresh, empty):
+    """Run the command of the wheel in the user's folder."""
+    return lambda *arguments, **further: run(fresh / "harness", *arguments, cwd=empty, **further)
+
+
+def test_sdist_and_wheel_hold_the_same_package(built):
+    with tarfile.open(built[0]) as sdist, zipfile.ZipFile(built[1]) as wheel:
+        assert not any(member.issym() or member.islnk() for member in sdist)
+        sources = {m.name.split("/", 1)[1] for m in sdist.getmembers() if m.isfile()}
+        files = {name for name in wheel.namelist() if not name.split("/")[0].endswith(".dist-info")}
+    tracked = [p for p in (ROOT / "harness").rglob("*") if p.suffix in (".py", ".typ", ".css", ".npz")]
+    tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "models").rglob("*.py")]
+    tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "studies").rglob("*.toml")]
+    tracked += [ROOT / "harness" / "studies" / "study.schema.json", *(ROOT / "harness" / "cli" / "templates").glob("*")]
+    assert {p.relative_to(ROOT).as_posix() for p in tracked} == files
+    assert files <= sources
+
+
+def test_the_package_of_the_wheel_is_the_one_that_runs(fresh, empty):
+    where = run(fresh / "python", "-c", "import harness.models; print(harness.models.__file__)", cwd=empty).strip()
+    assert Path(where).is_relative_to(fresh.parent)
+
+
+def test_studies_are_listed_by_both_ways_to_call_the_command(harness, fresh, empty):
+    listed = harness("list", "studies")
+    assert "mass " in listed
+    assert run(fresh / "python", "-m", "harness", "list", "studies", cwd=empty) == listed
+
+
+def test_a_study_of_the_package_is_run_by_its_name(harness, empty):
+    said = harness("run", "mass", "--quick")
+    assert "trailer mass" in said
+    assert (empty / "results" / "mass-quick" / "report.pdf").stat().st_size > 10_000
+
+
+def test_a_drive_is_simulated(harness, empty):
+    harness("simulate", "semitrailer", "--drive", "sine", "--seed", "1", "--out", "sine.csv")
+    assert (empty / "sine.csv").read_text(encoding="utf-8").startswith("time")
+
+
+def test_a_wrong_word_gets_one_line(harness):
+    said = harness("run", "mas", expect=2)
+    assert "closest: mass" in said
+    assert "Traceback" not in said
