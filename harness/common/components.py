@@ -327,7 +327,7 @@ def _installed(word: str) -> tuple[Component, ...]:
     found = []
     for point in importlib.metadata.entry_points(group=f"harness.{word}"):
         by = f"package {point.dist.name} {point.dist.version}" if point.dist is not None else "an installed package"
-        found.append(Component(point.name, by, point.module, None, point.attr))
+        found.append(Component(point.name, by, point.module, None, point.attr or ""))
     return tuple(found)
 
 

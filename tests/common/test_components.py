@@ -72,7 +72,7 @@ def test_a_name_twice_is_refused_with_both_places(first, second, come):
     with pytest.raises(ModelError, match="two of the vehicles are called 'sleeper'") as caught:
         VEHICLES.load("sleeper")
     for way, place in zip((first, second), places, strict=True):
-        assert "acme.vehicles.sleeper (package acme 1.0)" in str(caught.value) if way == "package" else str(place)
+        assert ("acme.vehicles.sleeper (package acme 1.0)" if way == "package" else str(place)) in str(caught.value)
 
 
 def test_a_name_of_ours_is_refused_too(come):
