@@ -182,7 +182,7 @@ def test_axles_and_signals_come_with_a_vehicle(come):
     assert SIGNALS["bogie_lateral_force"].report_unit == "kN"
     assert "delayed_lateral_force_axle_tag" in SIGNALS
     assert "relaxed_force_axle_drive" in list(SIGNALS)
-    built = assemble("rigid_truck", "magic_formula", ("worn_tag_axle", "tyre_saturation"))
+    built = assemble("rigid_truck", "magic_formula", ("worn_tag_axle", "tyre_stiffness_drift"))
     assert "slip_angle_axle_tag" in built.ports
 
 
