@@ -117,6 +117,16 @@ def test_what_decides_a_finding_is_found():
     assert found.hinge.strongest(1) == [7]
 
 
+def test_findings_that_never_hold_together_are_named_and_the_richest_point_is_found():
+    steep = {("mass", "8 t"): 3.0, ("mass", "32 t"): 3.0}
+    points = [point(k, CENTRE, steep if k % 2 else None) for k in range(40)]
+    says = [told(p) for p in points]
+    pairs = [(a, b) for a, b, ratio in analysis.exclusions(says) if ratio == 0.0]
+    assert (5, 6) in pairs  # a mass that makes the force worse makes the angle worse here
+    best = analysis.most_findings(points, says)
+    assert sum(says[best].holds()) == max(sum(s.holds()) for s in says)
+
+
 def test_a_search_goes_towards_the_best_and_repeats_itself():
     places = sequence(64)
     target = np.full(len(FACTORS), 0.7)

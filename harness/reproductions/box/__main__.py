@@ -23,7 +23,7 @@ from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, toml_text, write_files
 from harness.reporting.document import write
 from harness.reproductions.box import report, search, studies
-from harness.reproductions.box.analysis import survivals
+from harness.reproductions.box.analysis import exclusions, most_findings, survivals
 from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, told
 from harness.reproductions.box.factors import FACTORS
 from harness.reproductions.box.plausibility import plausibility
@@ -75,6 +75,7 @@ def main(arguments: Sequence[str]) -> None:
     again = None
     if chosen.network is not None:
         again = evaluate(nearest.number, nearest.place, chosen.jobs, str(chosen.network.resolve()))
+    richest = most_findings(everyone, every_says)
     found = report.Found(
         points,
         says,
@@ -83,6 +84,9 @@ def main(arguments: Sequence[str]) -> None:
         nearest,
         every_says[best],
         plausibility(nearest.at),
+        everyone[richest],
+        every_says[richest],
+        exclusions(says),
         again,
         f"python -m harness.reproductions.box {shlex.join(arguments)}",
     )
@@ -122,6 +126,13 @@ def as_json(found: report.Found, state: str) -> dict[str, Any]:
         "findings": findings,
         "nearest": {"number": found.nearest.number, "at": found.nearest.at, "distance": found.told.off(),
                     "numbers": numbers},
+        "most_findings": {
+            "number": found.richest.number,
+            "at": found.richest.at,
+            "holds": found.richest_told.holds(),
+            "distance": found.richest_told.off(),
+            "numbers": [list(n) for n in found.richest_told.numbers],
+        },
         "retrained": None if retrained is None else {"holds": retrained.holds(), "distance": retrained.off(),
                                                      "numbers": [list(n) for n in retrained.numbers]},
         "command": found.command,

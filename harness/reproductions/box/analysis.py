@@ -11,8 +11,9 @@ from SALib.analyze import delta
 from harness.campaign.evidence import Evidence, share
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
-from harness.reproductions.box.evidence import IN_BOX, Told, of_network
+from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, Told, of_network
 from harness.reproductions.box.factors import FACTORS
+from harness.reproductions.box.plausibility import plausibility
 from harness.reproductions.box.points import SEED, Point
 
 EVERYWHERE, NOWHERE = 0.9, 0.1
@@ -93,6 +94,43 @@ def survivals(points: Sequence[Point], says: Sequence[Told]) -> list[Survival]:
             )
         )
     return found
+
+
+RARE = 0.1
+"""Share of the points below which a finding is too rare to be said to exclude another."""
+
+
+def exclusions(says: Sequence[Told]) -> list[tuple[int, int, float]]:
+    """Return the pairs of findings that hold together least, against what their shares alone would give.
+
+    Returns:
+        Numbers of two findings (from 0) and the ratio of the points at which both hold to what independence would give,
+        for ratios below a half, smallest first; findings that hold at fewer than ``RARE`` of the points left out.
+    """
+    holds = np.array([s.holds() for s in says], dtype=float)
+    shares, both = holds.mean(axis=0), holds.T @ holds / len(says)
+    found = [
+        (a, b, float(both[a, b] / (shares[a] * shares[b])))
+        for a in range(len(shares))
+        for b in range(a + 1, len(shares))
+        if min(shares[a], shares[b]) >= RARE
+    ]
+    return sorted((pair for pair in found if pair[2] < 0.5), key=lambda pair: pair[2])
+
+
+def most_findings(points: Sequence[Point], says: Sequence[Told]) -> int:
+    """Return which point has most findings.
+
+    Of those whose vehicle is plausible and whose medians of the ideal case (Bild 5.6) are within a factor of two, or of
+    all if there are none; the nearer one if two have the same.
+    """
+    medians = [k for k, p in enumerate(PUBLISHED) if p.place.endswith("5.6")]
+
+    def rank(k: int) -> tuple[bool, int, float]:
+        near = bool((says[k].distances()[medians] <= 1.0).all()) and plausibility(points[k].at).plausible
+        return (near, sum(says[k].holds()), -says[k].off())
+
+    return max(range(len(says)), key=rank)
 
 
 def _of_filters(evidence: Sequence[Evidence]) -> list[Evidence]:

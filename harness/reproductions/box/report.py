@@ -45,6 +45,9 @@ class Found:
         nearest: The point nearest to the dissertation.
         told: What it says.
         plausibility: Of its vehicle.
+        richest: The point with most findings, see ``analysis.most_findings``.
+        richest_told: What it says.
+        exclusions: See ``analysis.exclusions``.
         retrained: The nearest point with a network that was trained there; ``None`` if none was.
         command: That made it.
     """
@@ -56,6 +59,9 @@ class Found:
     nearest: Point
     told: Told
     plausibility: Plausibility
+    richest: Point
+    richest_told: Told
+    exclusions: Sequence[tuple[int, int, float]]
     retrained: Point | None
     command: str
 
@@ -94,6 +100,7 @@ def _answer(found: Found) -> list[Block]:
             f"numbers are within a factor of two; root mean square distance: a factor of "
             f"{number(2 ** found.told.off(), 2)}.",
         ),
+        ("Where do most findings hold?", richest_in_words(found)),
     ]
     return [
         Heading("Answer"),
@@ -189,12 +196,29 @@ def _nearest(found: Found) -> list[Block]:
         ),
         Sheet(NUMBER_HEADER, number_rows(found.told), "Numbers of chapter 5 and ours at the nearest point.", left=2),
         *_retrained(found),
+        Sheet(NUMBER_HEADER, number_rows(found.richest_told), "The same at the point with most findings.", left=2),
         Sheet(
             ["factor", "value", "unit", "from", "to"],
             values,
             f"The nearest point, of {len(found.points) + found.searched}.",
         ),
     ]
+
+
+def richest_in_words(found: Found) -> str:
+    """Say where most findings hold, which fail there, and which findings hardly hold together."""
+    holds, distances = found.richest_told.holds(), found.richest_told.distances()
+    failing = [str(k) for k, held in enumerate(holds, 1) if not held]
+    medians = [d for p, d in zip(PUBLISHED, distances, strict=True) if p.place.endswith("5.6")]
+    text = (
+        f"At point {found.richest.number}, {sum(holds)} of {len(IN_BOX)} findings hold"
+        f"{' (not ' + listed(failing) + ')' if failing else ''}; the medians of Bild 5.6 are within a factor of "
+        f"{number(2 ** max(medians), 2)} there, all numbers within {number(2 ** max(distances), 2)}."
+    )
+    if not found.exclusions:
+        return text
+    pairs = listed([f"{a + 1} with {b + 1} ({number(ratio, 2)})" for a, b, ratio in found.exclusions[:4]])
+    return f"{text} Findings that hold together more rarely than their shares alone would give, as a ratio: {pairs}."
 
 
 def _retrained(found: Found) -> list[Block]:
@@ -238,6 +262,9 @@ def markdown(found: Found) -> str:
                 else [retrained_in_words(found), table(NUMBER_HEADER, number_rows(told(found.retrained)))]
             ),
             table(["factor", "value", "unit", "from", "to"], values),
+            "## Where most findings hold",
+            richest_in_words(found),
+            table(NUMBER_HEADER, number_rows(found.richest_told)),
             "## Which steering noise",
             steering_in_words(found),
         ]
