@@ -131,12 +131,12 @@ def _heading(q: float, r: float) -> tuple[Floats, Floats, Floats]:
 
 
 def _follows_the_gyro(_: Stored) -> list[Evidence]:
-    means, gyro, _ = _heading(1e8, 1e-4)
+    means, gyro, _encoders = _heading(1e8, 1e-4)
     return [point("largest distance from the gyro's heading in rad", np.abs(means - gyro).max(), (0.0, 1e-8))]
 
 
 def _follows_the_encoders(_: Stored) -> list[Evidence]:
-    means, _, encoders = _heading(1e-6, 1e12)
+    means, _gyro, encoders = _heading(1e-6, 1e12)
     return [
         point("largest distance from the sum of the increments in rad", np.abs(means - encoders).max(), (0.0, 1e-8))
     ]

@@ -128,7 +128,7 @@ def _least_interval(_: Stored) -> list[Evidence]:
     accepted = []
     for squared in (0.5, 0.99, 1.0, 1.5, 3.0):
         try:
-            accepted.append(st_cdkf.Settings(interval_squared=squared).interval_squared)
+            accepted.append(st_cdkf.Settings.model_validate({"interval_squared": squared}).interval_squared)
         except ValueError:
             continue
     return [point("least of 0.5, 0.99, 1, 1.5 and 3 that is accepted", min(accepted), (1.0, 1.0), 1.0)]
@@ -208,7 +208,7 @@ UNITS = "The paper prints no unit; read in SI units it lets the yaw rate drift, 
 def records() -> tuple[Record, ...]:
     """Return what the document publishes."""
     belief = load_study(STUDIES / f"{OF}.toml").belief
-    default = st_cdkf.Settings()
+    default = st_cdkf.Settings.model_validate({})
     motion = {"longitudinal_velocity": "m/s", "sideslip_angle": "rad", "yaw_rate": "rad/s"}
     return (
         statement("(12)", "the squared interval of the central differences is at least 1", _least_interval),

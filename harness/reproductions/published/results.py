@@ -172,6 +172,11 @@ class Stored(Results):
         attributes = dict(zarr.open_group(str(path), mode="r").attrs)
         of = str(attributes.get("study_name", name)) if name == REALTIME else name
         state = state_of(attributes, load_study(self.studies / f"{of}.toml"))
+        if name != REALTIME:
+            try:
+                self.stores[name]  # the runs that are still to come
+            except Missing:
+                state = "not finished"
         return Origin(name, command, _made(folder, path), state)
 
 

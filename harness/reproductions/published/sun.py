@@ -256,8 +256,11 @@ def _identification() -> tuple[Record, ...]:
 def _measured() -> tuple[Record, ...]:
     """Return the records of 3.3, the measured car."""
     per_degree = {"C_sf": ("0.1681", "9.62"), "C_sr": ("0.3111", "17.82")}
-    table_33 = (("v_y", "m/s", "0.0447", "0.0407"), ("yaw rate", "rad/s", "0.0219", "0.0138"))
-    table_33 += (("heading", "rad", "0.0196", "0.0058"),)
+    table_33 = (
+        ("v_y", "m/s", "0.0447", "0.0407"),
+        ("yaw rate", "rad/s", "0.0219", "0.0138"),
+        ("heading", "rad", "0.0196", "0.0058"),
+    )
     like = "Our own cars by the same method: make study-identify-genesis, with other recordings."
     return (
         measured("3.3", "speed of the drive", "35 to 70", "km/h", MEASURED),

@@ -63,7 +63,8 @@ def value(e: Evidence) -> str:
     """Write a number with its interval, if it has one."""
     if not np.isfinite(e.value.value):
         return "none"
-    text = number(e.value.value)
+    whole = float(e.value.value).is_integer() and abs(e.value.value) < 1e6
+    text = f"{e.value.value:.0f}" if whole else number(e.value.value)
     if e.value.upper > e.value.lower:
         text += f" ({number(e.value.lower)} to {number(e.value.upper)})"
     return text

@@ -131,7 +131,7 @@ def _steering_noise(_: Stored) -> list[Evidence]:
 def _observability_records() -> tuple[Record, ...]:
     noise, printed = ziaukas_2023.PROCESS_NOISE, "5.3"
     states = dict(zip((n for n in noise if n != STEERING), THEIR_NOISE, strict=True))
-    default = ukf.Settings()
+    default = ukf.Settings.model_validate({})
     tie = "With the kingpin tie stabilised the angle is observable straight ahead as well (docs/observability.md)."
     return (
         computed("(5.1)", "states with the unknown steering", "11", lambda: len(_augmented().states)),

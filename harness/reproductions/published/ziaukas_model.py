@@ -146,7 +146,7 @@ def _near(stored: Stored) -> list[Evidence]:
 def _scatter(stored: Stored, names: tuple[str, ...]) -> dict[str, float]:
     """Return the spread of what the swarms found (5 to 95 %) as a share of the search range."""
     arrays = stored.arrays(SWARM)
-    found = {}
+    found: dict[str, float] = {}
     for i, name in enumerate(arrays["parameters"]):
         if str(name) in names:
             low, high = {**BOUNDS, COG[0]: COG[1:]}[str(name)]
@@ -211,7 +211,7 @@ def _judged(signal: str, load: str, largest: int) -> Record:
 
 
 def _chapter_2_and_3() -> tuple[Record, ...]:
-    default = ukf.Settings()
+    default = ukf.Settings.model_validate({})
     return (
         setting("2.3.2", "β of the UKF for normal distributions", "2", default.beta),
         foreign(
