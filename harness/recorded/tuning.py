@@ -236,7 +236,7 @@ class _Search:
         """
         found, process = list(estimates), self.space.kind("process")
         known = np.array([e.verdict in _DETERMINED for e in estimates])
-        for i in np.flatnonzero(process & known) if np.any(process & ~known) else ():
+        for i in np.flatnonzero(process & known).tolist() if np.any(process & ~known) else ():
             c, others = self.space.coordinates[i], np.ones(len(self.space), dtype=bool)
             others[i] = False
             say(f"whether others can take the place of {c.name.replace('_', ' ')}")

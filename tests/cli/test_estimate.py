@@ -13,6 +13,7 @@ from harness.recordings.write import write_recording
 from support.identification import CAR, model_of, recorded
 
 MODEL = ["--model", "car_reference_point", "--parameters", "sun_2015", "--inputs", "held", "--integrator", "euler"]
+SIGNAL = ["--signal", "slip_angle_rear"]
 SCALE = ["--process-noise", "yaw_rate=1.2e-9", "--process-noise", "lateral_velocity_rear=2.5e-7"]
 
 
@@ -33,7 +34,7 @@ def run(*words):
 
 def test_estimates_numbers_and_a_report_are_written(folder, tmp_path):
     done = run("estimate", *MODEL, *SCALE, "--data", folder / "first.csv", "--data", folder / "second.csv",
-               "-e", "ekf", "-e", "ukf,alpha=0.5", "--signal", "slip_angle_rear", "--out", tmp_path)  # fmt: skip
+               "-e", "ekf", "-e", "ukf,alpha=0.5", *SIGNAL, "--out", tmp_path)  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "of NIS in its 95 % band" in done.stdout
     files = sorted(p.name for p in (tmp_path / "estimates").iterdir())
@@ -55,7 +56,7 @@ def test_estimates_numbers_and_a_report_are_written(folder, tmp_path):
 
 def test_netcdf_keeps_units_and_covariances(folder, tmp_path):
     done = run("estimate", *MODEL, *SCALE, "--data", folder / "first.csv", "-e", "ekf", "--format", "nc",
-               "--out", tmp_path)  # fmt: skip
+               *SIGNAL, "--out", tmp_path)  # fmt: skip
     assert done.exit_code == 0, done.output
     with xr.open_dataset(tmp_path / "estimates" / "first-EKF.nc") as kept:
         assert kept["yaw_rate"].attrs["units"] == "rad/s"
@@ -74,7 +75,7 @@ def test_noise_is_found_and_estimate_takes_its_file(folder, tmp_path):
     numbers = json.loads((tmp_path / "tuned.json").read_text())
     heading = next(v for v in numbers["variances"] if v["of"] == ["heading"] and v["kind"] == "measurement")
     assert heading["interval_95"][0][0] < model_of(CAR).measurement_noise["heading"] < heading["interval_95"][1][0]
-    words = ["estimate", *MODEL, "--data", folder / "second.csv", "-e", "ekf", "--out", tmp_path / "est"]
+    words = ["estimate", *MODEL, *SIGNAL, "--data", folder / "second.csv", "-e", "ekf", "--out", tmp_path / "est"]
     words[words.index("sun_2015")] = str(tuned)
     assert run(*words).exit_code == 0
     (stored,) = json.loads((tmp_path / "est" / "estimate.json").read_text())["runs"]
