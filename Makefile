@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof wheel notebooks docs lint attribution attribution-docs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -29,6 +29,10 @@ $(VENV)/run.stamp: requirements.lock pyproject.toml
 
 $(VENV)/dev.stamp: $(VENV)/run.stamp requirements-dev.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements-dev.lock
+	@touch $@
+
+$(VENV)/docs.stamp: $(VENV)/dev.stamp requirements-docs.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements-docs.lock
 	@touch $@
 
 setup: $(VENV)/run.stamp ## create .venv with pinned packages
@@ -70,13 +74,20 @@ report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done
 
 test: $(VENV)/dev.stamp ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof and not wheel"
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof and not wheel and not notebooks"
 
 proof: $(VENV)/dev.stamp ## run the tests that take long: the cluster, the blind plant, a trace from end to end
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m proof
 
 wheel: $(VENV)/dev.stamp ## build sdist and wheel, install the wheel in a fresh environment, try it in an empty folder
 	$(BIN)/python -m pytest -m wheel tests/package
+
+notebooks: $(VENV)/docs.stamp ## run the notebooks of the tutorial
+	$(BIN)/python -m pytest -m notebooks tests/package
+
+docs: $(VENV)/docs.stamp ## write the documentation as a site to site/, strictly, with the notebooks run
+	rm -rf build/docs && mkdir -p build && cp -R docs build/docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 	$(BIN)/ruff check .
@@ -97,6 +108,7 @@ bench: $(VENV)/dev.stamp ## print the speed table
 lock: ## renew the lock files from pyproject.toml (needs uv)
 	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --upgrade pyproject.toml requirements-build.in -o requirements.lock
 	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev --extra docs -c requirements-dev.lock pyproject.toml -o requirements-docs.lock
 
 clean: ## remove results and caches (keeps .venv)
 	find results -mindepth 1 ! -name README.md -delete
