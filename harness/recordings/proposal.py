@@ -148,14 +148,16 @@ def propose(path: Path) -> Proposal:
         UserError: If it cannot be read, or no column looks like a signal.
     """
     tables = readers.read_tables(path)
-    clocks, guesses, left = [], [], []
+    clocks: list[tuple[str, str, str]] = []
+    guesses: list[Guess] = []
+    left: list[str] = []
     for table in tables:
         clock = _clock(table)
         if clock is not None:
             clocks.append(clock)
-        taken = {clock[0]} if clock is not None else {table.clock}
+        taken = table.clock if clock is None else clock[0]
         for column, values in table.columns.items():
-            if column not in taken:
+            if column != taken:
                 guess = _guess(column, values, table.units.get(column, ""))
                 left += [column] if guess is None else []
                 guesses += [] if guess is None else [guess]
@@ -209,8 +211,8 @@ def _stated_unit(column: str, by_file: str) -> tuple[str, str] | None:
 
 def _clock(table: readers.Table) -> tuple[str, str, str] | None:
     named = [c for c in table.columns if _TIME.search(_words(c))]
-    for column in ([table.clock] if table.clock in table.columns else []) + named:
-        assert column is not None
+    native = [table.clock] if table.clock is not None and table.clock in table.columns else []
+    for column in [*native, *named]:
         steps = np.diff(table.columns[column])
         steps = steps[np.isfinite(steps)]
         if len(steps) < 2 or (steps < 0).mean() > 0.01:
@@ -260,7 +262,7 @@ def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
 def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
     """Return one guess per signal, that with a stated unit first, and the columns that are left."""
     kept: dict[str, Guess] = {}
-    left = []
+    left: list[str] = []
     for g in guesses:
         before = kept.get(g.signal)
         if before is None or (g.stated and not before.stated):
@@ -275,7 +277,8 @@ def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
     """Settle units and signs that are not stated by ``a_y = v r`` and by the steering."""
     if not {"speed", "yaw_rate", "lateral_acceleration"} <= set(known):
         return known, ["units that are not stated go by the range of the values alone: look at them"]
-    found, notes = dict(known), []
+    found = dict(known)
+    notes: list[str] = []
     names = ("speed", "yaw_rate", "lateral_acceleration")
     choices: list[Sequence[Guess]] = [
         [known[n]] if known[n].stated else [replace(known[n], unit=u) for u in _UNITS[SIGNALS[n].unit]] for n in names

@@ -145,7 +145,7 @@ def test_an_object_of_a_notebook_counts_by_its_source(files, study, tmp_path, mo
 def test_workers_find_the_project_and_are_refused_with_other_files(tmp_path, files, study, monkeypatch):
     come("project", tmp_path / "lab", files, monkeypatch)
     loaded, console = load_study(study), Console(file=io.StringIO())
-    monkeypatch.setattr(cluster, "STORE", "")
+    (tmp_path / cluster.STORE).mkdir()
     same = OneProcess(tmp_path)
     cluster.check_workers(same, loaded, tmp_path, console)
     same.close()
