@@ -94,8 +94,3 @@ def test_objects_show_themselves(shown):
     assert html.count("<div>") == html.count("</div>") == 1
     assert "<weave>" not in html
     assert len(repr(shown).splitlines()) > 1
-
-
-def test_a_diagnosis_that_was_not_fitted_has_no_report(tmp_path):
-    with pytest.raises(h.UserError, match=r"call fit\(model, train, test\) first"):
-        h.Diagnosis().report(tmp_path)
