@@ -253,8 +253,10 @@ class _Search:
         What is determined is fitted again around what is held. Where that is less likely than the 95 % interval allows,
         what is held moves too, away from its stated value against a prior: as far as the recordings ask.
         """
+        if free.all():
+            return best.z, ~free
         stated = self._refitted(np.where(free, best.z, self.space.centre), free)
-        if free.all() or best.value - self.value(stated) <= CONTRADICTED:
+        if best.value - self.value(stated) <= CONTRADICTED:
             return stated, np.zeros(len(free), dtype=bool)
         pulled = [
             replace(c, prior=math.inf if f else _PRIOR) for c, f in zip(self.space.coordinates, free, strict=True)
