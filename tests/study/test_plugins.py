@@ -100,11 +100,14 @@ def test_files_from_outside_count_in_what_a_store_depends_on(tmp_path, files, st
         "estimator": {"estimators/forgetful.py": ("forgetting * get", "forgetting * 1.0 * get")},
         "what it imports": {"effects/_share.py": ("ALL = 1", "ALL = 2")},
         "docstring": {"effects/worn_tag_axle.py": ("are worn", "are quite worn")},
-        "another": {"effects/another.py": ("PORT", "PORT ")},
+        "another": {"effects/another.py": ("1 - e.p", "1 - 0.9 * e.p")},
     }
     everything = dict(files)
     everything["effects/worn_tag_axle.py"] = "from ._share import ALL\n" + files["effects/worn_tag_axle.py"]
-    everything |= {"effects/_share.py": "ALL = 1\n", "effects/another.py": "PORT = 1\n"}
+    everything |= {
+        "effects/_share.py": "ALL = 1\n",
+        "effects/another.py": files["effects/worn_tag_axle.py"].replace("tag_axle_wear", "other_wear"),
+    }
     for name, change in changes.items():
         texts = dict(everything)
         for path, (old, new) in change.items():
