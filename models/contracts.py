@@ -13,6 +13,10 @@ folder          exports
 ``drives``      ``OPTIONS``, ``generate(options, context)``
 ==============  =========================================================================================
 
+Files outside this tree keep the same contract (``docs/plugins.md``). A vehicle, tyre, effect or set of sensors brings
+the signals that there are not yet as ``SIGNALS``, a tuple of ``harness.models.signals.Signal``, and a vehicle may say
+by ``AXLE_NAMES`` what each of its axles is; the signals of its axles and bodies follow from their names.
+
 A vehicle with inputs that no drive states exports ``drive_inputs(profile, context)``, their values on a drive by
 name, and one whose estimators begin with another variance than the process noise of a step, ``START_VARIANCE`` by
 state.

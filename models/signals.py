@@ -274,13 +274,10 @@ class SignalTable(Mapping[str, Signal]):
         self._looked: object = None
 
     def __getitem__(self, name: str) -> Signal:
-        known = self._known(name)
-        if known is None:
-            self._look()
-            known = self._known(name)
-        if known is None:
-            raise KeyError(name)
-        return known
+        if name in self._ours:
+            return self._ours[name]
+        self._look()
+        return self._further[name][0]
 
     def __iter__(self) -> Iterator[str]:
         self._look()

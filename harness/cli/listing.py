@@ -105,7 +105,8 @@ def _origin(component: Component) -> str:
 
 def _files(console: Console, role: str, here: Path | None) -> None:
     """Print data files by name, with their title and where they come from."""
-    kind, rows = FILES[role], []
+    kind = FILES[role]
+    rows: list[tuple[str, str, str]] = []
     for name, path in locations.files(kind, here).items():
         title = ""
         if kind.suffix == ".toml":

@@ -201,6 +201,11 @@ def unregister(role: str, name: str) -> None:
         _forget()
 
 
+def registered() -> tuple[tuple[str, str], ...]:
+    """Return role and name of everything registered."""
+    return tuple(_registered)
+
+
 @dataclass(frozen=True)
 class Carried:
     """What another process needs to find the same components, files that it sees as well.
@@ -322,7 +327,7 @@ def _installed(word: str) -> tuple[Component, ...]:
     found = []
     for point in importlib.metadata.entry_points(group=f"harness.{word}"):
         by = f"package {point.dist.name} {point.dist.version}" if point.dist is not None else "an installed package"
-        found.append(Component(point.name, by, point.module, None, point.attr))
+        found.append(Component(point.name, by, point.module, None, point.attr or ""))
     return tuple(found)
 
 

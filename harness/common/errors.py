@@ -1,6 +1,8 @@
-"""The exceptions for bad input: their messages say what is wrong, where, and how to mend it."""
+"""The exceptions for bad input, whose messages say what is wrong, where, and how to mend it; the closest name."""
 
 from __future__ import annotations
+
+import difflib
 
 
 class UserError(Exception):
@@ -9,3 +11,11 @@ class UserError(Exception):
 
 class ModelError(ValueError):
     """A model, parameter or drive that cannot be built; the message says what, where and how to mend it."""
+
+
+def closest(word: str, choices: list[str] | tuple[str, ...]) -> str:
+    """Return ``"; closest: a, b"`` for the choices that resemble the word, or the whole list if none does."""
+    near = difflib.get_close_matches(word, choices, n=3, cutoff=0.5)
+    if near:
+        return f"; closest: {', '.join(near)}"
+    return f"; there are: {', '.join(choices)}" if choices else "; there are none"

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.common.errors import UserError
+from harness.common.errors import UserError, closest
 
 BUNDLED_STUDIES = Path(__file__).parents[1] / "studies"
 """Studies of the package with their drives and channel maps: a link in the checkout, a folder in a wheel."""
@@ -62,8 +62,6 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        from harness.common.registry import closest  # imports NumPy, which the help does without
-
         beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
         raise UserError(f"{path}: there is no such file{closest(path.name, beside)}") from None
     except UnicodeDecodeError as error:

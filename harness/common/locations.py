@@ -17,13 +17,11 @@ Files of the last three rows are data: they are read, never run.
 
 from __future__ import annotations
 
-import difflib
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.common.errors import UserError
+from harness.common.errors import UserError, closest
 from harness.common.files import BUNDLED_STUDIES, read_toml
 
 MARK = "harness.toml"
@@ -126,7 +124,7 @@ def find(kind: Kind, name: str, beside: Path | None = None) -> Path:
     candidates = [folder / f"{name}{kind.suffix}" for folder in there]
     found = next((path for path in candidates if path.is_file()), None) if Path(name).name == name else None
     if found is None:
-        near = _closest(name, list(files(kind, beside)))
+        near = closest(name, list(files(kind, beside)))
         raise UserError(f"there is no {kind.what} '{name}'{near} (looked in {', '.join(shown(f) for f in there)})")
     root, ours = project(), kind.in_package / found.name
     theirs = root is not None and found.parent == root / kind.in_project
@@ -146,8 +144,3 @@ def shown(path: Path) -> str:
 
 def _same(one: Path, other: Path) -> bool:
     return one.resolve() == other.resolve()
-
-
-def _closest(word: str, choices: Sequence[str]) -> str:
-    near = difflib.get_close_matches(word, choices, n=3, cutoff=0.5)
-    return f"; closest: {', '.join(near)}" if near else f"; there are: {', '.join(choices)}" if choices else ""

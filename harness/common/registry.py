@@ -5,21 +5,12 @@ Of our own the folder is the registry; what else there is says ``harness.common.
 
 from __future__ import annotations
 
-import difflib
 import importlib
 from dataclasses import dataclass
 from types import ModuleType
 
 from harness.common import components
-from harness.common.errors import ModelError
-
-
-def closest(word: str, choices: list[str] | tuple[str, ...]) -> str:
-    """Return ``"; closest: a, b"`` for the choices that resemble the word, or the whole list if none does."""
-    near = difflib.get_close_matches(word, choices, n=3, cutoff=0.5)
-    if near:
-        return f"; closest: {', '.join(near)}"
-    return f"; there are: {', '.join(choices)}" if choices else "; there are none"
+from harness.common.errors import ModelError, closest
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,8 @@ def drive_linear(samples=80, seed=3):
 def textbook(u, y, A, B, C):
     """The Kalman filter with full matrices; a NaN measurement is left out."""
     x, P, log_likelihood = np.zeros(3), np.diag(P0), 0.0
-    means, covariances, likelihoods = [x], [P], []
+    means, covariances = [x], [P]
+    likelihoods: list[float] = []
     for k in range(1, len(y)):
         x, P = A @ x + B @ u[k - 1], A @ P @ A.T + np.diag(Q)
         seen = ~np.isnan(y[k])

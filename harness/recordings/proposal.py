@@ -1,0 +1,367 @@
+"""Propose a channel map for a recording: which column may be which signal, in which unit, with which sign.
+
+It is a guess to be looked at, and says for every entry why: by the name of the column, the unit that the file or the
+name states, the range of the values, and by what signals have to do with each other, ``a_y = v r`` in slow changes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from harness.common.arrays import Floats
+from harness.common.errors import UserError
+from harness.common.files import toml_text
+from harness.common.units import scale
+from harness.models.signals import SIGNALS
+from harness.recordings import readers
+
+_NAMES: tuple[tuple[str, str], ...] = (
+    ("articulation_angle", r"articulation|hitch (angle|ang)|knickwinkel"),
+    ("steering_wheel_angle", r"steer|swa|lenk|lws|handwheel|^delta( h| sw)?$"),
+    ("yaw_acceleration", r"yaw (ang(ular)? )?acc|psi pp|yaw ddot"),
+    (
+        "yaw_rate",
+        r"yaw (rate|vel|speed)|yawrate|gier|psi (p|dot)$|^(r|wz|w z|omega z|gyro z|gz)$|(ang(ular)? )?rate z|yaw dot",
+    ),
+    ("roll_rate", r"roll (rate|vel)|^(wx|omega x|gyro x|gx)$|rate x"),
+    ("lateral_acceleration", r"lat(eral)? ?acc|querbeschl|acc(el(eration)?)? ?(y|lat)|^a ?y( ?cg)?$"),
+    (
+        "longitudinal_acceleration",
+        r"long(itudinal)? ?acc|laengsbeschl|längsbeschl|acc(el(eration)?)? ?(x|long)|^a ?x( ?cg)?$",
+    ),
+    ("lateral_velocity", r"lat(eral)? ?(vel|speed)|vel(ocity)? (y|lat)|^v ?y$"),
+    ("speed", r"speed|geschw|veloc|^v( ?x| veh)?$|vel (x|long)|kmh|kph"),
+    ("sideslip_angle", r"side ?slip|schwimm|^beta$"),
+    ("heading", r"heading|course|kurs|azimuth|^(psi|yaw)( angle)?$"),
+    ("roll_angle", r"^(roll|phi)( angle)?$|wank"),
+    ("position_x", r"^(pos(ition)? )?x( pos)?$|east(ing)?$"),
+    ("position_y", r"^(pos(ition)? )?y( pos)?$|north(ing)?$"),
+)
+"""Signals by what the names of their columns look like, the first that matches."""
+
+_TIME = re.compile(r"^(t|time|timestamp|zeit|clock|stamp)\b|\btime$|^timestamps?$")
+_TAKEN_TWICE = {"speed": "longitudinal_velocity"}
+_DISTANCES = ("position_x", "position_y")
+
+_UNITS: dict[str, tuple[str, ...]] = {
+    "rad": ("rad", "deg"),
+    "rad/s": ("rad/s", "deg/s"),
+    "rad/s^2": ("rad/s^2", "deg/s^2"),
+    "m/s": ("m/s", "km/h"),
+    "m/s^2": ("m/s^2", "g_0"),
+    "m": ("m",),
+}
+"""Units that a column may have by the SI unit of its signal, SI first."""
+
+_LIMITS = {"rad": 12.5, "rad/s": 3.0, "rad/s^2": 30.0, "m/s": 75.0, "m/s^2": 1e9, "m": 1e9}
+"""Largest magnitude that is taken to be in SI units; a heading may have turned further."""
+
+_WRITTEN = {
+    "rad/s": r"rad ?/ ?s(ec)?|rad ?s ?-1|radps|rads",
+    "deg/s": r"(deg|°|grad) ?/ ?s(ec)?|degps|dps|deg ?s ?-1|degs",
+    "km/h": r"km ?/ ?h|kmh|kph",
+    "m/s^2": r"m ?/ ?s ?(2|²|\^2|\*\*2)|mps2|ms2|m ?s ?-2",
+    "m/s": r"m ?/ ?s|mps|m ?s ?-1",
+    "g_0": r"g|g0",
+    "deg": r"deg(rees?)?|°|grad",
+    "rad": r"rad(ians?)?",
+    "ms": r"ms|msec|millis(econds)?",
+    "us": r"us|µs|micros(econds)?",
+    "ns": r"ns|nanos(econds)?",
+    "s": r"s|sec(onds)?",
+    "m": r"m|met(er|re)s?",
+}
+"""How units are written in files and names."""
+
+_ENOUGH = 50
+"""Samples that a comparison of signals needs."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One entry of the map.
+
+    Attributes:
+        signal: Signal.
+        column: Column of the file.
+        unit: Unit of the column.
+        values: Its values as recorded ``(samples,)``.
+        stated: Whether file or name state the unit.
+        why: Reasons, in words.
+        sign: -1 where the column counts the other way.
+    """
+
+    signal: str
+    column: str
+    unit: str
+    values: Floats
+    stated: bool
+    why: tuple[str, ...] = ()
+    sign: int = 1
+
+    @property
+    def si(self) -> Floats:
+        """Values in SI units."""
+        return self.sign * self.values * scale(self.unit, SIGNALS[self.signal].unit, self.column)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A channel map as proposed.
+
+    Attributes:
+        guesses: Its entries.
+        clocks: Columns of time with their units and why.
+        left: Columns that nothing was guessed of.
+        notes: What else the user should know.
+        text: The map, as a file.
+    """
+
+    guesses: tuple[Guess, ...]
+    clocks: tuple[tuple[str, str, str], ...]
+    left: tuple[str, ...]
+    notes: tuple[str, ...]
+    text: str = field(default="", repr=False)
+
+    def said(self) -> list[str]:
+        """Return what was guessed and why, in lines."""
+        lines = [f"time: '{column}' in {unit} ({why})" for column, unit, why in self.clocks]
+        for g in self.guesses:
+            sign = ", reversed" if g.sign < 0 else ""
+            lines.append(f"{g.signal}: '{g.column}' in {g.unit}{sign} ({'; '.join(g.why)})")
+        return lines + [f"note: {note}" for note in self.notes]
+
+
+def propose(path: Path) -> Proposal:
+    """Return a channel map for a recording, guessed from names, units, ranges and how signals belong together.
+
+    Args:
+        path: Recording.
+
+    Raises:
+        UserError: If it cannot be read, or no column looks like a signal.
+    """
+    tables = readers.read_tables(path)
+    clocks: list[tuple[str, str, str]] = []
+    guesses: list[Guess] = []
+    left: list[str] = []
+    for table in tables:
+        clock = _clock(table)
+        if clock is not None:
+            clocks.append(clock)
+        taken = table.clock if clock is None else clock[0]
+        for column, values in table.columns.items():
+            if column != taken:
+                guess = _guess(column, values, table.units.get(column, ""))
+                left += [column] if guess is None else []
+                guesses += [] if guess is None else [guess]
+    guesses, doubled = _one_each(guesses)
+    if not guesses:
+        columns = ", ".join(f"'{c}'" for table in tables for c in table.columns)
+        raise UserError(
+            f"{path}: no column looks like a signal of a vehicle: {columns}; write the map by hand "
+            "(docs/measured-data.md)"
+        )
+    first = [g for g in guesses if len(g.values) == len(next(iter(tables[0].columns.values())))]
+    found, notes = _consistent({g.signal: g for g in first})
+    guesses = [found.get(g.signal, g) for g in guesses]
+    guesses += [
+        replace(g, signal=_TAKEN_TWICE[g.signal], why=("the same column serves both",))
+        for g in guesses
+        if g.signal in _TAKEN_TWICE and not any(o.signal == _TAKEN_TWICE[g.signal] for o in guesses)
+    ]
+    notes += _further_notes(guesses, clocks, doubled)
+    result = Proposal(tuple(guesses), tuple(clocks), (*left, *doubled), tuple(notes))
+    return replace(result, text=_text(result, path))
+
+
+def _words(name: str) -> str:
+    """Return a column's name in small words, without unit, group and module: ``EBS11.YawRate [deg/s]`` is yaw rate."""
+    name = re.sub(r"[\[(].*?[\])]", " ", name)
+    name = re.split(r"[./\\:]", name.strip())[-1] if not re.search(r"\w/\w$", name) else name
+    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    words = re.sub(r"[^a-z0-9äöüß]+", " ", name.lower()).split()
+    while len(words) > 1 and _unit_of(words[-1]) is not None and words[-1] != "g":
+        words.pop()
+    return " ".join(words)
+
+
+def _unit_of(text: str) -> str | None:
+    """Return a unit by how it is written; ``None`` if it is none of those known."""
+    text = text.strip().lower()
+    return next((unit for unit, pattern in _WRITTEN.items() if re.fullmatch(pattern, text)), None)
+
+
+def _stated_unit(column: str, by_file: str) -> tuple[str, str] | None:
+    """Return the unit that file or name state, and which of them."""
+    found = _unit_of(by_file) if by_file else None
+    if found is not None:
+        return found, "unit by the file"
+    for written in (*re.findall(r"[\[(](.*?)[\])]", column), re.split(r"[_ ]", column)[-1] if "_" in column else ""):
+        if (found := _unit_of(written)) is not None:
+            return found, "unit by the name"
+    return None
+
+
+def _clock(table: readers.Table) -> tuple[str, str, str] | None:
+    named = [c for c in table.columns if _TIME.search(_words(c))]
+    native = [table.clock] if table.clock is not None and table.clock in table.columns else []
+    for column in [*native, *named]:
+        steps = np.diff(table.columns[column])
+        steps = steps[np.isfinite(steps)]
+        if len(steps) < 2 or (steps < 0).mean() > 0.01:
+            continue
+        if column == table.clock:
+            return column, "s", "the format says so"
+        stated, step = _stated_unit(column, table.units.get(column, "")), float(np.median(steps))
+        if stated is not None and stated[0] in ("s", "ms", "us", "ns"):
+            return column, stated[0], stated[1]
+        for unit, largest in (("s", 0.5), ("ms", 500.0), ("us", 5e5), ("ns", 5e8)):
+            if step <= largest:
+                return column, unit, f"rises by {step:g} from row to row, unit by that: {_rate(step, unit)}"
+    return None
+
+
+def _rate(step: float, unit: str) -> str:
+    seconds = step * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
+    return f"{1 / seconds:.4g} Hz" if seconds > 0 else "several rows at a time"
+
+
+def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
+    """Return which signal a column may be, by its name, and its unit."""
+    words = _words(column)
+    exact = "_".join(words.split()).removeprefix("measured_")
+    signal = exact if exact in SIGNALS and exact != "time" else None
+    why = "name of the signal"
+    if signal is None:
+        signal = next((s for s, pattern in _NAMES if re.search(pattern, words)), None)
+        why = f"name reads “{words}”"
+    finite = values[np.isfinite(values)]
+    if signal is None or len(finite) < 2:
+        return None
+    unit = SIGNALS[signal].unit
+    possible = _UNITS.get(unit, (unit,))
+    stated = _stated_unit(column, by_file)
+    if stated is not None and stated[0] in possible:
+        return Guess(signal, column, stated[0], values, True, (why, stated[1]))
+    if stated is not None and stated[0] not in ("g_0", "s", "m"):  # a speed in degrees is none
+        return None
+    largest = float(np.abs(finite).max())
+    if signal == "heading" and largest > 6.5 and np.abs(np.diff(finite)).max() > 50:
+        return Guess(signal, column, "deg", values, False, (why, f"values to {largest:.4g} that wrap, so degrees"))
+    chosen = possible[0] if largest <= _LIMITS.get(unit, 1e9) or len(possible) == 1 else possible[1]
+    return Guess(signal, column, chosen, values, False, (why, f"unit by its values to {largest:.4g}"))
+
+
+def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
+    """Return one guess per signal, that with a stated unit first, and the columns that are left."""
+    kept: dict[str, Guess] = {}
+    left: list[str] = []
+    for g in guesses:
+        before = kept.get(g.signal)
+        if before is None or (g.stated and not before.stated):
+            left += [] if before is None else [before.column]
+            kept[g.signal] = g
+        else:
+            left.append(g.column)
+    return list(kept.values()), left
+
+
+def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
+    """Settle units and signs that are not stated by ``a_y = v r`` and by the steering."""
+    if not {"speed", "yaw_rate", "lateral_acceleration"} <= set(known):
+        return known, ["units that are not stated go by the range of the values alone: look at them"]
+    found = dict(known)
+    notes: list[str] = []
+    names = ("speed", "yaw_rate", "lateral_acceleration")
+    choices: list[Sequence[Guess]] = [
+        [known[n]] if known[n].stated else [replace(known[n], unit=u) for u in _UNITS[SIGNALS[n].unit]] for n in names
+    ]
+    ratios = [(_ratio(*combination), combination) for combination in itertools.product(*choices)]
+    usable = [(k, c) for k, c in ratios if np.isfinite(k) and k != 0]
+    if not usable:
+        return known, ["the recording hardly turns, so units and signs could not be compared: look at them"]
+    k, best = min(usable, key=lambda item: abs(np.log(abs(item[0]))))
+    if not 0.5 < abs(k) < 2:
+        notes.append(
+            f"lateral acceleration is {abs(k):.3g} times speed times yaw rate: one of the three is another signal"
+        )
+        return found, notes
+    for g in best:
+        found[g.signal] = replace(g, why=(*g.why, f"lateral acceleration over speed times yaw rate: {abs(k):.2f}"))
+    steering = known.get("steering_wheel_angle")
+    agree = np.nan if steering is None else _correlation(steering.si, found["yaw_rate"].si)
+    if k < 0:
+        turned = "yaw_rate" if agree < -0.3 else "lateral_acceleration"
+        reason = "against the other and the steering" if abs(agree) > 0.3 else "against the yaw rate"
+        found[turned] = replace(found[turned], sign=-1, why=(*found[turned].why, f"sign {reason}"))
+        notes.append(f"{turned} is reversed, because it counts {reason}; which of them is right nothing here says")
+    elif agree < -0.3 and steering is not None:
+        found["steering_wheel_angle"] = replace(steering, sign=-1, why=(*steering.why, "sign against the yaw rate"))
+        notes.append("steering_wheel_angle is reversed, because it counts against the yaw rate")
+    return found, notes
+
+
+def _ratio(speed: Guess, rate: Guess, acceleration: Guess) -> float:
+    """Return the slope of lateral acceleration over speed times yaw rate, where the vehicle turns."""
+    product, measured = speed.si * rate.si, acceleration.si
+    there = np.isfinite(product) & np.isfinite(measured)
+    if there.sum() < _ENOUGH or product[there].std() == 0:
+        return np.nan
+    product, measured = product[there] - product[there].mean(), measured[there] - measured[there].mean()
+    if abs(_correlation(product, measured)) < 0.5:
+        return np.nan
+    return float(np.copysign(measured.std() / product.std(), product @ measured))
+
+
+def _correlation(one: Floats, other: Floats) -> float:
+    if len(one) != len(other):
+        return np.nan
+    there = np.isfinite(one) & np.isfinite(other)
+    if there.sum() < _ENOUGH or one[there].std() == 0 or other[there].std() == 0:
+        return np.nan
+    return float(np.corrcoef(one[there], other[there])[0, 1])
+
+
+def _further_notes(
+    guesses: Sequence[Guess], clocks: Sequence[tuple[str, str, str]], doubled: Sequence[str]
+) -> list[str]:
+    notes = []
+    if not clocks:
+        notes.append('no column of time was found; state one, or [recording] rate = "100 Hz"')
+    if doubled:
+        notes.append(f"left out, because another column is that signal: {', '.join(doubled)}")
+    steering = next((g for g in guesses if g.signal == "steering_wheel_angle"), None)
+    if steering is not None and np.nanmax(np.abs(steering.si)) < 0.7:
+        notes.append(
+            f"'{steering.column}' stays below {np.degrees(np.nanmax(np.abs(steering.si))):.0f} deg: if it is the angle "
+            "of the road wheels, name it road_wheel_angle"
+        )
+    notes.append(
+        "positive is x forward, y left, z up (ISO 8855): in a bend to the left steering, yaw rate and lateral "
+        "acceleration must be positive"
+    )
+    return notes
+
+
+def _text(found: Proposal, path: Path) -> str:
+    """Return the map as a file, with the reasons as comments."""
+    content: dict[str, object] = {"title": path.name, "source": "whose recording, and may it be passed on?"}
+    comments: dict[tuple[str, ...], str] = {}
+    if found.clocks:
+        times = [{"channel": column, "unit": unit} for column, unit, _ in found.clocks]
+        content["time"] = times[0] if len(times) == 1 else times
+    for g in found.guesses:
+        entry: dict[str, object] = {"channel": g.column, "unit": g.unit}
+        content[g.signal] = entry | ({"sign": -1} if g.sign < 0 else {})
+        comments[g.signal,] = "; ".join(g.why)
+    head = ["Proposed by harness new channels: a guess, look at every entry (docs/measured-data.md).", *found.notes]
+    if found.left:
+        head.append(f"Columns left out: {', '.join(found.left)}.")
+    return "".join(f"# {line}\n" for line in head) + "\n" + toml_text(content, comments=comments)

@@ -1,0 +1,123 @@
+"""What ``harness new`` writes works as it is; what is there is never written over."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.cli.new import WRITES, write_new
+from harness.common.errors import UserError
+from harness.config import load_study
+from harness.study.run import run_study
+from harness.testing import check_tyre, check_vehicle
+from support.plugins import forget
+
+COMPONENTS = ("vehicle", "effect", "tyre", "estimator")
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left():
+    yield
+    forget()
+
+
+@pytest.fixture
+def run():
+    def run(*arguments):
+        done = CliRunner().invoke(app, [str(a) for a in arguments])
+        return done.exit_code, done.output
+
+    return run
+
+
+@pytest.fixture
+def lab(tmp_path, monkeypatch):
+    """A new project, and the working directory in it."""
+    monkeypatch.chdir(tmp_path)
+    write_new("project", "truck-lab")
+    monkeypatch.chdir(tmp_path / "truck-lab")
+    return tmp_path / "truck-lab"
+
+
+def test_a_new_project_has_a_study_that_loads(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, printed = run("new", "project", "my-lab")
+    assert status == 0
+    assert "next: cd my-lab && harness run first" in printed
+    monkeypatch.chdir(tmp_path / "my-lab")
+    assert load_study("studies/first.toml").name == "first"
+    status, printed = run("list", "studies")
+    assert status == 0
+    assert "studies/first.toml" in printed
+
+
+@pytest.mark.parametrize("kind", COMPONENTS)
+def test_the_test_that_comes_with_a_component_passes(kind, lab):
+    write_new(kind, f"my_{kind}")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
+    done = subprocess.run(command, cwd=lab, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
+
+
+def test_two_vehicles_and_a_tyre_live_together(lab):
+    for kind, name in (("vehicle", "one"), ("vehicle", "two"), ("tyre", "rubber")):
+        write_new(kind, name)
+    check_vehicle("one")
+    check_tyre("rubber", {"rubber_stiffness": 12.0})
+
+
+def test_a_new_study_runs(lab):
+    write_new("study", "second")
+    path = lab / "studies" / "second.toml"
+    path.write_text(path.read_text().replace("repeats = 10", "repeats = 1").replace('"20 s"', '"5 s"'))
+    assert (run_study(load_study(path), lab / "out", jobs=1) / "scores.zarr").is_dir()
+
+
+@pytest.mark.parametrize("kind", [k for k in WRITES if k != "project"])
+def test_nothing_is_written_over(kind, lab):
+    write_new(kind, "mine")
+    before = {p: p.read_text() for p in lab.rglob("*") if p.is_file()}
+    with pytest.raises(UserError, match="is there already"):
+        write_new(kind, "mine")
+    assert {p: p.read_text() for p in lab.rglob("*") if p.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("effect", "crosswind"), "'crosswind' is there already: .*crosswind.py \\(harness\\)"),
+        (("effect", "My-Effect"), "small letters, digits and _: my_effect"),
+        (("vehicle", "class"), "does not do as a name"),
+        (("study", "a/b"), "does not do as a name"),
+        (("project", "."), "harness.toml: is there already"),
+    ],
+)
+def test_names_that_do_not_do_are_refused(arguments, says, lab):
+    with pytest.raises(UserError, match=says):
+        write_new(*arguments)
+
+
+def test_outside_a_project_the_way_in_is_said(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, printed = run("new", "effect", "mine")
+    assert status == 2
+    assert "make a project first: harness new project NAME" in " ".join(printed.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_channel_map_goes_where_maps_are_found(run, lab):
+    lines = "\n".join(f"{0.01 * k:.2f},{0.1 * (k % 7):.1f}" for k in range(100))
+    (lab / "lap.csv").write_text(f"time [s],YawRate [deg/s]\n{lines}\n")
+    status, printed = run("new", "channels", "lap.csv")
+    assert status == 0
+    assert "yaw_rate: 'YawRate [deg/s]' in deg/s" in printed
+    assert (lab / "channels" / "lap.toml").is_file()
+    assert run("new", "channels", "lap.csv")[0] == 2
+    assert run("new", "channels", "nowhere.csv")[0] == 2
+    assert run("new", "effect", "mine", "--out", "x")[0] == 2

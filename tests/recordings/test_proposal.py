@@ -1,0 +1,117 @@
+"""A channel map proposed from names, units and values: it says why, and reads the recording back."""
+
+import numpy as np
+import pytest
+
+from harness.common.errors import UserError
+from harness.recordings.load import load_recording
+from harness.recordings.proposal import propose
+
+TIME = np.arange(0, 60, 0.02)
+RATE = 0.3 * np.sin(0.5 * TIME)
+SPEED = 15 + 2 * np.sin(0.1 * TIME)
+STEER = 16 * 2.7 * RATE / SPEED
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Write columns as CSV and return the file."""
+
+    def write(**columns):
+        path = tmp_path / "lap.csv"
+        header = ",".join(name.replace("__", " ") for name in columns)
+        np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header, comments="")
+        return path
+
+    return write
+
+
+def noisy(values, size, seed=1):
+    return values + size * np.random.default_rng(seed).normal(size=len(values))
+
+
+def guessed(path):
+    return {g.signal: (g.column, g.unit, g.sign) for g in propose(path).guesses}
+
+
+@pytest.mark.parametrize(
+    ("names", "speed", "rate", "acceleration"),
+    [
+        (("VehicleSpeed", "YawRate", "AccY"), "km/h", "deg/s", "m/s^2"),
+        (("v_x", "gyro_z", "ay"), "m/s", "rad/s", "g_0"),
+        (("Geschwindigkeit", "Gierrate", "Querbeschleunigung"), "m/s", "deg/s", "m/s^2"),
+        (("EBS11.Speed", "IMU/yaw_rate", "lat_acc"), "km/h", "rad/s", "g_0"),
+    ],
+)
+def test_units_that_are_not_stated_follow_from_each_other(recording, names, speed, rate, acceleration):
+    scale = {"m/s": 1.0, "km/h": 3.6, "rad/s": 1.0, "deg/s": 180 / np.pi, "m/s^2": 1.0, "g_0": 1 / 9.80665}
+    columns = (SPEED * scale[speed], RATE * scale[rate], noisy(SPEED * RATE, 0.1) * scale[acceleration])
+    path = recording(t=TIME, **dict(zip(names, columns, strict=True)))
+    found = guessed(path)
+    assert found["speed"] == (names[0], speed, 1)
+    assert found["yaw_rate"] == (names[1], rate, 1)
+    assert found["lateral_acceleration"] == (names[2], acceleration, 1)
+
+
+@pytest.mark.parametrize("turned", ["yaw_rate", "lateral_acceleration", "steering_wheel_angle"])
+def test_the_one_that_counts_the_other_way_is_reversed(recording, turned):
+    signals = {"steering_wheel_angle": STEER, "yaw_rate": RATE, "lateral_acceleration": noisy(SPEED * RATE, 0.1)}
+    signals[turned] = -signals[turned]
+    found = propose(recording(time=TIME, speed=SPEED, **signals))
+    assert {g.signal for g in found.guesses if g.sign < 0} == {turned}
+    assert any(f"{turned} is reversed" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit", "name"), [(1, "s", "t"), (1e3, "ms", "Timestamp"), (1e9, "ns", "time"), (1e3, "ms", "time_ms")]
+)
+def test_the_clock_and_its_unit(recording, factor, unit, name):
+    found = propose(recording(**{name: 1e3 + TIME * factor}, yaw_rate=RATE))
+    assert [(c, u) for c, u, _ in found.clocks] == [(name, unit)]
+
+
+def test_a_stated_unit_counts_and_every_reason_is_given(recording, tmp_path):
+    path = recording(**{"t": TIME, "Speed[km/h]": SPEED, "YawRate__[deg/s]": RATE, "Temp": TIME * 0, "Psi (deg)": RATE})
+    found = propose(path)
+    assert guessed(path)["speed"] == ("Speed[km/h]", "km/h", 1)
+    assert guessed(path)["yaw_rate"][1] == "deg/s"
+    assert guessed(path)["heading"][1] == "deg"
+    assert found.left == ("Temp",)
+    said = "\n".join(found.said())
+    assert "unit by the name" in said
+    assert "ISO 8855" in said
+    assert all(g.why for g in found.guesses)
+
+
+def test_the_proposal_reads_the_recording(recording, tmp_path):
+    path = recording(Timestamp=TIME * 1e3, VehicleSpeed=SPEED * 3.6, YawRate=np.degrees(RATE), AccY=-SPEED * RATE)
+    map_ = tmp_path / "lap.toml"
+    map_.write_text(propose(path).text)
+    read = load_recording(path, map_)
+    np.testing.assert_allclose(read["yaw_rate"], RATE, atol=1e-6)
+    np.testing.assert_allclose(read["speed"], SPEED, atol=1e-6)
+    np.testing.assert_allclose(read["lateral_acceleration"], SPEED * RATE, atol=1e-5)
+
+
+def test_a_signal_twice_is_said(recording):
+    found = propose(recording(t=TIME, gyro_z=RATE, **{"yaw_rate_deg/s": np.degrees(RATE)}))
+    assert {g.column for g in found.guesses} == {"yaw_rate_deg/s"}
+    assert any("left out, because another column is that signal: gyro_z" in note for note in found.notes)
+
+
+def test_a_recording_without_turns_or_clock_is_said(recording):
+    found = propose(recording(speed=SPEED, yaw_rate=noisy(0 * TIME, 1e-3), ay=noisy(0 * TIME, 0.01, 2)))
+    assert any("hardly turns" in note for note in found.notes)
+    assert any("no column of time" in note for note in found.notes)
+
+
+def test_what_does_not_belong_together_is_said(recording):
+    found = propose(
+        recording(**{"t": TIME, "speed__[m/s]": SPEED, "yaw_rate__[rad/s]": RATE, "ay__[m/s2]": 5 * SPEED * RATE})
+    )
+    assert any("lateral acceleration is 5 times speed times yaw rate" in note for note in found.notes)
+
+
+def test_a_file_without_signals_is_refused(recording):
+    with pytest.raises(UserError, match="no column looks like a signal of a vehicle: 'a', 'b'"):
+        propose(recording(a=TIME, b=RATE))
