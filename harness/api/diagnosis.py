@@ -29,14 +29,7 @@ class Diagnosis:
         repeats: Noise realisations of each level of that study.
         jobs: Threads; all cores by default.
 
-    Attributes:
-        verdict_: ``adequate``, ``amended`` or ``unresolved``.
-        answer_: The result in sentences.
-        effects_: What was added, a row per parameter: index ``(addition, parameter)``, columns ``kind`` (``effect``,
-            ``parameter``), ``value``, ``standard_error``, ``unit`` (SI).
-        amended_: The amended model.
-        nominal_: The nominal model, refitted.
-        record_: Everything as ``trace.json`` has it.
+    What was found is in ``verdict_``, ``answer_``, ``effects_``, ``amended_``, ``nominal_`` and ``record_``.
 
     Raises:
         ModelError: If there is no such estimator.
@@ -48,13 +41,6 @@ class Diagnosis:
           estimators: ekf
           verdict: not fitted yet
     """
-
-    verdict_: str
-    answer_: str
-    effects_: pd.DataFrame
-    amended_: Model
-    nominal_: Model
-    record_: dict[str, Any]
 
     def __init__(
         self,
@@ -107,18 +93,56 @@ class Diagnosis:
         )
         if folder is None:
             self._scratch = tempfile.TemporaryDirectory(prefix="diagnosis-")  # tracebacks, and scores of the study
-        outcome = run_trace(task, Path(self._scratch.name if folder is None else folder), Console(stderr=True))
-        self._take(outcome)
+        where = Path(self._scratch.name if folder is None else folder)
+        self._outcome = run_trace(task, where, Console(stderr=True))
         return self
 
-    def _take(self, outcome: Outcome) -> None:
+    @property
+    def verdict_(self) -> str:
+        """``adequate``, ``amended`` or ``unresolved``."""
+        return str(self._found.verdict)
+
+    @property
+    def answer_(self) -> str:
+        """The result in sentences."""
+        return self._found.answer
+
+    @property
+    def effects_(self) -> pd.DataFrame:
+        """What was added, a row per parameter.
+
+        Index ``(addition, parameter)``; columns ``kind`` (``effect`` or ``parameter``), ``value``, ``standard_error``,
+        ``unit`` (SI).
+        """
+        import pandas as pd
+
+        found = self._found
+        rows = {(h.name, v.name): (h.kind, v.value, v.std, v.unit) for h in found.added for v in found.values[h.name]}
+        index = pd.MultiIndex.from_tuples(list(rows), names=["addition", "parameter"])
+        return pd.DataFrame(list(rows.values()), index=index, columns=["kind", "value", "standard_error", "unit"])
+
+    @property
+    def amended_(self) -> Model:
+        """The amended model."""
+        return model_of(self._found.amended)
+
+    @property
+    def nominal_(self) -> Model:
+        """The nominal model, refitted."""
+        return model_of(self._found.nominal)
+
+    @property
+    def record_(self) -> dict[str, Any]:
+        """Everything as ``trace.json`` has it, SI units."""
         from harness.diagnosis.result.record import record
 
-        self._outcome = outcome
-        self.verdict_, self.answer_ = str(outcome.verdict), outcome.answer
-        self.effects_ = _additions(outcome)
-        self.amended_, self.nominal_ = model_of(outcome.amended), model_of(outcome.nominal)
-        self.record_ = record(outcome)
+        return record(self._found)
+
+    @property
+    def _found(self) -> Outcome:
+        if self._outcome is None:
+            raise AttributeError("nothing was fitted yet; call fit(model, train, test) first")
+        return self._outcome
 
     def report(self, folder: str | Path, command: str = _show.IN_PYTHON) -> list[Path]:
         """Write ``report.html``, ``report.pdf``, ``trace.json``, ``nominal.toml`` and ``amended.toml``.
@@ -161,11 +185,3 @@ class Diagnosis:
         if self._outcome is None:
             return _show.html("Diagnosis", self._facts())
         return _show.html("Diagnosis", self._facts(), self.effects_, f"{len(self.effects_)} parameters of additions")
-
-
-def _additions(outcome: Outcome) -> pd.DataFrame:
-    import pandas as pd
-
-    rows = {(h.name, v.name): (h.kind, v.value, v.std, v.unit) for h in outcome.added for v in outcome.values[h.name]}
-    index = pd.MultiIndex.from_tuples(list(rows), names=["addition", "parameter"])
-    return pd.DataFrame(list(rows.values()), index=index, columns=["kind", "value", "standard_error", "unit"])

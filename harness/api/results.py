@@ -172,8 +172,9 @@ def _rows(design: str, data: xr.Dataset, report_units: bool) -> pd.DataFrame:
     for factor in json.loads(data.attrs.get("factors", "[]")):
         name = str(factor["name"])
         values = _over(data[f"factor_{name}"], ("band", "sample"))[places["band"], places["sample"]]
-        units[name] = str((report_units and factor["unit"]) or factor["si_unit"])
-        table[name] = values / scale(units[name], factor["si_unit"], name) if report_units else values
+        si = str(data[f"factor_{name}"].attrs.get("units", ""))
+        units[name] = str((report_units and factor.get("unit")) or si)
+        table[name] = values / scale(units[name], si, name) if report_units else values
     table["drive"] = _labels(places["drive"], words["drive"])
     table |= {name: places[name] for name in ("sample", "repeat")}
     table["estimator"] = _labels(places["estimator"], words["estimator"])

@@ -63,7 +63,7 @@ def test_a_model_is_written_as_a_parameter_file_that_loads(tmp_path):
         (lambda: h.model("cra"), h.ModelError, "unknown vehicle 'cra'; closest: car"),
         (lambda: h.model("car", "lyons_2024", values={"mas": 1}), h.UserError, "no parameter 'mas'; closest: mass"),
         (lambda: h.model("car", "lyons_2024", values={"mass": "2 m"}), h.UserError, "'2 m' does not fit"),
-        (lambda: h.model("car", "lyons_2024", effects="steering_lag"), h.UserError, "plant.effects: "),
+        (lambda: h.model("car", "lyons_2024", effects="steering_lag"), h.UserError, "effects: input should be a valid"),
         (lambda: h.drive("sin"), h.UserError, "drive 'sin': kind: unknown drive 'sin'; closest: sine"),
         (lambda: h.drive("sine", name="weave", sped=1), h.UserError, "drive 'weave': sped: drive 'sine' has no option"),
         (lambda: h.Estimator("ukff"), h.UserError, "estimator 'ukff': kind: unknown estimator 'ukff'; closest: ukf"),
@@ -94,8 +94,3 @@ def test_objects_show_themselves(shown):
     assert html.count("<div>") == html.count("</div>") == 1
     assert "<weave>" not in html
     assert len(repr(shown).splitlines()) > 1
-
-
-def test_a_diagnosis_that_was_not_fitted_has_no_report(tmp_path):
-    with pytest.raises(h.UserError, match=r"call fit\(model, train, test\) first"):
-        h.Diagnosis().report(tmp_path)
