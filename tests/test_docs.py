@@ -122,6 +122,8 @@ def _command(line: str) -> Iterator[str]:
     options = {w.partition("=")[0] for w in words if w.startswith("--")} - {"--help", "--debug"}
     if line.startswith("--"):
         known = {o for there in _commands().values() for o in there} | _quoted_options()
+    elif words[1].startswith("--"):
+        known = {o for p in typer.main.get_command(app).params for o in p.opts}
     elif words[1] not in _commands():
         yield f"harness {words[1]}: no such command"
         return

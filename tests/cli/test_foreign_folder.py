@@ -62,6 +62,11 @@ def test_a_quick_look_at_a_study_of_the_package_has_a_name_of_its_own(harness, t
     assert [p.name for p in (tmp_path / "results").iterdir()] == ["kalman-lecture-quick"]
 
 
+def test_a_shell_completes_commands(harness):
+    shown = harness("--show-completion", "bash")
+    assert "complete -o default -F" in shown
+
+
 def test_a_console_without_greek_letters_gets_the_answer(harness, monkeypatch):
     monkeypatch.setenv("PYTHONIOENCODING", "ascii")
     assert "noise scale" in harness("run", "kalman-lecture", "--quick", "--jobs", 1)
