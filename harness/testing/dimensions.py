@@ -21,7 +21,7 @@ from harness.models.assembly.expressions import larger, smaller
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
 
-UNITS = pint.UnitRegistry()
+UNITS: pint.UnitRegistry = pint.UnitRegistry()
 NONE = UnitsContainer()
 PURE = (  # functions of a plain number (an angle is one in SI) that give a plain number
     *(sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan, sp.exp, sp.log),

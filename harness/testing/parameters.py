@@ -27,7 +27,12 @@ def check_parameter_set(parameters: str | ModuleType) -> None:
         known: dict[str, Parameter] = {
             p.name: p for tyre in tyres_of(file.VEHICLE) for p in model(file.VEHICLE, tyre).parameters
         }
-        missing, strange = sorted(set(known) - set(file.VALUES)), sorted(set(file.VALUES) - set(known))
+        own = {p.name for p in vehicle.PARAMETERS}
+        needed = set(own)
+        for tyre in tyres_of(file.VEHICLE):  # of a tyre that the set is not for it has no value at all
+            of_tyre = set(model(file.VEHICLE, tyre).parameter_names) - own
+            needed |= of_tyre if of_tyre & set(file.VALUES) else set()
+        missing, strange = sorted(needed - set(file.VALUES)), sorted(set(file.VALUES) - set(known))
         require(not missing, f"{name}: no value of {', '.join(missing)}")
         require(not strange, f"{name}: '{file.VEHICLE}' has no parameter {', '.join(strange)} on any tyre")
         for parameter, value in file.VALUES.items():
