@@ -10,6 +10,7 @@ from typing import Any
 
 import joblib
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 from scipy.stats import qmc
 
@@ -48,7 +49,7 @@ class Point:
     number: int
     place: Floats
     bands: dict[str, list[str]]
-    scores: dict[str, Floats]
+    scores: dict[str, NDArray[Any]]
     drives: list[str]
     delay: float
     ripple: float
@@ -72,7 +73,7 @@ def evaluate(number: int, place: Floats, jobs: int, network: str = studies.NETWO
         evaluator.warm_up(kernel)
     every = [u for design in study.designs for u in units(study, design)]
     found = joblib.Parallel(jobs, backend="threading")(joblib.delayed(evaluator.evaluate)(u) for u in every)
-    scores = {}
+    scores: dict[str, NDArray[Any]] = {}
     for d, design in enumerate(study.designs):
         for score in SCORES:
             rows = [
