@@ -128,7 +128,9 @@ def check_contract(name: str, effect: types.ModuleType) -> None:
         require(not strange, f"{name}: states that are no signals: {', '.join(strange)}; state them in SIGNALS")
         require(all(s.startswith(effect.STATES) for s in own), f"{name}: STATES do not name its states {sorted(own)}")
         tyre_file = None if tyre is None else load("tyres", tyre)
-        parts = {"effects": {name: effect}, "sensors": load("sensors", most_sensors(vehicle))}
+        sensors = most_sensors(vehicle)
+        measured = None if sensors is None else load("sensors", sensors)
+        parts = {"effects": {name: effect}, "sensors": measured}
         check_dimensions(assemble_with_units(load("vehicles", vehicle), tyre_file, **parts))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -80,9 +81,9 @@ def _check_capacity(name: str, built: Model, table: Mapping[str, float], load_: 
         require(reached.max() > 0.5 * limit[0], f"{name}: the force never comes near its capacity")
 
 
-def rig() -> types.ModuleType:
+def rig() -> Any:
     """Return a vehicle of one axle whose slip angle, load and friction are given."""
-    module = types.ModuleType("rig")
+    module: Any = types.ModuleType("rig")
     module.STATES, module.INPUTS = ("lateral_force_axle_11",), ("road_wheel_angle", "speed")
     module.AXLES, module.VALID = {"11": "11"}, {}
     module.PARAMETERS = (
