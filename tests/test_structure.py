@@ -8,11 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TOPS = ("harness", "models", "bench", "tests")
-<<<<<<< HEAD
 BESIDE = {"bench", "blind", "contracts", "package", "support"}
-=======
-BESIDE = {"package", "bench", "blind", "contracts", "support"}
->>>>>>> w-pkg
 """Folders of tests that stand for no package of the harness."""
 LONGEST_MODULE, LONGEST_FUNCTION = 450, 80
 PARAMETERS, OF_KERNELS = 10, 14
