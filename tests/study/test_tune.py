@@ -114,5 +114,5 @@ def test_wrong_tuning_files_are_refused(tmp_path, text, message):
 def test_small_budgets_and_unknown_drives_are_refused(study, tmp_path):
     with pytest.raises(UserError, match="too small"):
         tune(study, budget=10)
-    with pytest.raises(UserError, match="no file"):
+    with pytest.raises(UserError, match="no set of drives"):
         load_drives("nowhere", tmp_path)
