@@ -185,14 +185,14 @@ def coverage(
 
 
 def _read(path: Path) -> dict[tuple[str, int], tuple[list[Found], int]]:
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     return {(line["case"], line["seed"]): ([Found(**f) for f in line["found"]], line["open"]) for line in lines}
 
 
 def _append(path: Path, case: str, seed: int, found: Sequence[Found], left_open: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     line = {"case": case, "seed": seed, "open": left_open, "found": [dataclasses.asdict(f) for f in found]}
-    with path.open("a") as file:
+    with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line) + "\n")
 
 
