@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.campaign.answer import answer
-from harness.campaign.claims import ANGLE, FORCE, Finding, findings
+from harness.campaign.claims import ANGLE, FORCE, MEDIANS, Finding, findings
 from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
 from harness.models.quantities import words
@@ -108,9 +108,11 @@ def _much_closer(campaign: Results) -> str:
     """Say how large the errors of the ideal case are here and there, since all growth is counted from them."""
     ours = [float(np.nanmedian(campaign.errors("ideal", None, "EKF", target))) for target in (FORCE, ANGLE)]
     force, angle = ours
+    theirs = [MEDIANS["EKF", target] for target in (FORCE, ANGLE)]
     return (
         f"With everything as believed our EKF is off by {number(force)} kN and {number(angle)}°, the dissertation's by "
-        f"1.64 kN and 3.54°: {number(1.64 / force, 2)} and {number(3.54 / angle, 2)} times as much. The same change "
+        f"{number(theirs[0])} kN and {number(theirs[1])}°: {number(theirs[0] / force, 2)} and "
+        f"{number(theirs[1] / angle, 2)} times as much. The same change "
         "of the vehicle is therefore a larger part of our error."
     )
 

@@ -19,6 +19,7 @@ from harness.cli.options import (
     RecordedSensorsOption,
     SetOption,
     TyreOption,
+    command,
     pairs,
 )
 from harness.cli.recorded_options import (
@@ -33,7 +34,6 @@ from harness.cli.recorded_options import (
     StepOption,
     SubstepsOption,
     UnknownOption,
-    command_line,
 )
 from harness.common.errors import UserError
 
@@ -179,7 +179,7 @@ def _report(
     with console.status("writing"):
         files = write_estimates(out / "estimates", runs, form)
         numbers = write_numbers(out, found.summaries, EXACT)
-        pages = write(document(found, command_line()), out)
+        pages = write(document(found, command()), out)
     for warning in warnings:
         console.print(Text(f"note: {warning}"), soft_wrap=True)
     console.print(Text(f"note: {EXACT}"), soft_wrap=True)

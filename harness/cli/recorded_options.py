@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -135,8 +133,3 @@ class RecordedOptions:
         spec = resolve_single(chosen.table(recordings), "command line", "belief")
         ports = SENSORS.load(spec.sensors).OUTPUTS.values()
         return RecordedModel(spec, [*ports, *signals], self.inputs, references, self.jobs)
-
-
-def command_line() -> str:
-    """Return the command as it was given, for a report."""
-    return " ".join(["harness", *map(shlex.quote, sys.argv[1:])])

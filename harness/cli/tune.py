@@ -16,6 +16,7 @@ from harness.cli.options import (
     RecordedSensorsOption,
     SetOption,
     TyreOption,
+    command,
     study_path,
 )
 from harness.cli.recorded_options import (
@@ -29,7 +30,6 @@ from harness.cli.recorded_options import (
     StepOption,
     SubstepsOption,
     UnknownOption,
-    command_line,
 )
 from harness.common.errors import UserError
 
@@ -142,7 +142,7 @@ def _recordings(given: RecordedOptions, by: Literal["state", "unit"], out: Path)
         found = tune_noise(believed, recordings, by, status.update)
         status.update("report")
         files = write_tuning(out, found)
-        files += write(document(found, command_line()), out.parent, out.stem)
+        files += write(document(found, command()), out.parent, out.stem)
     Console().print(Text(answer(found), style="bold"), soft_wrap=True)
     for path in files:
         Console().print(Text(str(path)), soft_wrap=True)

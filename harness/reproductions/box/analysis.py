@@ -11,7 +11,7 @@ from SALib.analyze import delta
 from harness.campaign.evidence import Evidence, share
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
-from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, Told, of_network
+from harness.reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told, of_network
 from harness.reproductions.box.factors import FACTORS
 from harness.reproductions.box.plausibility import plausibility
 from harness.reproductions.box.points import SEED, Point
@@ -124,7 +124,7 @@ def most_findings(points: Sequence[Point], says: Sequence[Told]) -> int:
     Of those whose vehicle is plausible and whose medians of the ideal case (Bild 5.6) are within a factor of two, or of
     all if there are none; the nearer one if two have the same.
     """
-    medians = [k for k, p in enumerate(PUBLISHED) if p.place.endswith("5.6")]
+    medians = [k for k, p in enumerate(PUBLISHED) if p.place == BILD_56]
 
     def rank(k: int) -> tuple[bool, int, float]:
         near = bool((says[k].distances()[medians] <= 1.0).all()) and plausibility(points[k].at).plausible

@@ -8,15 +8,15 @@ from typing import NoReturn
 
 import numpy as np
 
-from harness.campaign.claims import ANGLE, CLAIMS, FORCE, MATCHED, NETWORK
+from harness.campaign.claims import ANGLE, CLAIMS, EKF, FORCE, MATCHED, MEDIANS, NETWORK, UKF
 from harness.campaign.evidence import Evidence, ratio_of_medians, share
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval, median_interval
 from harness.reproductions.box.points import Point
-from harness.reproductions.box.studies import EKF, NARX, TARGETS, UKF
+from harness.reproductions.box.studies import TARGETS
 from harness.study.scores import OK
 
-ESTIMATORS = (EKF, UKF, NARX)
+ESTIMATORS = (EKF, UKF, NETWORK)
 SCALES = {FORCE: 1e-3, ANGLE: 180.0 / np.pi}
 """From SI to kN and degrees."""
 
@@ -89,15 +89,7 @@ class Published:
     network: bool = False
 
 
-def _median(estimator: str, target: str) -> Callable[[PointResults], Interval]:
-    def ours(results: PointResults) -> Interval:
-        errors = results.errors("ideal", None, estimator, target)
-        return median_interval(errors, np.broadcast_to(np.arange(len(errors))[:, None, None], errors.shape))
-
-    return ours
-
-
-def _level(study: str, band: str, estimator: str, target: str) -> Callable[[PointResults], Interval]:
+def _median(study: str, band: str | None, estimator: str, target: str) -> Callable[[PointResults], Interval]:
     def ours(results: PointResults) -> Interval:
         errors = results.errors(study, band, estimator, target)
         return median_interval(errors, np.broadcast_to(np.arange(len(errors))[:, None, None], errors.shape))
@@ -121,17 +113,24 @@ def _delay(results: PointResults) -> Interval:
     return Interval(*3 * (results.point.delay,))
 
 
+BILD_56 = "5.3, Bild 5.6"
+
 PUBLISHED: tuple[Published, ...] = (
-    Published("median error of the force, EKF, in kN", "5.3, Bild 5.6", 1.64, _median(EKF, FORCE)),
-    Published("median error of the force, UKF, in kN", "5.3, Bild 5.6", 1.63, _median(UKF, FORCE)),
-    Published("median error of the force, network, in kN", "5.3, Bild 5.6", 1.89, _median(NETWORK, FORCE), True),
-    Published("median error of the angle, EKF, in deg", "5.3, Bild 5.6", 3.54, _median(EKF, ANGLE)),
-    Published("median error of the angle, UKF, in deg", "5.3, Bild 5.6", 3.55, _median(UKF, ANGLE)),
-    Published("median error of the angle, network, in deg", "5.3, Bild 5.6", 3.26, _median(NETWORK, ANGLE), True),
+    *(
+        Published(
+            f"median error of the {words}, {name}, in {unit}",
+            BILD_56,
+            MEDIANS[estimator, target],
+            _median("ideal", None, estimator, target),
+            estimator == NETWORK,
+        )
+        for target, words, unit in ((FORCE, "force", "kN"), (ANGLE, "angle", "deg"))
+        for estimator, name in ((EKF, "EKF"), (UKF, "UKF"), (NETWORK, "network"))
+    ),
     Published("delay of the steering-wheel angle, in s", "5.3, Bild 5.7", 0.7, _delay),
     Published("share of runs lost at ten-fold noise", "5.4.1", 14 / 120, _lost("process-noise", "×10")),
-    Published("median error of the angle at 8 t, EKF, in deg", "5.4.2", 3.0, _level("mass", "8 t", EKF, ANGLE)),
-    Published("median error of the angle at 32 t, EKF, in deg", "5.4.2", 3.0, _level("mass", "32 t", EKF, ANGLE)),
+    Published("median error of the angle at 8 t, EKF, in deg", "5.4.2", 3.0, _median("mass", "8 t", EKF, ANGLE)),
+    Published("median error of the angle at 32 t, EKF, in deg", "5.4.2", 3.0, _median("mass", "32 t", EKF, ANGLE)),
     Published("share of runs lost with the CoG 2 m back", "5.4.3", 11 / 60, _lost("cog", "-2 m")),
     Published("growth of the force's error, tyres ±10 %", "5.4.5", 1.046, _growth("±10 %")),
     Published("growth of the force's error, tyres ±20 %", "5.4.5", 1.238, _growth("±20 %")),

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from harness.campaign.claims import ANGLE, FORCE
+from harness.campaign.claims import ANGLE, FORCE, MEDIANS
 from harness.reporting import style
 from harness.reproductions.box.analysis import Survival
 from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, Told
@@ -18,12 +18,6 @@ from harness.reproductions.box.points import Point
 from harness.reproductions.box.studies import EKF, NARX, UKF
 
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
-BILD_56 = {
-    (EKF, FORCE): 1.64, (UKF, FORCE): 1.63, (NARX, FORCE): 1.89,
-    (EKF, ANGLE): 3.54, (UKF, ANGLE): 3.55, (NARX, ANGLE): 3.26,
-}  # fmt: skip
-"""Medians of Bild 5.6 in kN and degrees."""
-
 READINGS = ((1e-5, "of the wheel"), (5.3e-3, "of the road wheels"))
 """Variances of the steering wheel in rad² per step, by what (5.3) is read as."""
 
@@ -76,7 +70,7 @@ def medians(nearest: Point, others: Sequence[tuple[str, Point]] = ()) -> bytes:
                                        whis=(0, 100), medianprops={"color": "black"})  # fmt: skip
                     look = looks[estimator]
                     box["boxes"][0].set(facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
-                    axes.plot(place, BILD_56[estimator, target], "D", color="black", ms=6, zorder=5)
+                    axes.plot(place, MEDIANS[estimator, target], "D", color="black", ms=6, zorder=5)
                     ticks.append(place)
                     names.append(f"{estimator}\n{name}" if estimator == UKF else estimator)
                     place += 1.0

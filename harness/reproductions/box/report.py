@@ -24,7 +24,7 @@ from harness.reporting.document import (
 from harness.reporting.style import number, percent
 from harness.reproductions.box import figures
 from harness.reproductions.box.analysis import Survival
-from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, Told, told
+from harness.reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told, told
 from harness.reproductions.box.factors import FACTORS
 from harness.reproductions.box.plausibility import AXLES, Plausibility
 from harness.reproductions.box.points import Point
@@ -167,6 +167,14 @@ def number_rows(says: Told) -> list[list[str]]:
     return rows
 
 
+FACTOR_HEADER = ("factor", "value", "unit", "from", "to")
+
+
+def factor_rows(point: Point) -> list[list[str]]:
+    """Return the rows of the table of a point's factors."""
+    return [[f.words, number(point.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS]
+
+
 NUMBER_HEADER = ("number", "place", "theirs", "ours", "95 % interval", "factor")
 
 
@@ -181,9 +189,6 @@ def _vehicle(p: Plausibility) -> str:
 
 
 def _nearest(found: Found) -> list[Block]:
-    values = [
-        [f.words, number(found.nearest.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS
-    ]
     return [
         Heading("The point nearest to the dissertation"),
         Prose(plain(_vehicle(found.plausibility))),
@@ -198,8 +203,8 @@ def _nearest(found: Found) -> list[Block]:
         *_retrained(found),
         Sheet(NUMBER_HEADER, number_rows(found.richest_told), "The same at the point with most findings.", left=2),
         Sheet(
-            ["factor", "value", "unit", "from", "to"],
-            values,
+            FACTOR_HEADER,
+            factor_rows(found.nearest),
             f"The nearest point, of {len(found.points) + found.searched}.",
         ),
     ]
@@ -209,7 +214,7 @@ def richest_in_words(found: Found) -> str:
     """Say where most findings hold, which fail there, and which findings hardly hold together."""
     holds, distances = found.richest_told.holds(), found.richest_told.distances()
     failing = [str(k) for k, held in enumerate(holds, 1) if not held]
-    medians = [d for p, d in zip(PUBLISHED, distances, strict=True) if p.place.endswith("5.6")]
+    medians = [d for p, d in zip(PUBLISHED, distances, strict=True) if p.place == BILD_56]
     text = (
         f"At point {found.richest.number}, {sum(holds)} of {len(IN_BOX)} findings hold"
         f"{' (not ' + listed(failing) + ')' if failing else ''}; the medians of Bild 5.6 are within a factor of "
@@ -244,9 +249,6 @@ def retrained_in_words(found: Found) -> str:
 
 def markdown(found: Found) -> str:
     """Return the tables of the page: findings, numbers and factors of the nearest point."""
-    values = [
-        [f.words, number(found.nearest.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS
-    ]
     return "\n\n".join(
         [
             f"Written by `{found.command}`: {len(found.points)} points of the sequence and {found.searched} of the "
@@ -261,7 +263,7 @@ def markdown(found: Found) -> str:
                 if found.retrained is None
                 else [retrained_in_words(found), table(NUMBER_HEADER, number_rows(told(found.retrained)))]
             ),
-            table(["factor", "value", "unit", "from", "to"], values),
+            table(FACTOR_HEADER, factor_rows(found.nearest)),
             "## Where most findings hold",
             richest_in_words(found),
             table(NUMBER_HEADER, number_rows(found.richest_told)),

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import xarray as xr
 
-from harness.campaign.claims import ANGLE, EKF, FORCE, NETWORK, UKF
+from harness.campaign.claims import ANGLE, EKF, FORCE, MEDIANS, NETWORK, UKF
 from harness.campaign.evidence import Evidence
 from harness.common.statistics import Interval
 from harness.config import load_study
@@ -314,8 +314,6 @@ def _best_on_the_circle(stored: Stored) -> list[Evidence]:
 def _ideal_records() -> tuple[Record, ...]:
     study = load_study(STUDIES / "ideal.toml")
     drives, repeats = len(study.drives), study.designs[0].repeats
-    theirs = {(FORCE, EKF): 1.64, (FORCE, UKF): 1.63, (FORCE, NETWORK): 1.89}
-    theirs |= {(ANGLE, EKF): 3.54, (ANGLE, UKF): 3.55, (ANGLE, NETWORK): 3.26}
 
     def pair(one: str, other: str, target: str) -> evidence.Pairs:
         return {f"{one} over {other}, {words(target)}": (("ideal", None, one, target), ("ideal", None, other, target))}
@@ -336,7 +334,7 @@ def _ideal_records() -> tuple[Record, ...]:
                 needs=ideal,
                 reason=CLOSER,
             )
-            for (target, name), value in theirs.items()
+            for (name, target), value in MEDIANS.items()
         ),
         *evidence.findings("5.3,"),
         statement(
