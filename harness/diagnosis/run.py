@@ -88,7 +88,7 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
     with threadpool_limits(1), _progress(console) as say:
         augmented = augmented or augmented_model_of(task)
         fitted, held_out = drives_of(task, augmented)
-        found = trace(augmented, fitted, held_out, task.free, say, task.rounds, task.stated_noise)
+        found = trace(augmented, fitted, held_out, task.free, say, task.rounds, task.stated_noise, failures)
         outcome = replace(outcome_of(found, say, failures), notes=notes)
         write_outcome(outcome, folder)
         for kind in task.estimators:

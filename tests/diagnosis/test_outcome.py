@@ -21,8 +21,11 @@ from harness.diagnosis.residuals.unmodelled import find_unmodelled
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.outcome import outcome_of
 from harness.diagnosis.result.record import write_outcome
-from harness.diagnosis.selection.acceptance import Round
+from harness.diagnosis.selection.acceptance import Candidate, Round
+from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
+from harness.diagnosis.selection.forward_selection import trace as search_for
+from harness.diagnosis.selection.score_test import Score
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.whiteness import whiteness
 from harness.reporting.document import write
@@ -147,6 +150,47 @@ def test_what_was_dropped_and_left_no_stand_in_is_told():
     assert told(kept) == told() == "Later additions made roll steer redundant."
     mass = Hypothesis("mass", "parameter", ("mass",))
     assert told(kept, mass) == "A wrong mass explains as much as roll steer, and takes its place."
+
+
+def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):
+    """Something was dropped, and nothing took its place or is left."""
+    lag = Hypothesis("steering_lag", "effect", ("steering_lag",))
+    score = Score(lag, 60.0, np.ones(1), np.ones(1), 1.0, np.zeros(0), np.zeros((1, 0)), (), True)
+    added = Candidate(score, trace.final, 110.0, trace.after)
+    first = Round((added,), trace.before, added, "meets all three criteria", (lag.name,))
+    dropped = dataclasses.replace(trace, rounds=(first, *trace.rounds), dropped=(lag,))
+    text, record = reported(outcome_of(dropped, failures=Failures(tmp_path)), tmp_path)
+    assert record["not_made"] == []
+    assert "Later additions made steering lag redundant." in text
+
+
+def test_a_model_that_leaves_its_range_has_a_report(trace, tmp_path):
+    """A car that oversteers beyond its critical speed: the filter follows it for a while, its free run does not."""
+    augmented, point = trace.fitting.augmented, trace.final.point
+    values = point.values.copy()
+    values[augmented.row("stiffness_peak_rear")] *= 0.3
+    spun = dataclasses.replace(trace.final, point=dataclasses.replace(point, values=values))
+    judged = trace.held_out.judge((), spun.point)
+    assert np.isnan(judged.drives[0].simulated).any()
+    lost = dataclasses.replace(trace, nominal=spun, final=spun, before=judged, after=judged)
+    text, record = reported(outcome_of(lost, failures=Failures(tmp_path)), tmp_path)
+    assert record["not_made"] == []
+    assert record["verdict"] == "unresolved"
+    assert "How was it made?" in text
+
+
+@pytest.mark.fails_in_part
+def test_a_round_that_cannot_be_computed_ends_the_search_and_not_the_report(trace, tmp_path, monkeypatch):
+    search = "harness.diagnosis.selection.forward_selection."
+    monkeypatch.setattr(search + "selection_round", broken)
+    monkeypatch.setattr(CandidateFits, "fit", lambda *_: trace.final)
+    failures, augmented = Failures(tmp_path), trace.fitting.augmented
+    found = search_for(augmented, trace.fitting.drives, trace.held_out.drives, FREE, failures=failures)
+    text, record = reported(outcome_of(found, failures=failures), tmp_path)
+    assert record["verdict"] == "unresolved"
+    assert record["answer"].startswith("The search broke off")
+    assert record["not_made"][0].startswith("round 1 of the search could not be made: ZeroDivisionError")
+    assert "Round 1 added nothing: it could not be computed: ZeroDivisionError" in text
 
 
 def test_an_infinite_gain_is_drawn_to_the_edge():

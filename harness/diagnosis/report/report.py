@@ -183,6 +183,8 @@ def _fitted(fitted: list[Candidate], likelihood: float, normalised_excess_mse: f
 def _excitation(outcome: Outcome) -> list[Block]:
     """Return the detection limit of every effect by its Fisher information, three standard errors."""
     rows, hidden = [], []
+    if not outcome.trace.rounds[0].candidates:
+        return []
     parameters = {p.name: p for p in outcome.trace.fitting.augmented.model.parameters}
     for c in sorted(outcome.trace.rounds[0].candidates, key=lambda c: c.hypothesis.name):
         if c.hypothesis.kind != "effect" or ("@" not in c.hypothesis.name and len(c.hypothesis.amplitudes) > 1):

@@ -37,6 +37,9 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     if verdict == "amended":
         lacking = f"The model lacks {named}." if named else "The model lacks something outside the library."
         return f"{lacking}{unmodelled}{also}{change}"
+    if trace.cut_short:
+        so_far = f" Until then {named} {'were' if len(names) > 1 else 'was'} found." if named else ""
+        return f"The search broke off before everything was tried, so there is no verdict.{so_far}{also}"
     part = f" {named[:1].upper()}{named[1:]} explain{'' if len(names) > 1 else 's'} part of it." if named else ""
     closed = change if named or curves else ""
     return f"Something is missing that no effect of the library explains.{part}{unmodelled}{closed}{also}"

@@ -22,9 +22,10 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     added: then an effect may have been mistaken for another. So it is if the simulation error there, with the
     unmodelled disturbance if one was found, exceeds the sensor noise, and either one was found or the last round held a
     hypothesis that gained enough but was not accepted. A random process is accepted where it leaves white innovations,
-    or almost. Many wrong parameters explain nothing if one would be wrong by an implausible factor.
+    or almost. Many wrong parameters explain nothing if one would be wrong by an implausible factor. A search that was
+    cut short has not tried everything.
     """
-    if beyond_belief(trace.final):
+    if trace.cut_short or beyond_belief(trace.final):
         return "unresolved"
     if found.random_process is not None:
         return "amended" if found.random_process.white else "unresolved"

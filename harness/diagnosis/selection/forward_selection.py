@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.common.failures import RAISED, Failures
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -45,6 +47,7 @@ class Trace:
         dropped: What the checks at the end took away.
         before: The nominal model on the held-out drives.
         after: The final one there.
+        cut_short: Why the search ended before everything was tried; empty if it did not.
     """
 
     fitting: Fitting
@@ -57,6 +60,7 @@ class Trace:
     dropped: tuple[Hypothesis, ...]
     before: Judgement
     after: Judgement
+    cut_short: str = ""
 
     @property
     def effects(self) -> tuple[Hypothesis, ...]:
@@ -72,6 +76,7 @@ def trace(
     say: Say = lambda _: None,
     rounds: int = ROUNDS,
     stated_noise: bool = False,
+    failures: Failures = RAISED,
 ) -> Trace:
     """Find what the model lacks.
 
@@ -84,10 +89,12 @@ def trace(
         rounds: Largest number of additions.
         stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
+        failures: Takes a round that cannot be computed; what earlier ones found stands. By default it is raised.
     """
     variances = first_variances(augmented, [*train, *test], stated_noise)
     fitting = Fitting(augmented, train, variances, stated_noise)
-    return _Search(CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say), rounds).run()
+    candidate_fits = CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say)
+    return _Search(candidate_fits, rounds, failures).run()
 
 
 def first_variances(augmented: AugmentedModel, drives: Sequence[Drive], stated_noise: bool = False) -> Floats:
@@ -102,8 +109,9 @@ def first_variances(augmented: AugmentedModel, drives: Sequence[Drive], stated_n
 
 
 class _Search:
-    def __init__(self, candidate_fits: CandidateFits, rounds: int) -> None:
-        self.candidate_fits, self.rounds = candidate_fits, rounds
+    def __init__(self, candidate_fits: CandidateFits, rounds: int, failures: Failures = RAISED) -> None:
+        self.candidate_fits, self.rounds, self.failures = candidate_fits, rounds, failures
+        self.cut_short = ""
 
     def run(self) -> Trace:
         """Return what was found: round after round until nothing is accepted, then the checks of all additions."""
@@ -113,20 +121,24 @@ class _Search:
         added: Added = ()
         rounds: list[Round] = []
         while len(rounds) <= self.rounds:
-            tried = selection_round(candidate_fits, added, [best], len(rounds) + 1)
-            best = tried.best
-            if not added:
-                nominal = min(tried.without, key=lambda f: candidate_fits.judge((), f.point).normalised_excess_mse)
-            passed = self._passed(tried)
-            rounds += passed
-            if passed[-1].added is None:
+            number = len(rounds) + 1
+            tried, passed = self.failures.attempt(
+                f"round {number} of the search", partial(self._round, added, best, number), self._lost
+            )
+            if tried is not None:
+                best = tried.best
+                if not added:
+                    nominal = min(tried.without, key=lambda f: candidate_fits.judge((), f.point).normalised_excess_mse)
+            rounds += passed or [Round((), candidate_fits.judge(added, best.point), None, self.cut_short, ())]
+            if rounds[-1].added is None:
                 break
             for r in passed:
                 assert r.added is not None
                 assert r.added.fitted is not None
                 added, best = (*added, r.added.hypothesis), r.added.fitted
-        kept, best = self._backward(added, best)
-        kept, best = self._parameters_instead(kept, best, rounds)
+        kept, best = self.failures.attempt(
+            "the checks of what was added", lambda: self._checked(added, best, rounds), lambda _: (added, best)
+        )
         return Trace(
             candidate_fits.fitting,
             candidate_fits.held_out,
@@ -138,7 +150,23 @@ class _Search:
             tuple(h for h in added if h not in kept),
             candidate_fits.judge((), nominal.point),
             candidate_fits.judge(kept, best.point),
+            self.cut_short,
         )
+
+    def _round(self, added: Added, best: Fitted, number: int) -> tuple[SelectionRound | None, list[Round]]:
+        """Try everything once; return what was tried and the round, or two."""
+        tried = selection_round(self.candidate_fits, added, [best], number)
+        return tried, self._passed(tried)
+
+    def _lost(self, why: str) -> tuple[SelectionRound | None, list[Round]]:
+        """Note why a round could not be computed; return that nothing was tried."""
+        self.cut_short = f"it could not be computed: {why}"
+        return None, []
+
+    def _checked(self, added: Added, best: Fitted, rounds: Sequence[Round]) -> tuple[Added, Fitted]:
+        """Return what stays of all additions, and with what in the place of some, fitted."""
+        kept, fitted = self._backward(added, best)
+        return self._parameters_instead(kept, fitted, rounds)
 
     def _passed(self, tried: SelectionRound) -> list[Round]:
         """Return a round; if its best candidate is hopeful, with the next one if that adds something to it.
