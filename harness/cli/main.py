@@ -1,7 +1,8 @@
 """The command line: run, report, list, simulate, check, estimate, tune, identify, trace, observability, realtime, ...
 
 Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
-mend it); 130: interrupted, and the next run continues from there. Everything heavy is imported inside the
+mend it); 70: a fault of the harness, whose traceback is kept in a file; 130: interrupted, and the next run continues
+from there. Everything heavy is imported inside the
 commands, so that help appears at once.
 """
 
@@ -12,10 +13,9 @@ import io
 import json
 import re
 import sys
-import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 import typer.core
@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.estimate import estimate
+from harness.cli.guard import guarded, place_of_output, show_tracebacks
 from harness.cli.identify import identify
 from harness.cli.loop import loop
 from harness.cli.new import new
@@ -32,13 +33,10 @@ from harness.cli.realtime import realtime
 from harness.cli.simulate import simulate
 from harness.cli.trace import trace
 from harness.cli.tune import tune
-from harness.common.errors import ModelError, UserError
+from harness.common.errors import UserError
 
 if TYPE_CHECKING:
     from harness.api.results import Results
-
-FAILED, WRONG, INTERRUPTED = 1, 2, 130
-_state = {"debug": False}
 
 
 class _Commands(typer.core.TyperGroup):
@@ -76,34 +74,19 @@ def _common(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
     """Which estimator can be trusted on this vehicle, and how far may it drift from what is believed?"""
-    _state["debug"] = debug
+    show_tracebacks(debug)
 
 
 def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Turn what a command raises into one message and an exit status."""
 
     @functools.wraps(command)
-    def guarded(*args: Any, **kwargs: Any) -> None:
-        try:
-            command(*args, **kwargs)
-        except KeyboardInterrupt:
-            _fail("interrupted", "finished runs are kept; the same command continues from there", INTERRUPTED)
-        except (typer.Exit, BrokenPipeError):
-            raise
-        except Exception as error:
-            if isinstance(error, UserError | ModelError):
-                _fail("error", str(error), WRONG)
-            _fail("failed", f"{type(error).__name__}: {error} (--debug shows where)", FAILED)
+    def answering(*args: Any, **kwargs: Any) -> None:
+        status = guarded(functools.partial(command, *args, **kwargs), place_of_output(kwargs))
+        if status:
+            raise typer.Exit(status)
 
-    return guarded
-
-
-def _fail(title: str, message: str, status: int) -> NoReturn:
-    """Print a message in red on stderr, the traceback first if asked for, and leave."""
-    if _state["debug"] and status != INTERRUPTED:
-        traceback.print_exc()
-    Console(stderr=True).print(Text(f"{title}: {message}", style="red"), soft_wrap=True)
-    raise typer.Exit(status)
+    return answering
 
 
 @app.command()

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from harness.cli.guard import guarded, place_of_output
 from harness.common import locations
-from harness.common.errors import ModelError, UserError
+from harness.common.errors import UserError
 
 if TYPE_CHECKING:
     from harness.api.drive import Drive
@@ -54,16 +55,11 @@ DriveOption = Annotated[
 
 
 def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequence[str]], int]:
-    """Let the command of a module return its exit status: 2, with one line on stderr, if what it was given is wrong."""
+    """Let the command of a module return its exit status, see ``harness.cli.guard``."""
 
     @functools.wraps(command)
     def answering(arguments: Sequence[str]) -> int:
-        try:
-            command(arguments)
-        except (UserError, ModelError) as error:
-            print(f"error: {error}", file=sys.stderr)
-            return 2
-        return 0
+        return guarded(lambda: command(arguments), place_of_output(arguments))
 
     return answering
 

@@ -9,6 +9,10 @@ class UserError(Exception):
     """A request that cannot be carried out as stated; the command line shows the message and exits with 2."""
 
 
+class WorkError(RuntimeError):
+    """Work that could not be finished for a reason outside of what was asked, such as lost workers; exit status 1."""
+
+
 class ModelError(ValueError):
     """A model, parameter or drive that cannot be built; the message says what, where and how to mend it."""
 

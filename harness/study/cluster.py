@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.common import components
-from harness.common.errors import ModelError, UserError
+from harness.common.errors import ModelError, UserError, WorkError
 from harness.common.sources import has_file
 from harness.config import Study
 from harness.study.design import Unit
@@ -48,7 +48,7 @@ _opened: dict[tuple[str, Path], tuple[StudyEvaluator, Store]] = {}
 _opening = threading.Lock()
 
 
-class ClusterFailure(RuntimeError):
+class ClusterFailure(WorkError):
     """The cluster failed; what is finished is in the store."""
 
 

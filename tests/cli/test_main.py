@@ -143,7 +143,7 @@ def test_cluster_options_that_do_not_fit(harness, small_study, options, message)
     [
         (UserError("a.toml: key: wrong; do this"), 2, "error: a.toml: key: wrong; do this"),
         (ModelError("unknown tyre 'x'"), 2, "error: unknown tyre 'x'"),
-        (RuntimeError("disk on fire"), 1, "failed: RuntimeError: disk on fire"),
+        (RuntimeError("disk on fire"), 70, "fault: RuntimeError: disk on fire; this is a fault of the harness"),
         (KeyboardInterrupt(), 130, "interrupted: finished runs are kept; the same command continues from there"),
     ],
 )

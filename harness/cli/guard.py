@@ -1,0 +1,183 @@
+"""What every command does with what it raises: one message and an exit status, and no traceback.
+
+Whatever is raised that is neither a ``UserError`` nor a failure of the machine is a fault of the harness, or of code of
+the user's own that it runs. Its traceback goes to a file beside the output; the message says where, and whom it
+concerns.
+"""
+
+from __future__ import annotations
+
+import errno
+import platform
+import shlex
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from harness.cli.warned import Warned
+from harness.common.components import outside_packages
+from harness.common.errors import ModelError, UserError, WorkError
+
+DONE, FAILED, WRONG, BUG, INTERRUPTED = 0, 1, 2, 70, 130
+"""Exit statuses; 70 is EX_SOFTWARE of sysexits.h: an internal software error."""
+
+_MACHINE = {
+    getattr(errno, name)
+    for name in ("ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO", "EMFILE", "ENFILE", "ENOMEM", "ENAMETOOLONG")
+    if hasattr(errno, name)
+}
+"""Errors of the operating system that say what to mend by themselves."""
+
+_debug = [False]
+
+
+def show_tracebacks(wanted: bool) -> None:
+    """Print the traceback before the message, as ``--debug`` asks."""
+    _debug[0] = wanted
+
+
+def guarded(run: Callable[[], None], beside: Path | None = None) -> int:
+    """Run a command and return its exit status; whatever it raises becomes one message on stderr.
+
+    Args:
+        run: The command.
+        beside: File or folder that it writes, beside which the traceback of a fault is kept; the working directory if
+            absent.
+
+    Raises:
+        BaseException: What ends a process by itself, such as ``SystemExit``, and a pipe that nobody reads any more.
+    """
+    with _said_in_words():
+        try:
+            run()
+        except KeyboardInterrupt:
+            return _say(
+                "interrupted", "finished runs are kept; the same command continues from there", INTERRUPTED, False
+            )
+        except BrokenPipeError:
+            raise
+        except (UserError, ModelError) as error:
+            return _say("error", str(error), WRONG)
+        except Exception as error:
+            return _fault(error, beside)
+    return DONE
+
+
+@contextmanager
+def _said_in_words() -> Iterator[None]:
+    """Collect what libraries warn of while a command runs, and say in words at its end what concerns the user."""
+    collected = Warned()
+    try:
+        with collected:
+            yield
+    finally:
+        for sentence in collected.sentences():
+            Console(stderr=True).print(Text(f"note: {sentence}", style="yellow"), soft_wrap=True)
+
+
+def _fault(error: Exception, beside: Path | None) -> int:
+    """Say what else went wrong: of the machine, in the user's own code, or in ours."""
+    import click
+
+    if isinstance(error, click.exceptions.Exit | click.exceptions.Abort | click.exceptions.ClickException):
+        raise error
+    if isinstance(error, WorkError):
+        return _say("failed", str(error), FAILED)
+    if isinstance(error, MemoryError):
+        return _say("failed", "the memory does not suffice; give less at once, or fewer --jobs", FAILED)
+    if isinstance(error, OSError) and error.errno in _MACHINE:
+        about = f"{error.filename}: " if error.filename else ""
+        return _say("failed", f"{about}{error.strerror}", FAILED)
+    own = own_code(error.__traceback__)
+    why = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+    kept = write_crash(error, beside)
+    kept_in = f"the traceback is in {kept}" if kept else "the traceback could not be written (--debug shows it)"
+    if own:
+        return _say("error", f"your own code, {own}, raised {why}; {kept_in}", WRONG)
+    return _say("fault", f"{why}; this is a fault of the harness: please report it; {kept_in}", BUG)
+
+
+def _say(title: str, message: str, status: int, with_traceback: bool = True) -> int:
+    """Print a message in red on stderr, the traceback first if asked for, and return the status."""
+    if _debug[0] and with_traceback:
+        traceback.print_exc()
+    Console(stderr=True).print(Text(f"{title}: {message}", style="red"), soft_wrap=True)
+    return status
+
+
+def own_code(trail: TracebackType | None) -> str:
+    """Return file and line of the innermost code of the user's own in a traceback; empty if there is none."""
+    ours = outside_packages()
+    found = ""
+    for frame, line in traceback.walk_tb(trail):
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] in ours:
+            found = f"{frame.f_code.co_filename} line {line}"
+    return found
+
+
+def stage_of(trail: TracebackType | None) -> str:
+    """Return the innermost package of the harness in a traceback, such as ``recordings``."""
+    names = [str(frame.f_globals.get("__name__", "")).split(".") for frame, _ in traceback.walk_tb(trail)]
+    stages = [name[1] for name in names if name[0] == "harness" and len(name) > 1]
+    return stages[-1] if stages else "command line"
+
+
+def write_crash(error: Exception, beside: Path | None) -> Path | None:
+    """Write what a report of a fault needs: version, command, stage, traceback.
+
+    Args:
+        error: What was raised.
+        beside: File or folder that the command writes; the working directory if absent.
+
+    Returns:
+        The file, in the folder itself, else in the working directory or that of temporary files; ``None`` if it can be
+        written to none of them.
+    """
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        release = version("robustness-harness")
+    except PackageNotFoundError:
+        release = "unknown"
+    packages = [f"{name} {sys.modules[name].__version__}" for name in _LIBRARIES if name in sys.modules]
+    lines = [
+        f"harness {release}, Python {platform.python_version()}, {platform.platform()}",
+        ", ".join(packages),
+        f"command: {shlex.join(sys.argv)}",
+        f"stage: {stage_of(error.__traceback__)}",
+        "",
+        "".join(traceback.format_exception(error)),
+    ]
+    name = f"crash-{time.strftime('%Y%m%dT%H%M%S', time.gmtime())}-{time.time_ns() % 10**6:06d}.txt"
+    out = None if beside is None else beside.parent if beside.suffix and not beside.is_dir() else beside
+    for folder in (out, Path(), Path(tempfile.gettempdir())):
+        if folder is not None:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                (folder / name).write_text("\n".join(lines), encoding="utf-8", errors="backslashreplace")
+            except (OSError, ValueError):
+                continue
+            return folder / name
+    return None
+
+
+_LIBRARIES = ("numpy", "scipy", "numba", "sympy", "xarray", "zarr", "pandas", "matplotlib", "typst", "pydantic")
+
+
+def place_of_output(arguments: Mapping[str, Any] | Sequence[str]) -> Path | None:
+    """Return what a command writes, from its arguments: by name, or the words of a command line."""
+    if not isinstance(arguments, Mapping):
+        words = list(arguments)
+        given = words[words.index("--out") + 1 :][:1] if "--out" in words else []
+        return Path(given[0]) if given else None
+    found = arguments.get("out") or arguments.get("folder")
+    return found if isinstance(found, Path) else None

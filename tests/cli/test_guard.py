@@ -1,0 +1,157 @@
+"""What a command does with what it raises: one message, a file with the traceback, and no raw warning."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli import guard, main, options
+from harness.cli.warned import GLYPHS, NUMBERS
+from harness.common.errors import ModelError, UserError, WorkError
+from support import synthetic
+from support.plugins import forget, project
+
+
+def raising(error):
+    def run():
+        raise error
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (UserError("a.toml: mend it"), 2, "error: a.toml: mend it\n"),
+        (ModelError("no tyre"), 2, "error: no tyre\n"),
+        (WorkError("every worker is lost"), 1, "failed: every worker is lost\n"),
+        (MemoryError(), 1, "failed: the memory does not suffice; give less at once, or fewer --jobs\n"),
+        (OSError(errno.ENOSPC, "No space left on device", "scores"), 1, "failed: scores: No space left on device\n"),
+        (KeyboardInterrupt(), 130, "interrupted: finished runs are kept; the same command continues from there\n"),
+    ],
+)
+def test_what_is_no_fault_leaves_no_file(tmp_path, capsys, error, status, said):
+    assert guard.guarded(raising(error), tmp_path) == status
+    assert capsys.readouterr() == ("", said)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "error", [KeyError("x"), ZeroDivisionError("division by zero"), RecursionError(), OSError(errno.ENOENT, "No", "f")]
+)
+def test_a_fault_leaves_its_traceback_beside_the_output(tmp_path, capsys, error):
+    out = tmp_path / "out"
+    assert guard.guarded(raising(error), out) == 70
+    said = capsys.readouterr().err
+    (file,) = out.iterdir()
+    assert said.count("\n") == 1
+    assert said.startswith(f"fault: {type(error).__name__}: ")
+    assert f"please report it; the traceback is in {file}" in said
+    text = file.read_text(encoding="utf-8")
+    assert text.startswith("harness ")
+    assert "command: " in text
+    assert "stage: cli" in text
+    assert f"{type(error).__name__}" in text.split("Traceback (most recent call last)")[1]
+
+
+def test_a_file_to_write_gets_its_traceback_beside_it(tmp_path):
+    assert guard.guarded(raising(KeyError("x")), tmp_path / "drive.csv") == 70
+    assert [p.name.partition("-")[0] for p in tmp_path.iterdir()] == ["crash"]
+
+
+def test_a_folder_that_cannot_be_written_is_passed_over(tmp_path, monkeypatch, capsys):
+    (tmp_path / "taken").write_text("")
+    monkeypatch.chdir(tmp_path)
+    assert guard.guarded(raising(KeyError("x")), tmp_path / "taken" / "out") == 70
+    assert "the traceback is in crash-" in capsys.readouterr().err
+
+
+def test_the_headline_after_a_run_is_guarded(tmp_path, monkeypatch):
+    import harness.study.report as report
+    import harness.study.run as stage
+    from support.small_study import STUDY
+
+    (tmp_path / "s.toml").write_text(STUDY)
+    out = tmp_path / "out"
+    written = {"level": synthetic.design(repeats=2)}
+    monkeypatch.setattr(stage, "run_study", lambda _, out, *__, **___: synthetic.write(out, written))
+    monkeypatch.setattr(report, "answer_in_short", lambda _: {}["headline"])
+    done = CliRunner().invoke(main.app, ["run", str(tmp_path / "s.toml"), "--out", str(out)])
+    assert done.exit_code == 70, done.output
+    assert "fault: KeyError: 'headline'" in done.stderr
+    assert len(list(out.glob("crash-*.txt"))) == 1
+    assert "stage: study" in next(out.glob("crash-*.txt")).read_text(encoding="utf-8")
+
+
+def test_commands_of_modules_are_guarded_alike(tmp_path, capsys):
+    @options.answers_errors
+    def command(arguments):
+        raise KeyError(arguments[0])
+
+    assert command(["file", "--out", str(tmp_path)]) == 70
+    assert "fault: KeyError: 'file'" in capsys.readouterr().err
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_code_of_the_users_own_is_named_with_file_and_line(tmp_path, monkeypatch):
+    reader = 'SUFFIXES = (".log",)\n\n\ndef read(path):\n    return {}["speed"]\n'
+    monkeypatch.chdir(project(tmp_path, {"readers/logger.py": reader, "drive.log": "x"}))
+    try:
+        done = CliRunner().invoke(main.app, ["check", "drive.log", "--out", "out"])
+    finally:
+        forget()
+    assert done.exit_code == 2, done.output
+    assert (
+        f"error: your own code, {tmp_path}/readers/logger.py line 5, raised KeyError: 'speed'; the traceback is in out"
+        in (done.stderr)
+    )
+    assert "report it" not in done.stderr
+
+
+def test_warnings_of_the_users_own_code_are_said(tmp_path, monkeypatch):
+    reader = (
+        "import warnings\n"
+        + '\nSUFFIXES = (".log",)\n\n\ndef read(path):\n    warnings.warn("mind the gap")\n    return []\n'
+    )
+    monkeypatch.chdir(project(tmp_path, {"readers/logger.py": reader, "drive.log": "x"}))
+    try:
+        done = CliRunner().invoke(main.app, ["check", "drive.log", "--out", "out"])
+    finally:
+        forget()
+    assert done.stderr == (
+        "error: drive.log: holds no numeric column\n"
+        f"note: your own code, {tmp_path}/readers/logger.py line 7, warns: mind the gap\n"
+    )
+
+
+def test_warnings_are_said_in_words_once_each(capsys):
+    def run():
+        for _ in range(3):
+            np.log(np.zeros(2))
+            np.float64(1e300) * np.float64(1e300)
+        warnings.warn("Glyph 128 () missing from font(s) DejaVu Sans.", stacklevel=1)
+        warnings.warn("old", DeprecationWarning, stacklevel=1)
+        warnings.warn("old", FutureWarning, stacklevel=1)
+        logging.getLogger("asammdf").warning("block 3\nis odd")
+
+    assert guard.guarded(run) == 0
+    assert capsys.readouterr().err == f"note: {NUMBERS}\nnote: {GLYPHS}\nnote: a library says: block 3 is odd\n"
+
+
+def test_nothing_raw_comes_from_a_command_of_its_own_process(tmp_path):
+    code = (
+        "import sys, warnings; sys.argv = ['harness', 'list', 'tyres']\n"
+        "import harness.cli.listing as listing\n"
+        "listing.show = lambda *_: warnings.warn('divide by zero encountered', RuntimeWarning)\n"
+        "from harness.cli.main import main\nmain()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == f"note: {NUMBERS}\n"
