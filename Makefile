@@ -58,7 +58,7 @@ reproduce-box: $(VENV)/run.stamp ## which findings of Ziaukas 2023 survive what 
 	$(BIN)/python -m harness.reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box --page docs/unpublished.md
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
-	$(BIN)/harness realtime studies/mass.toml --drive sine-sweep --out results/realtime
+	$(BIN)/harness realtime studies/mass.toml --drive fast-sine --out results/realtime
 
 loop: $(VENV)/run.stamp ## trace an effect that nobody declared, then open the seal (SEED=... draws it again)
 	$(BIN)/python -m bench.demonstration $(if $(SEED),--seed $(SEED))

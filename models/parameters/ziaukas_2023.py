@@ -6,8 +6,8 @@ From the thesis: masses, inertia of the tractor, lengths (table 4.3), CoG of the
 Chosen by this project, because the thesis shows them only as histograms (Bild 4.6): all tyre parameters and
 relaxation lengths. They lie inside the search range of table 4.4 and give a stable, understeering combination;
 they do not claim to be the thesis's optimum. ``constraint_rate`` and ``trailer_inertia_scale`` are this
-project's as well. The noise of the steering-wheel angle is the thesis's 1e-5 rad^2 of the road wheels times the
-steering ratio squared.
+project's as well. The last variance of (5.3), 1e-5, has no unit there; here it is that of the steering-wheel angle in
+rad^2, the estimated input of its figures (docs/semitrailer.md); ``ziaukas_2023_road_wheels`` has the other reading.
 """
 
 VEHICLE = "semitrailer"
@@ -58,7 +58,7 @@ PROCESS_NOISE: dict[str, float] = {
     "lateral_force_axle_21": 1e3,
     "lateral_force_axle_22": 1e3,
     "lateral_force_axle_23": 1e3,
-    "steering_wheel_angle": 1e-5 * 23.0**2,
+    "steering_wheel_angle": 1e-5,
 }
 """Variances per step in the square of the state's SI unit (5.3)."""
 

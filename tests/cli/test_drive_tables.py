@@ -11,49 +11,68 @@ from harness.models.contracts import DriveContext, Profile
 from harness.simulation.drives import build_drive, read_drives
 
 ROOT = Path(__file__).resolve().parents[2]
-ROBUSTNESS = ROOT / "studies" / "drives" / "robustness.toml"
+SETS = {name: ROOT / "studies" / "drives" / f"{name}.toml" for name in ("robustness", "robustness-broad")}
 CONTEXT = DriveContext(wheelbase=3.71, steering_ratio=23.0, step=0.01)
 
 
-# --- the six default drives ---
+# --- the two sets of six drives ---
 
 
 @pytest.fixture(scope="module")
-def six():
+def sets():
     return {
-        name: (kind, build_drive(kind, options, CONTEXT)) for name, (kind, options) in read_drives(ROBUSTNESS).items()
+        name: {drive: build_drive(kind, options, CONTEXT) for drive, (kind, options) in read_drives(path).items()}
+        for name, path in SETS.items()
     }
 
 
 @pytest.fixture(scope="module")
-def peaks(six):
-    profiles = {name: profile for name, (_, profile) in six.items()}
-    return drive_tables.reference_peaks(profiles, [8e3, 24e3, 32e3])
+def peaks(sets):
+    return {name: drive_tables.reference_peaks(profiles, [8e3, 24e3, 32e3]) for name, profiles in sets.items()}
 
 
-def test_the_six_cover_speed_and_length(six):
+def test_the_dissertations_kinds_are_there(sets):
+    kinds = {name: kind for name, (kind, _) in read_drives(SETS["robustness"]).items()}
+    assert len(kinds) == 6
+    assert kinds["two-ramps"] == "double_ramp"
+    assert {"ramp", "steady_circle", "sine"} <= set(kinds.values())
+    right_first = sets["robustness"]["two-ramps"].steering_wheel_angle
+    assert np.argmin(right_first) < np.argmax(right_first)  # a right turn is negative (ISO 8855)
+    growing = sets["robustness"]["growing-circle"].steering_wheel_angle
+    assert (np.diff(growing) >= -1e-12).all()
+    assert growing[-1] > growing[len(growing) // 2] > 0
+
+
+def test_the_broad_set_covers_speed_and_length(sets):
+    six = sets["robustness-broad"].values()
     assert len(six) == 6
-    assert {"winding-road", "tight-turn", "steady-circle", "highway"} <= set(six)
-    assert all(60 <= p.time[-1] <= 120 for _, p in six.values())
-    assert min(p.speed.min() for _, p in six.values()) == pytest.approx(1.5)
-    assert max(p.speed.max() for _, p in six.values()) == pytest.approx(22)
+    assert all(60 <= p.time[-1] <= 120 for p in six)
+    assert min(p.speed.min() for p in six) == pytest.approx(1.5)
+    assert max(p.speed.max() for p in six) == pytest.approx(22)
 
 
-def test_the_six_are_lively_but_stable_at_every_mass(peaks):
-    for name, found in peaks.items():
-        assert np.isfinite(found["articulation_angle"]).all(), name
-        assert found["lateral_acceleration_trailer"].max() < 2.6, name
-        assert found["lateral_acceleration_tractor"].max() > (1.2 if name == "tight-turn" else 1.8), name
-    np.testing.assert_allclose(np.degrees(peaks["tight-turn"]["articulation_angle"]), 60, atol=2)
+def test_all_are_lively_but_stable_at_every_mass(peaks):
+    for found in peaks.values():
+        for name, peak in found.items():
+            assert np.isfinite(peak["articulation_angle"]).all(), name
+            assert 1.2 < peak["lateral_acceleration_tractor"].max() < 2.7, name
+            assert peak["lateral_acceleration_trailer"].max() < 2.6, name
+    turned = peaks["robustness-broad"]["tight-turn"]["articulation_angle"]
+    np.testing.assert_allclose(np.degrees(turned), 60, atol=2)
 
 
-def test_the_documentation_is_what_the_commands_print(six, peaks, monkeypatch, capsys):
+def test_the_documentation_has_the_kinds():
     text = (ROOT / "docs" / "drives.md").read_text(encoding="utf-8")
     assert drive_tables.kinds_table() in text, "renew docs/drives.md with: python -m harness.cli.drive_tables --kinds"
-    monkeypatch.setattr(drive_tables, "reference_peaks", lambda profiles, masses: peaks)
-    assert drive_tables.main([str(ROBUSTNESS)]) == 0
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_the_documentation_is_what_the_command_prints(name, peaks, monkeypatch, capsys):
+    text = (ROOT / "docs" / "drives.md").read_text(encoding="utf-8")
+    monkeypatch.setattr(drive_tables, "reference_peaks", lambda profiles, masses: peaks[name])
+    assert drive_tables.main([str(SETS[name])]) == 0
     printed = capsys.readouterr().out.strip()
-    documented = text.split("<!-- peaks -->\n")[1].split("\n<!-- end of peaks -->")[0]
+    documented = text.split(f"<!-- peaks of {name} -->\n")[1].split("\n<!-- end of peaks -->")[0]
     number = re.compile(r"(?<![\w-])\d+(?:\.\d+)?")
     assert number.sub("#", printed) == number.sub("#", documented)
     shown = [[float(n) for n in number.findall(t)] for t in (printed, documented)]

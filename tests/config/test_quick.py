@@ -61,4 +61,4 @@ def test_every_study_can_be_looked_at(path):
 
 def test_a_study_elsewhere_takes_drives_of_the_package(load):
     study = load(("seed = 0", 'seed = 0\ndrives = "robustness"'))
-    assert {"winding-road", "sine"} <= {d.name for d in study.drives}
+    assert {"two-ramps", "sine"} <= {d.name for d in study.drives}

@@ -119,7 +119,7 @@ REFUSALS = {
     ),
     "no drive file": (
         [("seed = 0", 'seed = 0\ndrives = "robust"')],
-        "drives: there is no set of drives 'robust'; closest: robustness (looked in ",
+        "drives: there is no set of drives 'robust'; closest: robustness, robustness-broad (looked in ",
     ),
     "no drives": ([('[[drive]]\nname = "sine"\nkind = "sine"\n', "")], "drives: a study needs a drive"),
     "unknown estimator": (

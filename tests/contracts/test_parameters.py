@@ -17,8 +17,8 @@ def test_every_parameter_set(name):
 
 
 @pytest.mark.parametrize("name", PARAMETERS.names())
-def test_our_sets_are_named_author_year(name):
-    assert re.fullmatch(r"[a-z0-9_]+_\d{4}[a-z]?", name)
+def test_our_sets_are_named_author_year_and_variants_by_a_word_more(name):
+    assert re.fullmatch(r"[a-z0-9_]+_\d{4}[a-z]?(_[a-z]+)*", name)
 
 
 @pytest.mark.parametrize(

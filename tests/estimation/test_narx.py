@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.config import load_study
+from harness.config import load_drives
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
@@ -435,8 +435,8 @@ def test_the_committed_network_says_how_it_was_made_and_estimates_a_drive_it_has
     assert network.made["command"].startswith("python -m harness.")
     before, after = network.made["nrmse_open_loop"]["free"], network.made["nrmse"]["free"]
     assert sum(after["validation"]) < 0.1 * sum(before["validation"])
-    study = load_study(ROOT / "studies" / "mass.toml")
-    drive = next(d for d in study.drives if d.name == "winding-road")
+    drives = load_drives("robustness-broad", ROOT / "studies")
+    drive = next(d for d in drives if d.name == "winding-road")
     spec = training_data.semitrailer()
     profile = profile_of(spec, drive)
     series = training_data.simulate(spec, {drive.name: profile}, 77, network.inputs, network.outputs)[0]

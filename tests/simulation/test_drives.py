@@ -13,7 +13,6 @@ from harness.models.drives._shapes import lateral_acceleration
 from harness.simulation.drives import build_drive
 
 ROOT = Path(__file__).resolve().parents[2]
-ROBUSTNESS = ROOT / "studies" / "drives" / "robustness.toml"
 GENESIS = ROOT.parent / "shared" / "measured" / "genesis_g80"
 CONTEXT = DriveContext(wheelbase=3.71, steering_ratio=23.0, step=0.01)
 

@@ -123,9 +123,7 @@ def _numerically_poor(_: Stored) -> list[Evidence]:
 
 def _steering_noise(_: Stored) -> list[Evidence]:
     ours = ziaukas_2023.PROCESS_NOISE[STEERING]
-    readings = {"as an angle of the road wheels": ours / VALUES["steering_ratio"] ** 2, "of the steering wheel": ours}
-    what, value = min(readings.items(), key=lambda reading: abs(np.log(reading[1] / 1e-5)))
-    return [point(what, value, (1e-5 * (1 - 1e-9), 1e-5 * (1 + 1e-9)), 1e-5)]
+    return [point("of the steering wheel, in rad²", ours, (1e-5 * (1 - 1e-9), 1e-5 * (1 + 1e-9)), 1e-5)]
 
 
 def _observability_records() -> tuple[Record, ...]:
@@ -288,23 +286,26 @@ def _network_records() -> tuple[Record, ...]:
     )
 
 
+GROWING = "growing-circle"
+"""Drive of ``studies/drives/robustness.toml``: the circle of growing steering."""
+
+
 def _on_the_circle(stored: Stored) -> list[Evidence]:
-    """Count the estimators whose worst run is on a circle."""
+    """Count the estimators whose worst run is on the circle of growing steering."""
     design, found = stored.design("ideal"), 0
     for name in (EKF, UKF, NETWORK):
         values = stored.errors("ideal", None, name, ANGLE)
         worst = design.drives[int(np.nanargmax(np.nanmax(values.reshape(len(values), -1), axis=1)))]
-        found += "circle" in worst
-    return [point("estimators whose worst run is on a circle, of three", found, (3, 3), 3.0)]
+        found += worst == GROWING
+    return [point("estimators whose worst run is on it, of three", found, (3, 3), 3.0)]
 
 
 def _best_on_the_circle(stored: Stored) -> list[Evidence]:
-    design = stored.design("ideal")
-    circles = [i for i, name in enumerate(design.drives) if "circle" in name]
+    circle = stored.design("ideal").drives.index(GROWING)
     return [
         point(
             f"{name}: least error on it in °",
-            float(np.nanmin(stored.errors("ideal", None, name, ANGLE)[circles])),
+            float(np.nanmin(stored.errors("ideal", None, name, ANGLE)[circle])),
             (0.0, 5.0),
         )
         for name in (EKF, UKF, NETWORK)
