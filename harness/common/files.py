@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from unicodedata import category
 
 from harness.common.errors import UserError, closest
 
@@ -93,12 +94,43 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         where: File, named in the error.
 
     Raises:
-        UserError: If it is no TOML.
+        UserError: If it is no TOML, or a text in it holds a control character.
     """
     try:
-        return tomllib.loads(text)
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{where}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise UserError(f"{where}: not valid TOML: nested too deeply") from None
+    except ValueError as error:  # dates and integers that Python has no number for
+        raise UserError(f"{where}: not valid TOML: {error}") from None
+    refuse_control_characters(content, where)
+    return content
+
+
+def refuse_control_characters(content: Any, where: str, key: str = "") -> None:
+    """Refuse texts, keys among them, that no report, file name or store can hold.
+
+    Args:
+        content: What a file holds: tables, lists, texts, numbers.
+        where: File, named in the error.
+        key: Of the content within the file.
+
+    Raises:
+        UserError: If there is one, with its place.
+    """
+    if isinstance(content, str):
+        at = next((i for i, c in enumerate(content) if c not in "\n\r\t" and category(c) in ("Cc", "Cs")), None)
+        if at is not None:
+            what = f"the control character U+{ord(content[at]):04X} as its character {at + 1}"
+            raise UserError(f"{where}: {f'{key}: ' if key else ''}holds {what}; remove it")
+    elif isinstance(content, Mapping):
+        for name, value in content.items():
+            refuse_control_characters(name, where, f"{key}.{name!r}" if key else repr(name))
+            refuse_control_characters(value, where, f"{key}.{name}" if key else name)
+    elif isinstance(content, list | tuple):
+        for i, value in enumerate(content):
+            refuse_control_characters(value, where, f"{key}[{i}]")
 
 
 def read_toml(path: Path) -> dict[str, Any]:

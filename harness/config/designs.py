@@ -102,6 +102,7 @@ def _check_bands(raw: DesignTable, design: DesignSpec, key: str, problems: Probl
             "give every factor the same number, or put the factors into separate designs",
         )
         return
+    _refuse_alike(raw, design, key, problems)
     if raw.boxes is not None:
         problems.add(f"{key}.boxes", "nested boxes belong to sampling = 'tolerance'; remove the key")
     banded, n = any(f.banded for f in design.factors), design.base_samples
@@ -117,6 +118,22 @@ def _check_bands(raw: DesignTable, design: DesignSpec, key: str, problems: Probl
         )
     elif not raw.sobol_any_n:
         _check_power_of_two(n, key, problems, ", or set sobol_any_n = true")
+
+
+def _refuse_alike(raw: DesignTable, design: DesignSpec, key: str, problems: Problems) -> None:
+    """Refuse two bands with the same values, or of the same label: nobody could tell them apart."""
+    edges = [tuple((f.lower[b], f.upper[b]) for f in design.factors) for b in range(design.bands)]
+    for band, (edge, label) in enumerate(zip(edges, design.band_labels, strict=True)):
+        i = next((i for i, f in enumerate(raw.factor) if f.labels is not None), 0) if raw.factor else 0
+        if edge in edges[:band]:
+            entry = f"{key}.factor[0].{form(raw.factor[0])}"
+            problems.add(f"{entry}[{band}]", f"the same as [{edges.index(edge)}]: {label}; remove one of the two")
+        elif label in (before := design.band_labels[:band]):
+            what = "labels" if raw.factor[i].labels is not None else form(raw.factor[i])
+            problems.add(
+                f"{key}.factor[{i}].{what}[{band}]",
+                f"'{label}' is the label of [{before.index(label)}] already; give each its own by 'labels'",
+            )
 
 
 def _check_power_of_two(n: int, key: str, problems: Problems, way_out: str = "") -> None:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from harness.common import locations, registry
 from harness.common.errors import ModelError, UserError
-from harness.common.files import parse_toml, read_text, read_toml, toml_text
+from harness.common.files import parse_toml, read_text, read_toml, refuse_control_characters, toml_text
 from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
 from harness.config.factors import Models, number
@@ -138,6 +138,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
 
 
 def _validated(content: Mapping[str, Any], table: type[_Table], problems: Problems) -> _Table | None:
+    refuse_control_characters(content, problems.file)
     try:
         return table.model_validate(dict(content))
     except ValidationError as error:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.config import StudyFile, build_study
+from harness.config import StudyFile, build_study, load_study
 from harness.models.roles import PARAMETERS
 from support.small_study import STUDY
 
@@ -347,3 +347,16 @@ def test_a_study_built_in_python_is_refused_like_a_file(change, message):
 
 def test_a_study_may_begin_with_a_byte_order_mark(load):
     assert load(text="\ufeff" + STUDY).hash == load().hash
+
+
+def test_a_byte_order_mark_is_no_part_of_a_study(tmp_path):
+    for encoding in ("utf-8", "utf-8-sig"):
+        (tmp_path / f"{encoding}.toml").write_text(STUDY, encoding=encoding)
+    plain, marked = (load_study(tmp_path / f"{encoding}.toml") for encoding in ("utf-8", "utf-8-sig"))
+    assert marked.hash == plain.hash
+    assert marked.text == plain.text
+
+
+def test_control_characters_are_refused_in_studies_made_in_python():
+    with pytest.raises(UserError, match=r"study: title: holds the control character U\+0001"):
+        build_study({**tomllib.loads(STUDY), "title": "a\x01"})

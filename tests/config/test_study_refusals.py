@@ -13,6 +13,38 @@ from harness.config import load_study
 from support.small_study import STUDY
 
 REFUSALS = {
+    "NUL in a title": (
+        [("A question?", "A\\u0000 question?")],
+        "title: holds the control character U+0000 as its character 2; remove it",
+    ),
+    "bell in a label": (
+        [('"32 t"]', '"32 t"]\nlabels = ["a", "b\\u0007", "c"]')],
+        "design[0].factor[0].labels[1]: holds the control character U+0007",
+    ),
+    "levels alike": (
+        [('"32 t"', "24000")],
+        "design[0].factor[0].levels[2]: the same as [1]: 24 t; remove one of the two",
+    ),
+    "labels alike": (
+        [('"32 t"]', '"32 t"]\nlabels = ["light", "so", "light"]')],
+        "design[0].factor[0].labels[2]: 'light' is the label of [0] already; give each its own by 'labels'",
+    ),
+    "labels alike by their digits": (
+        [('"32 t"', '"24.000000001 t"')],
+        "design[0].factor[0].levels[2]: '24 t' is the label of [1] already; give each its own by 'labels'",
+    ),
+    "bands alike": (
+        [('levels = ["8 t", "24 t", "32 t"]', 'bands = ["10 %", "+-10 %"]'), ("repeats = 2", "samples = 2")],
+        "design[0].factor[0].bands[1]: the same as [0]: ±10 %; remove one of the two",
+    ),
+    "band with a sign": (
+        [('levels = ["8 t", "24 t", "32 t"]', 'bands = ["-10 %"]')],
+        "design[0].factor[0].bands[0]: a half-width has no sign, got '-10 %'",
+    ),
+    "step with a sign": (
+        [('sensors = "series"', 'sensors = "series"\nstep = "-10 ms"')],
+        "plant.step: the sample time must be positive, e.g. '10 ms', got '-10 ms'",
+    ),
     "decimal comma": (
         [('"8 t"', '"24,5 t"')],
         "design[0].factor[0].levels[0]: '24,5 t' may mean '24.5 t' or '245 t'; write the one that is meant",
@@ -346,6 +378,13 @@ def test_a_negative_step_is_reported_once_and_not_as_negative_variances(refused)
 
 def test_toml_errors_name_the_line(refused):
     assert "line 3" in refused(("seed = 0", "seed = "))[0]
+
+
+def test_factors_that_cross_may_repeat_their_levels(tmp_path):
+    crossed = STUDY.replace('["8 t", "24 t", "32 t"]', '["8 t", "8 t", "24 t"]')
+    crossed += '[[design.factor]]\nparameter = "stiffness_load_2"\nlevels = [60000, 65000, 60000]\n'
+    (tmp_path / "s.toml").write_text(crossed)
+    assert load_study(tmp_path / "s.toml").designs[0].bands == 3
 
 
 def test_missing_file_suggests_the_closest(tmp_path):

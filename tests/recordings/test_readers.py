@@ -118,10 +118,12 @@ def test_csv_dialects(tmp_path, text, expected):
         ("a.csv", b"\xff\xfe\x00t,v\n", "UTF-8"),
         ("a.csv.gz", b"t,v\n0,1\n", "damaged"),
         ("a.csv.gz", gzip.compress(b"t,v\n" + b"0,1\n" * 999, mtime=0)[:-12], "damaged"),
-        ("a.mat", b"no matlab", "no readable MATLAB file"),
-        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "no readable MATLAB file"),
-        ("a.parquet", b"PAR1", "no readable Parquet file"),
-        ("a.mf4", b"no measured data" * 9, "no readable MDF file"),
+        ("a.mat", b"no matlab", "is damaged or no MATLAB file"),
+        ("a.mat", bytes(300), "is damaged or no MATLAB file: "),
+        ("a.mat", b" " * 300, "does not begin as one of version"),
+        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM", "is damaged or no MATLAB file"),
+        ("a.parquet", b"PAR1", "is damaged or no Parquet file"),
+        ("a.mf4", b"no measured data" * 9, "is damaged or no MDF file"),
         ("a.xlsx", b"", "no reader for this suffix; known are .csv, .csv.gz, .dat, .mat, .mdf, .mf4, .parquet"),
     ],
 )
@@ -132,6 +134,24 @@ def test_bad_files_are_refused_by_name(tmp_path, name, content, message):
         readers.read(path)
     assert str(error.value).startswith(str(path))
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.csv.gz", "a.txt"])
+@pytest.mark.parametrize(
+    "text", ["time,v\n0,1\n1,2\n", "0,1\n1,2\n", "# made by x\n0,1\n1,2\n", "time;v\n0,5;1,5\n1,5;2,5\n"]
+)
+def test_a_byte_order_mark_is_no_part_of_a_recording(tmp_path, name, text):
+    found = []
+    for encoding in ("utf-8", "utf-8-sig"):
+        content = text.encode(encoding)
+        path = tmp_path / encoding / name
+        path.parent.mkdir()
+        path.write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
+        found.append(readers.read(path))
+    plain, marked = found
+    assert list(plain) == list(marked)
+    for column in plain:
+        np.testing.assert_array_equal(marked[column], plain[column])
 
 
 def test_absent_file(tmp_path):

@@ -87,7 +87,25 @@ def test_headline_names_the_best_estimator_where_they_differ_and_what_was_lost(o
     assert f"{style.number(medians[0, 0, 0])} kN with EKF" in text
     assert "with UKF" not in text  # its median is that of the runs it survived; it is counted instead
     assert "differ by less" not in text
-    assert text.endswith("Of 126 runs, in 2 the estimator diverged (UKF 2).")
+    assert text.endswith(
+        "Of 126 runs, in 2 the estimator diverged (UKF 2). Not compared, as more of its runs were lost: UKF."
+    )
+
+
+def test_headline_counts_the_lost_runs_of_all_designs(one_design):
+    first = one_design().main.design
+    other = one_design(estimators=("EKF", "PF"), levels=(8.0, 24.0), status=_lose_the_second).main.design
+    text = answer_in_short(Findings(first, 0), [first, other])
+    runs, lost = first.status.size + other.status.size, other.status.size // 2
+    assert text.endswith(f"Of {runs} runs of all 2 designs, in {lost} the estimator diverged (PF {lost}).")
+
+
+def test_headline_names_those_that_it_leaves_out(one_design):
+    def lose(fates: np.ndarray) -> None:
+        fates[:, 0, :, :, 2:] = 1
+
+    text = answer_in_short(one_design(estimators=("EKF", "UKF", "KF", "PF"), status=lose).main)
+    assert text.endswith("Not compared, as more of their runs were lost: KF and PF.")
 
 
 def test_headline_names_the_estimator_that_alone_can_be_compared(one_design):

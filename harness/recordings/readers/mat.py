@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from typing import Any
 
 import h5py
@@ -11,7 +10,7 @@ import scipy.io
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.recordings.readers._table import Table, by_length
+from harness.recordings.readers._table import Table, by_length, told_as_damaged
 
 SUFFIXES = (".mat",)
 
@@ -28,20 +27,23 @@ def read(path: str) -> list[Table]:
         UserError: If the file is damaged.
     """
     vectors: Vectors = {}
-    try:
+    with told_as_damaged(path, "MATLAB file"):
         try:
             content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
         except NotImplementedError:  # how SciPy says version 7.3
             with h5py.File(path, "r") as file:
                 _collect_hdf5("", file, vectors)
+        except ValueError as error:
+            if "Unknown mat file type" not in str(error):  # which it says of any bytes, with two of them as a version
+                raise
+            raise UserError(
+                f"{path}: is damaged or no MATLAB file: it does not begin as one of version 4, 5, 6, 7 or 7.3; export "
+                "it again"
+            ) from None
         else:
             for name, value in content.items():
                 if not name.startswith("__"):
                     _collect(name, value, vectors)
-    except (ValueError, TypeError, KeyError, OSError, EOFError, zlib.error, scipy.io.matlab.MatReadError) as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise  # the file itself: no permission, vanished
-        raise UserError(f"{path}: is no readable MATLAB file: {error}") from None
     return by_length(vectors)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.recordings.readers._table import Table
+from harness.recordings.readers._table import Table, told_as_damaged
 
 SUFFIXES = (".mf4", ".mdf", ".dat")
 
@@ -25,16 +25,12 @@ def read(path: str) -> list[Table]:
     """
     try:
         from asammdf import MDF
-        from asammdf.blocks.utils import MdfException
     except ImportError:
         raise UserError(
             f'{path}: MDF files are read with asammdf, which is not installed: pip install "robustness-harness[mdf]"'
         ) from None
-    try:
-        with MDF(path) as file:
-            return _tables(file)
-    except (MdfException, ValueError, KeyError, IndexError, AssertionError) as error:
-        raise UserError(f"{path}: is no readable MDF file: {error or type(error).__name__}") from None
+    with told_as_damaged(path, "MDF file"), MDF(path) as file:
+        return _tables(file)
 
 
 def _tables(file: Any) -> list[Table]:

@@ -6,8 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.common.arrays import Floats
-from harness.common.errors import UserError
-from harness.recordings.readers._table import Table
+from harness.recordings.readers._table import Table, told_as_damaged
 
 SUFFIXES = (".parquet", ".pq")
 
@@ -18,11 +17,9 @@ def read(path: str) -> list[Table]:
     Raises:
         UserError: If the file is no Parquet file.
     """
-    try:
+    with told_as_damaged(path, "Parquet file"):
         # One file is meant: pq.read_table would read "speed=3" in the path as a partition.
         table = pq.ParquetFile(path).read()
-    except (pa.ArrowException, ValueError) as error:
-        raise UserError(f"{path}: is no readable Parquet file: {str(error).splitlines()[0]}") from None
     columns: dict[str, Floats] = {}
     for field, column in zip(table.schema, table.columns, strict=True):
         kind = field.type

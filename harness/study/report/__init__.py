@@ -70,7 +70,7 @@ def analyse(directory: Path) -> Analysis:
 
 def headline(analysis: Analysis) -> str:
     """Return the answer of a study in one or two sentences, as its report opens."""
-    return answer_in_short(analysis.main)
+    return answer_in_short(analysis.main, analysis.store.designs)
 
 
 def write_report(analysis: Analysis) -> list[Path]:

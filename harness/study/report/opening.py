@@ -28,15 +28,21 @@ _STEADY = 0.02
 _BOUNDS = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)  # percent
 
 
-def answer_in_short(findings: Findings) -> str:
-    """Return the answer of a design; ``headline`` of the package does the same for a result folder."""
+def answer_in_short(findings: Findings, designs: Sequence[Design] = ()) -> str:
+    """Return the answer of a design; ``headline`` of the package does the same for a result folder.
+
+    Args:
+        findings: Of the design that the answer is about.
+        designs: All designs of the study, whose lost runs are counted; that one alone by default.
+    """
     design = findings.design
     medians = np.where(findings.comparable, findings.medians, np.nan)
     changes = [_change(design, target, medians[k]) for k, target in enumerate(design.targets)]
     known = [c for c in changes if c is not None]
-    lost = _lost(design)
+    lost = _lost(designs or [design])
     if not known:
         return " ".join(["No run has a score.", *lost])
+    lost += _left_out(design, [name for change in known for name in change.names])
     clauses: list[str] = []
     for worst in dict.fromkeys((c.home, c.worst) for c in known):
         group = [c for c in known if (c.home, c.worst) == worst]
@@ -191,22 +197,34 @@ def _everyone(names: Sequence[str]) -> str:
     return listed(names) if len(names) <= 4 else f"the {len(names)} estimators"
 
 
-def _lost(design: Design) -> list[str]:
-    """Say how many runs of the design have no score."""
+def _left_out(design: Design, compared: Sequence[str]) -> list[str]:
+    """Name the estimators that the answer says nothing of: their medians are those of the runs that they survived."""
+    others = [name for name in design.estimators if name not in compared]
+    if not others:
+        return []
+    return [f"Not compared, as more of {'its' if len(others) == 1 else 'their'} runs were lost: {listed(others)}."]
+
+
+def _lost(designs: Sequence[Design]) -> list[str]:
+    """Say how many runs of the designs have no score."""
     found = []
-    total = design.status.size
+    total = sum(d.status.size for d in designs)
+    runs = f"{total} runs" if len(designs) == 1 else f"{total} runs of all {len(designs)} designs"
     for fate, text in (
         (ESTIMATOR_DIVERGED, "the estimator diverged"),
         (PLANT_DIVERGED, "the plant left its range"),
     ):
-        counts = [(name, design.count(fate, None, e)) for e, name in enumerate(design.estimators)]
-        some = [f"{name} {count}" for name, count in counts if count]
+        counts: dict[str, int] = {}
+        for design in designs:
+            for e, name in enumerate(design.estimators):
+                counts[name] = counts.get(name, 0) + design.count(fate, None, e)
+        some = [f"{name} {count}" for name, count in counts.items() if count]
         if some:
             who = f" ({', '.join(some)})" if fate != PLANT_DIVERGED and len(some) <= 8 else ""
-            found.append(f"in {sum(count for _, count in counts)} {text}{who}")
-    pending = design.count(PENDING)
-    sentences = [f"Of {total} runs, {listed(found)}."] if found else []
+            found.append(f"in {sum(counts.values())} {text}{who}")
+    pending = sum(d.count(PENDING) for d in designs)
+    sentences = [f"Of {runs}, {listed(found)}."] if found else []
     if pending:
-        sentences.append(f"{pending} of {total} runs are still to come.")
-    assert found or pending or design.count(OK) == total
+        sentences.append(f"{pending} of {runs} are still to come.")
+    assert found or pending or sum(d.count(OK) for d in designs) == total
     return sentences

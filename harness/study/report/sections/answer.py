@@ -32,7 +32,7 @@ def blocks(analysis: Analysis) -> list[Block]:
     items.append(f"{strong('Lost runs.')} {plain(_lost(analysis))}")
     if findings.with_covariance:
         items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")
-    opening = Prose(strong(answer_in_short(findings)))
+    opening = Prose(strong(answer_in_short(findings, analysis.store.designs)))
     figures = boxes.pictures(analysis, findings, opening=True)
     return [
         Heading("Answer"),
