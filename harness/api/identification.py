@@ -87,10 +87,20 @@ class Identification:
 
     @property
     def answer(self) -> str:
-        """The result in a sentence."""
-        from harness.identification.report import answer
+        """The result in sentences; the first says so if the fit failed (``failed``)."""
+        return self._found.answer
 
-        return answer(self._found.fit)
+    @property
+    def failed(self) -> bool:
+        """Whether the simulation error of the held-out recordings, or of the fitted ones without any, grew."""
+        from harness.identification.result import failure
+
+        return bool(failure(self._found.judged))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Irregularities of the recordings, as ``harness check`` finds them."""
+        return self._found.notes
 
     @property
     def converged(self) -> bool:
@@ -103,7 +113,7 @@ class Identification:
 
         Columns ``value``, ``standard_error`` (infinite if the recordings say nothing), ``lower`` and ``upper`` end of
         the 95 % interval, ``start``, all in SI units, ``unit``, ``verdict`` (``determined``, ``weakly determined``,
-        ``not determined``, ``at its bound``) and ``reason``.
+        ``confounded``, ``not determined``, ``at its bound``) and ``reason``.
         """
         import pandas as pd
 
@@ -141,7 +151,7 @@ class Identification:
                 *j.one_step_error[:, a].tolist(),
                 SIGNALS[name].unit if name in SIGNALS else "",
             )
-            for j in self._found.judged()
+            for j in self._found.judged
             for a, name in enumerate(outputs)
         }
         columns = ["held_out", "simulation_before", "simulation_after", "one_step_before", "one_step_after", "unit"]

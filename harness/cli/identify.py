@@ -67,6 +67,8 @@ def identify(
         seed=seed,
         jobs=jobs,
     )
+    for note in found.notes:
+        Console(stderr=True).print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
     with Console(stderr=True).status("writing the report"):
         written = found.report(out, command())
     Console().print(Text(found.answer, style="bold"), soft_wrap=True)

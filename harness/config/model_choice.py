@@ -47,7 +47,7 @@ def complete(
     found = load_set(name, Path(), "parameters")
     if found.vehicle != vehicle:
         raise UserError(f"parameters: '{name}' holds values of vehicle '{found.vehicle}', not of '{vehicle}'")
-    notes = list(chosen_for)
+    notes = [*chosen_for, *([f"{found.source}: {found.warning}"] if found.warning else [])]
     effects = tuple(stated.get("effects") or ())
     if effects and found.effects and effects != found.effects:
         chosen, there = ", ".join(effects), ", ".join(found.effects)

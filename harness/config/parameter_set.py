@@ -24,7 +24,8 @@ class ParameterSet:
     """A set of values with its noise, from ``models/parameters`` or a TOML file.
 
     ``tyre``, ``effects`` and ``sensors`` come with it where it names them; ``source`` is the place errors name when one
-    of its values is wrong.
+    of its values is wrong. ``std`` holds how well values are known, where that is stated, and ``warning`` what whoever
+    takes them has to know.
     """
 
     vehicle: str = ""
@@ -36,6 +37,8 @@ class ParameterSet:
     tyre: str | None = None
     effects: tuple[str, ...] = ()
     sensors: str | None = None
+    std: dict[str, float] = field(default_factory=dict)
+    warning: str = ""
 
 
 def load_set(name: str, folder: Path, where: str) -> ParameterSet:
@@ -69,6 +72,7 @@ def published_set(name: str) -> ParameterSet:
         measurement=dict(module.MEASUREMENT_NOISE),
         noise_step=float(module.NOISE_STEP),
         source=f"models/parameters/{name}.py",
+        std=dict(getattr(module, "STD", {})),
     )
 
 
@@ -96,18 +100,21 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
         inner.stop()
         raise
     units = _parameter_units(raw.vehicle)
-    numbers: dict[str, dict[str, float]] = {"values": {}, "process_noise": {}, "measurement_noise": {}}
+    numbers: dict[str, dict[str, float]] = {"values": {}, "std": {}, "process_noise": {}, "measurement_noise": {}}
     for group, target in numbers.items():
         for item, value in getattr(raw, group).items():
             key = f"{group}.{item}"
             with inner.catch(key):
-                if group == "values" and item not in units:
+                of_parameter = group in ("values", "std")
+                if of_parameter and item not in units:
                     raise UserError(
                         f"'{raw.vehicle}' has no parameter '{item}' with any tyre or effect"
                         f"{registry.closest(item, list(units))}"
                     )
-                unit = units[item] if group == "values" else variance_unit(item)
+                unit = units[item] if of_parameter else variance_unit(item)
                 target[item] = to_si(value, unit, inner.at(key))
+                if group == "std" and not target[item] > 0:
+                    raise UserError(f"a standard deviation must be positive, got {target[item]:g} {unit}".rstrip())
     if raw.tyre is not None:
         with inner.catch("tyre"):
             TYRES.load(raw.tyre)
@@ -133,11 +140,39 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
         raw.tyre,
         tuple(raw.effects),
         raw.sensors,
+        numbers["std"],
+        raw.warning,
     )
 
 
+RELATIVE_STD = 0.1
+"""Standard deviation of a value over the value, where its set does not state how well it is known."""
+
+
+def set_std(spec: ModelSpec) -> dict[str, float]:
+    """Return the standard deviations that the parameter set of a model states, SI units, by parameter."""
+    return load_set(spec.parameters, Path(), "parameters").std
+
+
+def stated_std(spec: ModelSpec) -> dict[str, float]:
+    """Return the standard deviation with which each value of a model is known before recordings, SI units.
+
+    It is the one that its parameter set states; elsewhere a tenth of the value, and of what is zero a tenth of the
+    larger bound.
+    """
+    known, found = set_std(spec), {}
+    for p in spec.model().parameters:
+        size = abs(spec.values[p.name]) or max(abs(p.lower), abs(p.upper))
+        found[p.name] = known.get(p.name, RELATIVE_STD * size)
+    return found
+
+
 def set_text(
-    spec: ModelSpec, source: str, comments: Mapping[str, str], noise: Mapping[tuple[str, str], str] | None = None
+    spec: ModelSpec,
+    source: str,
+    comments: Mapping[str, str],
+    noise: Mapping[tuple[str, str], str] | None = None,
+    warning: str = "",
 ) -> str:
     """Return the text of a parameter file that holds a model: values, tyre, effects and noise.
 
@@ -149,6 +184,7 @@ def set_text(
         source: Where the values come from.
         comments: What stands behind a value, such as unit and standard error, by parameter; others are passed over.
         noise: What stands behind a variance, by ``process_noise`` or ``measurement_noise`` and state or output.
+        warning: What whoever takes the values has to know.
     """
     base = load_set(spec.parameters, Path(), source)
     stretch = 1.0 if spec.model().discrete else spec.step / base.noise_step
@@ -159,8 +195,10 @@ def set_text(
         **({"tyre": spec.tyre} if spec.tyre else {}),
         **({"effects": list(spec.effects)} if spec.effects else {}),
         "source": source,
+        **({"warning": warning} if warning else {}),
         "noise_step": spec.step,
         "values": spec.values,
+        **({"std": std} if (std := {n: s for n, s in base.std.items() if n in spec.values}) else {}),
         "process_noise": process,
         "measurement_noise": base.measurement | spec.measurement_noise,
     }

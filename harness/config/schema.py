@@ -275,6 +275,10 @@ class ParameterFile(Table):
     source: StrictStr = Field(default="", description="where the values come from")
     noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
     values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")
+    std: dict[str, Quantity] = Field(
+        default_factory=dict, description="standard deviation with which a value is known, by parameter"
+    )
+    warning: StrictStr = Field(default="", description="what whoever takes these values has to know")
     process_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per step by state")
     measurement_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per sample by output")
 

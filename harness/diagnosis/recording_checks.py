@@ -1,4 +1,4 @@
-"""Are recordings fit to be traced: long and lively enough, and what about them would look like a missing effect?"""
+"""Are recordings fit to be traced: long and lively enough?"""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from harness.common.errors import UserError
 from harness.identification.data import drive_from
 from harness.identification.measured_file import SHORTEST
 from harness.models.assembly.assemble import Model
-from harness.recordings.check import agreement
 
 CALM = 0.3
 """m/s^2; lateral acceleration that a road with a cross slope of 3 % has without any steering."""
@@ -51,12 +50,3 @@ def _lateral_acceleration(recording: xr.Dataset) -> float:
     both = np.abs(recording[rates[0]].to_numpy() * recording[speeds[0]].to_numpy())
     known = both[np.isfinite(both)]
     return float(np.quantile(known, 0.95)) if known.size else np.inf
-
-
-def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
-    """Return the irregularities found in reading and comparing the signals of recordings, each with the evidence."""
-    found = []
-    for recording in recordings:
-        findings = [f for fit in agreement(recording) for f in fit.findings]
-        found += [f"{recording.attrs['name']}: {w}" for w in (*recording.attrs["warnings"], *findings)]
-    return tuple(found)

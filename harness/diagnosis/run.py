@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from harness.common.failures import Failures
 from harness.config import ModelSpec
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.recording_checks import recording_warnings, refuse_recordings
+from harness.diagnosis.recording_checks import refuse_recordings
 from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
@@ -25,6 +25,7 @@ from harness.diagnosis.selection.forward_selection import ROUNDS, trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from harness.identification.data import Drive
 from harness.identification.measured_file import names_of
+from harness.recordings.warnings import recording_warnings
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from harness.identification.innovations import Innovations
 
 METHODS = Role(f"{__package__}.methods", "method", ("Settings", "identify"), "harness/identification/contract.py")
 
-Verdict = Literal["determined", "weakly determined", "not determined", "at its bound"]
+Verdict = Literal["determined", "weakly determined", "confounded", "not determined", "at its bound"]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,9 @@ from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
 from harness.config.bounds import broken_relations
+from harness.config.parameter_set import set_std
 from harness.identification.filtered_model import Candidates
+from harness.identification.signal_noise import SignalNoise
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
 
@@ -48,6 +50,8 @@ class Coordinate:
         prior: Standard deviation of a normal prior about ``centre``; infinite without one.
         scale: Where it is no logarithm, the parameter is the coordinate times this.
         drives: The only drives in which it acts, by number; empty if it acts in all.
+        known: Standard deviation that is stated of it before the recordings; infinite if none is.
+        quantisation: Of the variance of an output, the part that the resolution of its signal makes.
     """
 
     name: str
@@ -61,6 +65,8 @@ class Coordinate:
     prior: float = math.inf
     scale: float = 1.0
     drives: tuple[int, ...] = ()
+    known: float = math.inf
+    quantisation: float = 0.0
 
     def acts_in(self, drive: int) -> bool:
         """Whether it moves anything in a drive."""
@@ -118,6 +124,7 @@ class Coordinates:
         measurement: Floats,
         priors: Mapping[str, float] | None = None,
         process: bool = True,
+        signals: SignalNoise | None = None,
     ) -> Coordinates:
         """Return the coordinates of parameters and noise of a model.
 
@@ -128,6 +135,7 @@ class Coordinates:
             priors: Standard deviation of the prior about the first value by parameter: of its logarithm where the
                 parameter is positive, else in its unit.
             process: Whether the process noise moves too.
+            signals: What the signals show of their noise, below which no variance falls; not regarded by default.
 
         Raises:
             UserError: If a name is unknown or a parameter has no room to move.
@@ -136,7 +144,7 @@ class Coordinates:
         moved = (
             *_parameters(spec, free, priors or {}),
             *(process_coordinates(spec) if process else ()),
-            *measurement_coordinates(spec, variances),
+            *measurement_coordinates(spec, variances, signals),
         )
         base = replace(Candidates.of(spec), measurement=variances.reshape(-1, 1))
         return cls(spec, spec.model().parameter_names, moved, [base])
@@ -239,19 +247,28 @@ def process_coordinates(spec: ModelSpec) -> list[Coordinate]:
     ]
 
 
-def measurement_coordinates(spec: ModelSpec, variances: Floats) -> list[Coordinate]:
-    """Return a coordinate per output, about its first variance."""
+def measurement_coordinates(spec: ModelSpec, variances: Floats, signals: SignalNoise | None = None) -> list[Coordinate]:
+    """Return a coordinate per output, about its first variance.
+
+    Args:
+        spec: The model.
+        variances: First variances ``(ny,)``.
+        signals: What the signals show of their noise, below which no variance falls; not regarded by default.
+    """
     bound, found = math.log(NOISE_RANGE), []
+    nothing = np.zeros(len(variances))
+    steps, least = (nothing, nothing) if signals is None else (signals.quantisation, signals.least)
     for a, (output, variance) in enumerate(zip(spec.model().outputs, variances, strict=True)):
-        start = math.log(variance)
+        start = math.log(max(variance, least[a]))
+        lower = max(start - bound, math.log(least[a])) if least[a] > 0 else start - bound
         unit = f"({SIGNALS[output].unit})^2" if output in SIGNALS else ""
-        name = f"measurement_noise {output}"
-        found.append(Coordinate(name, "measurement", (a,), start, start - bound, start + bound, True, unit))
+        name, step = f"measurement_noise {output}", float(steps[a])
+        found.append(Coordinate(name, "measurement", (a,), start, lower, start + bound, True, unit, quantisation=step))
     return found
 
 
 def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float]) -> list[Coordinate]:
-    model = spec.model()
+    model, std = spec.model(), set_std(spec)
     names, found = model.parameter_names, []
     for name in (*free, *priors):
         if name not in names:
@@ -261,5 +278,7 @@ def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float
         p = model.parameters[row]
         if not p.lower < p.upper:
             raise UserError(f"free: '{name}' has no room between its bounds {p.lower:g} and {p.upper:g} {p.unit}")
-        found.append(parameter_coordinate(p, row, spec.values[name], priors.get(name, math.inf)))
+        c = parameter_coordinate(p, row, spec.values[name], priors.get(name, math.inf))
+        known = std[name] / c.slope(c.centre) if name in std else math.inf
+        found.append(replace(c, known=min(known, c.prior)))
     return found

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,9 @@ from harness.identification.contract import Fit, Problem, load_method, settings_
 from harness.identification.data import Drive, refuse_the_same
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import names_of
-from harness.identification.report import document
+from harness.identification.report import answer, document
 from harness.identification.result import Judged, judge, write_outcome
+from harness.recordings.warnings import recording_warnings
 from harness.reporting.document import Prose, plain, write
 
 
@@ -55,15 +58,25 @@ class Fitted:
         problem: The model before the fit, with the fitted recordings.
         fit: What was found.
         tests: The held-out recordings.
+        notes: Irregularities of the recordings, with the evidence.
     """
 
     problem: Problem
     fit: Fit
     tests: tuple[Drive, ...]
+    notes: tuple[str, ...] = ()
 
+    @cached_property
     def judged(self) -> list[Judged]:
-        """Return every recording against the model before and after the fit, the fitted ones first."""
+        """Every recording against the model before and after the fit, the fitted ones first."""
         return judge(self.problem, self.fit, self.tests)
+
+    @property
+    def answer(self) -> str:
+        """The result in sentences; of a comparison that cannot be made it says nothing, the report does."""
+        with contextlib.suppress(ArithmeticError, ValueError):
+            return answer(self.fit, self.judged)
+        return answer(self.fit)
 
 
 def fit_recordings(task: Task, say: Callable[[str], None] = lambda _: None) -> Fitted:
@@ -86,7 +99,7 @@ def fit_recordings(task: Task, say: Callable[[str], None] = lambda _: None) -> F
     drives = [innovations.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
     problem = Problem(innovations, tuple(drives[: len(task.train)]), task.free, task.seed)
     fit = method.identify(problem, settings, lambda text: say(f"{task.method}: {text}"))
-    return Fitted(problem, fit, tuple(drives[len(task.train) :]))
+    return Fitted(problem, fit, tuple(drives[len(task.train) :]), recording_warnings(recordings))
 
 
 def _check_free(spec: ModelSpec, names: Sequence[str]) -> None:
@@ -111,10 +124,14 @@ def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
         UserError: If the folder cannot be written to.
     """
     failures = Failures(folder)
-    judged = failures.attempt("the comparison with the recordings", found.judged, lambda _: [])
+    judged = failures.attempt("the comparison with the recordings", lambda: found.judged, lambda _: [])
     not_made = [Prose(plain(sentence)) for sentence in failures.sentences]
     names = ", ".join(drive.name for drive in found.problem.drives)
     return [
         *write_outcome(folder, found.fit, judged, f"harness identify, method {found.fit.method}, on {names}"),
-        *write(document(found.fit, judged, command, evidence=not_made or None), folder, failures=failures),
+        *write(
+            document(found.fit, judged, command, evidence=not_made or None, notes=found.notes),
+            folder,
+            failures=failures,
+        ),
     ]

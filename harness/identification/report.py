@@ -11,7 +11,7 @@ import numpy as np
 from harness.identification import figures
 from harness.identification.contract import Estimate, Fit
 from harness.identification.measured_file import SpanTable
-from harness.identification.result import Judged
+from harness.identification.result import Judged, failure
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
@@ -33,7 +33,12 @@ _WHITE = 0.01
 
 
 def document(
-    fit: Fit, judged: list[Judged], command: str, title: str = "", evidence: Iterable[Block] | None = None
+    fit: Fit,
+    judged: list[Judged],
+    command: str,
+    title: str = "",
+    evidence: Iterable[Block] | None = None,
+    notes: Sequence[str] = (),
 ) -> Document:
     """Return the report.
 
@@ -43,9 +48,10 @@ def document(
         command: How it was made, for the last section.
         title: The question; what the recordings say about the vehicle by default.
         evidence: What stands below the answer; the error in each recording by default.
+        notes: What is odd about the recordings.
     """
     sections = [
-        Section(lambda: _answer(fit), "What was found?"),
+        Section(lambda: _answer(fit, judged, notes), "What was found?"),
         *(_gains(fit, judged) if evidence is None else evidence),
         Section(lambda: _parameters(fit), "Which values?"),
         Section(lambda: _over_time(fit, judged), "Does the simulation follow the drives?"),
@@ -57,8 +63,13 @@ def document(
     return Document(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
 
 
-def answer(fit: Fit) -> str:
-    """Return the result in a sentence."""
+def answer(fit: Fit, judged: Sequence[Judged] = ()) -> str:
+    """Return the result in a sentence, or two if the fit failed on the drives by which it is ``judged``."""
+    return f"{failure(judged)} {_counted(fit)}".strip()
+
+
+def _counted(fit: Fit) -> str:
+    """Return how many parameters the recordings determine."""
     parameters = [e for e in fit.estimates if e.name in fit.spec.values]
     judged = [e for e in parameters if e.verdict is not None]
     if not judged:
@@ -68,6 +79,7 @@ def answer(fit: Fit) -> str:
         for verdict, text in (
             ("determined", "determined"),
             ("weakly determined", "only weakly"),
+            ("confounded", "only in combination with others"),
             ("not determined", "not at all"),
             ("at its bound", "at a bound"),
         )
@@ -76,10 +88,18 @@ def answer(fit: Fit) -> str:
     return f"Of {len(judged)} parameters the recordings leave {said}."
 
 
-def _answer(fit: Fit) -> list[Block]:
-    found: list[Block] = [Heading("What was found?"), Prose(strong(answer(fit)))]
+def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Block]:
+    found: list[Block] = [Heading("What was found?"), Prose(strong(answer(fit, judged)))]
     if not fit.converged:
         found.append(Prose(plain("The search did not converge; take the values with care.")))
+    bounded = [f"{words(e.name)}: {e.reason}" for e in fit.estimates if e.verdict == "at its bound"]
+    if bounded:
+        found += [Prose(plain("The fit ends at bounds:")), Bullets([plain(b) for b in bounded])]
+    if notes:
+        found += [
+            Prose(plain("These irregularities of the recordings may have moved the values:")),
+            Bullets([plain(note) for note in notes]),
+        ]
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,9 +76,66 @@ def judge(problem: Problem, fit: Fit, held_out: tuple[Drive, ...] = ()) -> list[
     return found
 
 
-def parameter_file(fit: Fit, source: str) -> str:
+BLOCK = 5.0
+"""s; errors of a simulation further apart hardly depend on each other."""
+
+FEWEST = 12
+"""Blocks of a drive, shorter ones where it lasts less than that many: resampling fewer says little."""
+
+WORSE = 0.05
+"""Share by which the mean square of the simulation error must grow for a fit to have failed."""
+
+SURE = 0.975
+"""Share of the draws of a block bootstrap in which it must grow."""
+
+_DRAWS = 1000
+
+
+def failure(judged: Sequence[Judged]) -> str:
+    """Return in a sentence why a fit failed; empty if it did not.
+
+    It failed if the simulation error of the drives that were kept aside is larger with it than before, or leaves the
+    range in which the equations hold where it did not before. Where none was kept aside the fitted drives count.
+    """
+    kept = [j for j in judged if j.held_out]
+    which, drives = ("kept aside", kept) if kept else ("fitted", list(judged))
+    if not drives:
+        return ""
+    lost = [
+        j.drive.name for j in drives if np.isnan(j.after.simulated).any() and not np.isnan(j.before.simulated).any()
+    ]
+    if lost:
+        return (
+            f"The fit failed: with it the simulation leaves the range in which the equations hold on {', '.join(lost)}."
+        )
+    errors = [[j.drive.measurements - s for s in j.free] for j in drives]
+    power = np.nanmean(np.concatenate([before for before, _ in errors]) ** 2, axis=0)
+    growth = np.concatenate([_growth(j.drive, e, power) for j, e in zip(drives, errors, strict=True)])
+    growth = growth[np.isfinite(growth)]
+    if not growth.size or growth.mean() < WORSE:
+        return ""
+    drawn = np.random.default_rng(0).integers(len(growth), size=(_DRAWS, len(growth)))
+    if np.mean(growth[drawn].mean(axis=1) > 0) < SURE:
+        return ""
+    factor = math.sqrt(1.0 + float(growth.mean()))
+    return (
+        f"The fit failed: with it the simulation error of the drives that were {which} is {factor:.3g} times what it "
+        "was before. Do not use its values."
+    )
+
+
+def _growth(drive: Drive, errors: Sequence[Floats], power: Floats) -> Floats:
+    """Return by how much the squared simulation error grows in blocks of a drive, over its mean, of all outputs."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        grown = (errors[1] ** 2 - errors[0] ** 2) / power
+    count = max(FEWEST, int(drive.time[-1] / BLOCK))
+    parts = [p[np.isfinite(p)] for p in np.array_split(grown, count)]
+    return np.array([p.mean() if p.size else np.nan for p in parts])
+
+
+def parameter_file(fit: Fit, source: str, warning: str = "") -> str:
     """Return the text of a parameter set with what was found, which studies load by its path."""
-    return set_text(fit.spec, source, {e.name: _comment(e) for e in fit.estimates})
+    return set_text(fit.spec, source, {e.name: _comment(e) for e in fit.estimates}, warning=warning)
 
 
 def _comment(estimate: Estimate) -> str:
@@ -93,6 +151,7 @@ def record(fit: Fit, judged: list[Judged]) -> dict[str, Any]:
         "method": fit.method,
         "model": fit.spec.model().name,
         "converged": fit.converged,
+        "failed": failure(judged) or None,
         "objective": {"name": fit.objective, "before": _number(fit.before), "after": _number(fit.after)},
         "estimates": [
             {
@@ -148,7 +207,7 @@ def write_outcome(folder: Path, fit: Fit, judged: list[Judged], source: str) -> 
         UserError: If the folder cannot be written to.
     """
     contents = {
-        "parameters.toml": parameter_file(fit, source),
+        "parameters.toml": parameter_file(fit, source, failure(judged)),
         "identify.json": json.dumps(record(fit, judged), indent=2) + "\n",
     }
     return write_files(folder, contents)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, Mask
 from harness.identification.contract import Estimate, Profile, Verdict
 from harness.identification.coordinates import Coordinate, Coordinates, Kind
 from harness.identification.fisher_scoring import Objective, maximise
@@ -30,6 +30,14 @@ In logarithms: a fifth and a factor of three. Parameters that may be negative ar
 
 CONFOUNDED = 0.9
 """Correlation from which two parameters count as confounded: knowing one would more than halve the other's error."""
+
+ENTANGLED = 0.99
+"""Multiple correlation with all others from which a parameter is not determined, however narrow its interval: all but
+one fiftieth of what the recordings say of it goes into combinations, and the least error of the model moves it along
+them."""
+
+_LEARNT_BY = 0.1
+"""Share that a parameter has in a direction, in units of what is known beforehand, from which it depends on it."""
 
 _SINGULAR = 1e-11
 _FARTHEST = 5
@@ -96,11 +104,16 @@ class Knowledge:
         error: Standard error of each coordinate ``(n,)``, infinite if nothing is known of it.
         correlation: ``(n, n)``; zero for what nothing is known of.
         side: -1 at the lower bound, 1 at the upper, else 0 ``(n,)``.
+        multiple: Multiple correlation of each coordinate with all others, by the recordings alone ``(n,)``.
+        unlearnt: Whether it moves along a direction of which less is known by the recordings alone than was stated
+            before them ``(n,)``.
     """
 
     error: Floats
     correlation: Floats
     side: NDArray[np.int64]
+    multiple: Floats
+    unlearnt: Mask
 
 
 def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> Knowledge:
@@ -115,14 +128,33 @@ def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> K
     silent = np.sqrt(np.diagonal(information)) * reach < 2.0 * NORMAL  # all else known, it would be the whole range
     side[silent] = 0
     known = (side == 0) & ~silent
-    n = len(space)
+    n, multiple = len(space), np.zeros(len(space))
     error, correlation = np.full(n, np.inf), np.eye(n)
     error[side != 0] = np.nan
     if known.any():
         covariance = covariance_of(information[np.ix_(known, known)])
         error[known] = covariance.errors
         correlation[np.ix_(known, known)] = covariance.correlation
-    return Knowledge(error, correlation, side)
+        alone = covariance_of((information - np.diag(space.weight))[np.ix_(known, known)])
+        multiple[known] = np.sqrt(1.0 - 1.0 / np.maximum(np.diagonal(alone.unit), 1.0))
+    return Knowledge(error, correlation, side, multiple, _unlearnt(space, information, known))
+
+
+def _unlearnt(space: Coordinates, information: Floats, known: Mask) -> Mask:
+    """Return which coordinates move along a direction that the recordings tell less of than was stated before."""
+    found, before = np.zeros(len(space), dtype=bool), np.array([c.known for c in space.coordinates])
+    rows = np.flatnonzero(known & np.isfinite(before))
+    if not rows.size:
+        return found
+    others = np.flatnonzero(known & ~np.isfinite(before))
+    alone = information - np.diag(space.weight)
+    told = alone[np.ix_(rows, rows)]
+    if others.size:  # all else free
+        across = alone[np.ix_(rows, others)]
+        told = told - across @ np.linalg.pinv(alone[np.ix_(others, others)], rcond=_SINGULAR, hermitian=True) @ across.T
+    values, vectors = np.linalg.eigh(told * np.outer(before[rows], before[rows]))
+    found[rows] = (vectors[:, values < 1.0] ** 2).sum(axis=1) > _LEARNT_BY
+    return found
 
 
 @dataclass(frozen=True)
@@ -275,9 +307,15 @@ def _judge(
     if knowledge.side[i]:
         which, bound = ("lower", c.lower) if knowledge.side[i] < 0 else ("upper", c.upper)
         more = "the noise is practically zero" if c.kind != "parameter" else "the true value may lie beyond it"
+        if c.kind == "measurement" and knowledge.side[i] < 0:
+            more = "the filter follows the signal to the least noise that it shows; process noise explains the rest"
         return "at its bound", f"at its {which} bound {c.value(bound):.4g}; {more}"
     measured = zip(space.coordinates, knowledge.side, strict=True)
-    silent = [m.name.split()[-1] for m, side in measured if m.kind == "measurement" and side < 0]
+    silent = [
+        m.name.split()[-1]
+        for m, side in measured
+        if m.kind == "measurement" and side < 0 and not math.isclose(m.value(m.lower), m.quantisation)
+    ]
     if silent and c.kind == "parameter":
         return "not determined", f"errors are measured by noise, and the recordings show none of {', '.join(silent)}"
     half = max(upper - z, z - lower)
@@ -288,6 +326,11 @@ def _judge(
     if math.isinf(knowledge.error[i]) or not half < BARELY:
         reason = "these drives do not determine it" if not partners else "these drives do not determine it alone"
         return "not determined", reason + within
+    if c.kind == "parameter" and knowledge.unlearnt[i]:
+        return "not determined", "these drives tell less of it than was stated of it before" + within
+    if c.kind == "parameter" and knowledge.multiple[i] >= ENTANGLED:
+        reason = "these drives determine a combination of it with others, not it alone"
+        return "confounded", f"{reason}; multiple correlation {knowledge.multiple[i]:.4f}{within}"
     if half < WELL:
         return "determined", _width(c, z, lower, upper) + within
     return "weakly determined", _width(c, z, lower, upper) + within

@@ -31,8 +31,8 @@ from harness.identification.coordinates import (
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
 from harness.identification.fisher_scoring import Maximum, maximise
-from harness.identification.methods.likelihood import white_noise
 from harness.identification.objective import LogPosterior
+from harness.identification.signal_noise import white_noise
 from harness.identification.uncertainty import NORMAL, Summit, estimates_of, limits_of_knowledge
 from harness.models.quantities import words
 from harness.models.signals import SIGNALS

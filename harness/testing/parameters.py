@@ -40,6 +40,10 @@ def check_parameter_set(parameters: str | ModuleType) -> None:
             require(
                 p.lower <= value <= p.upper, f"{name}: {parameter} = {value:g} is outside {p.lower:g} to {p.upper:g}"
             )
+        std = getattr(file, "STD", {})
+        strange = sorted(set(std) - set(file.VALUES))
+        require(not strange, f"{name}: STD of what has no value: {', '.join(strange)}")
+        require(all(s > 0 for s in std.values()), f"{name}: a standard deviation that is not positive")
         problems = vehicle.check(file.VALUES) if hasattr(vehicle, "check") else []
         require(not problems, f"{name}: {'; '.join(map(str, problems))}")
         _check_noise(name, file, vehicle)

@@ -2,12 +2,15 @@
 
 import json
 
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.common.errors import ModelError
 from harness.config import resolve_single
+from harness.config.model_choice import complete
+from harness.config.parameter_set import set_from_file
 from harness.identification.contract import METHODS, load_method, settings_of
 from harness.recordings.write import write_recording
 from support.identification import CAR, model_of, recorded
@@ -68,6 +71,24 @@ def test_a_fit_is_kept_where_the_comparison_with_the_recordings_fails(folder, tm
     assert (tmp_path / "parameters.toml").exists()
     assert "the comparison with the recordings could not be made" in (tmp_path / "report.html").read_text()
     assert "no sample is left" in (tmp_path / "errors.txt").read_text()
+
+
+def test_a_fit_that_makes_the_simulation_worse_says_so_first_and_in_its_file(folder, tmp_path):
+    """The drive that is fitted has its steering in another unit and a spike; the one kept aside has not."""
+    odd = pd.read_csv(folder / "first.csv")
+    odd["steering_wheel_angle"] *= 1.5
+    odd.loc[300, "heading"] += 1.0
+    odd.to_csv(tmp_path / "odd.csv", index=False)
+    done = run("--data", tmp_path / "odd.csv", "--test", folder / "second.csv", "--free", "steering_ratio",
+               "--setting", "annealings=0", "--setting", "profiles=false", "--out", tmp_path)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("The fit failed: with it the simulation error of the drives that were kept aside is")
+    assert "warning: odd: " in done.stderr  # what check and trace say of the recording
+    assert json.loads((tmp_path / "identify.json").read_text())["failed"].startswith("The fit failed")
+    assert set_from_file("parameters.toml", tmp_path, "test").warning.startswith("The fit failed")
+    assert "The fit failed" in (tmp_path / "report.html").read_text()
+    spec = {"vehicle": "car_reference_point", "parameters": str(tmp_path / "parameters.toml")}
+    assert any("The fit failed" in note for note in complete(spec)[1])
 
 
 @pytest.mark.parametrize(

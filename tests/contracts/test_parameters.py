@@ -32,6 +32,8 @@ def test_our_sets_are_named_author_year_and_variants_by_a_word_more(name):
         ({"PROCESS_NOISE": ("yaw_rate", -1.0)}, "a negative process noise"),
         ({"MEASUREMENT_NOISE": {}}, "every sensor that fits needs a measurement noise"),
         ({"MEASUREMENT_NOISE": ("heading_increment", 1.0)}, "does not publish: heading_increment"),
+        ({"STD": {"colour": 1.0}}, "STD of what has no value: colour"),
+        ({"STD": {"mass": 0.0}}, "a standard deviation that is not positive"),
         ({"NOISE_STEP": 10.0}, "NOISE_STEP is in s"),
     ],
 )

@@ -61,12 +61,16 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
     plain = SimpleNamespace(coordinates=())
     last = SimpleNamespace(added=None, candidates=())
     named = SimpleNamespace(
-        effects=("crosswind",), rounds=(last,), after=SimpleNamespace(normalised_excess_mse=0.01), final=plain
+        effects=("crosswind",),
+        rounds=(last,),
+        after=SimpleNamespace(normalised_excess_mse=0.01),
+        final=plain,
+        cut_short="",
     )
     nothing = SimpleNamespace(unmodelled=None, random_process=None)
     assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
     without = SimpleNamespace(
-        effects=(), rounds=(last,), after=SimpleNamespace(normalised_excess_mse=0.01), final=plain
+        effects=(), rounds=(last,), after=SimpleNamespace(normalised_excess_mse=0.01), final=plain, cut_short=""
     )
     assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
 
@@ -255,7 +259,7 @@ def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
             SimpleNamespace(normalised_excess_mse=normalised_excess_mse) for normalised_excess_mse in (before, after)
         ]
         return SimpleNamespace(
-            effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1], final=plain
+            effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1], final=plain, cut_short=""
         )
 
     assert verdict_of(named(177.0, 0.06), found, False) == "amended"

@@ -16,7 +16,6 @@ from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.fitting.noise_search import climb
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
-from harness.diagnosis.recording_checks import recording_warnings
 from harness.diagnosis.result.verdict import verdict_of
 from harness.diagnosis.selection.acceptance import Candidate, objections
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -25,6 +24,7 @@ from harness.diagnosis.selection.validation import Judgement
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.recordings import load_recording
+from harness.recordings.warnings import recording_warnings
 from harness.recordings.write import write_recording
 from harness.study.results import read
 from support.driven_car import CAR, FREE, SIGNALS, driven
@@ -152,7 +152,7 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(augmen
 
     def verdict(**factors):
         after, last = SimpleNamespace(normalised_excess_mse=0.01), SimpleNamespace(added=None, candidates=())
-        trace = SimpleNamespace(effects=(), rounds=(last,), after=after, final=fit(many, **factors))
+        trace = SimpleNamespace(effects=(), rounds=(last,), after=after, final=fit(many, **factors), cut_short="")
         return verdict_of(trace, SimpleNamespace(unmodelled=None, random_process=None), coloured=False)
 
     assert [verdict(mass=1.1), verdict(**wrong)] == ["adequate", "unresolved"]

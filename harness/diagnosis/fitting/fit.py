@@ -25,6 +25,7 @@ from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates, FilterRun
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
+from harness.identification.signal_noise import signal_noise
 from harness.identification.uncertainty import covariance_of
 
 ENOUGH = 0.3
@@ -93,7 +94,7 @@ class Fitting:
         spec = model.spec
         process = process_coordinates(spec)
         self._groups = len(process)
-        self._noise = (*process, *measurement_coordinates(spec, variances))
+        self._noise = (*process, *measurement_coordinates(spec, variances, signal_noise(drives)))
         stated = Candidates.of(spec)
         self._first = replace(stated, values=model.stated()[:, None])
         self._first_measurement = np.log(variances)

@@ -23,7 +23,7 @@ from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import Drive
-from harness.identification.methods.likelihood import white_noise
+from harness.identification.signal_noise import white_noise
 
 ROUNDS = 5
 """Largest number of additions."""

@@ -10,7 +10,7 @@ forces the process noise down and refits, for as long as that gains.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -21,9 +21,9 @@ from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
 from harness.identification.coordinates import Coordinates
-from harness.identification.data import Drive
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
+from harness.identification.signal_noise import signal_noise, white_noise
 from harness.identification.uncertainty import Summit, estimates_of, limits_of_knowledge
 
 _ROUGH = 5
@@ -86,7 +86,12 @@ class Search:
     def __init__(self, problem: Problem, settings: Settings) -> None:
         self.problem, self.iterations = problem, settings.iterations
         self.coordinates = Coordinates.of(
-            problem.spec, problem.free, first_noise(problem), settings.priors, settings.process_noise
+            problem.spec,
+            problem.free,
+            first_noise(problem),
+            settings.priors,
+            settings.process_noise,
+            signal_noise(problem.drives),
         )
         self.objective = LogPosterior(problem.innovations, problem.drives, self.coordinates)
 
@@ -188,19 +193,10 @@ class Search:
 
 
 def first_noise(problem: Problem) -> Floats:
-    """Return first measurement variances ``(ny,)``: from fourth differences, which leave of a smooth signal only noise.
+    """Return first measurement variances ``(ny,)``, from fourth differences.
 
-    White noise of variance ``r`` gives fourth differences of variance ``70 r``. Where a signal is too coarsely
-    resolved to show its noise, the variance of the model at hand stays.
+    Where a signal is too coarsely resolved to show its noise, the variance of the model at hand stays.
     """
     given = np.array([problem.spec.measurement_noise[n] for n in problem.spec.model().outputs])
     found = np.array([white_noise(problem.drives, a) for a in range(len(given))])
     return np.where(found > 1e-12 * given, found, given)
-
-
-def white_noise(drives: Sequence[Drive], output: int) -> float:
-    """Return the variance of the white noise on an output, from its fourth differences; 0 if there are none."""
-    rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
-    rest = rest[np.isfinite(rest)]
-    # The median is robust against spikes; 0.6745 is the median magnitude of a standard normal number.
-    return float(np.median(np.abs(rest)) / 0.6745) ** 2 / 70.0 if rest.size else 0.0
