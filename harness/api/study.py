@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
@@ -228,6 +228,8 @@ class Study:
         *,
         scheduler: str | None = None,
         dask: Literal["local"] | None = None,
+        agree: Callable[[str], None] | None = None,
+        restart: bool = False,
     ) -> Results:
         """Run the study and return its results.
 
@@ -239,9 +241,13 @@ class Study:
             jobs: Worker threads, or processes with ``dask``; all cores by default.
             scheduler: Address of a Dask scheduler whose workers run it (docs/cluster.md).
             dask: ``"local"`` runs it on Dask worker processes of this machine.
+            agree: Called before anything is computed that takes above an hour or 10 GB, with what it takes in words; an
+                error that it raises keeps the run from beginning. Nobody is asked by default.
+            restart: Throw away the result that is in the folder.
 
         Raises:
-            UserError: If the folder holds another study's result, or a worker of the cluster does not fit.
+            UserError: If the folder holds another study's result or is being written by another process, a worker of
+                the cluster does not fit, or the disk is full.
 
         Example:
             >>> import tempfile, harness as h
@@ -268,7 +274,7 @@ class Study:
 
                 client = stack.enter_context(connected(scheduler, jobs))
             folder = Path("results") / self.name if out is None else Path(out)
-            run_study(self._record, folder, jobs, client=client)
+            run_study(self._record, folder, jobs, client=client, agree=agree, restart=restart)
         return open_results(folder)
 
     def _facts(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from harness.cli.identify import identify
 from harness.cli.loop import loop
 from harness.cli.new import new
 from harness.cli.observability import observability
-from harness.cli.options import HERE, RESULTS, study_path
+from harness.cli.options import HERE, RESULTS, agree_to, study_path
 from harness.cli.realtime import realtime
 from harness.cli.simulate import simulate
 from harness.cli.trace import trace
@@ -110,9 +110,16 @@ def run(
         bool,
         typer.Option("--quick", help="A first look: fewer drives, repeats and Sobol points, in results/<name>-quick."),
     ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Begin without asking what takes above an hour or 10 GB.")
+    ] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Throw away the result that is in the folder, and say what it was.")
+    ] = False,
 ) -> None:
     """Run a study and write its report.
 
+    Says first how many runs there are, how long they take and how much disk.
     An interrupted run continues where it stopped.
     The scores are identical to the bit for any number of workers.
     """
@@ -122,7 +129,8 @@ def run(
 
     path = study_path(study)
     loaded = read_study(path.resolve() if scheduler is not None else path, quick)  # workers start in other folders
-    _write_report(loaded.run(out, jobs, scheduler=scheduler, dask=dask), Console(), answer=True)
+    results = loaded.run(out, jobs, scheduler=scheduler, dask=dask, agree=None if yes else agree_to, restart=restart)
+    _write_report(results, Console(), answer=True)
 
 
 @app.command()

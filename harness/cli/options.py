@@ -74,6 +74,18 @@ def study_path(study: str) -> Path:
     return path if path.is_file() or path.suffix == ".toml" else locations.find(locations.STUDIES, study, HERE)
 
 
+def agree_to(cost: str) -> None:
+    """Ask on the terminal whether to begin what costs this.
+
+    Raises:
+        UserError: If nobody agrees, or there is no terminal.
+    """
+    if not sys.stdin.isatty():
+        raise UserError(f"{cost}; nothing is begun: begin it with --yes, or state less (repeats, samples, drives)")
+    if not typer.confirm("Begin?", err=True):
+        raise UserError("nothing is begun")
+
+
 def pairs(given: list[str] | None, option: str) -> dict[str, Any]:
     """Read ``NAME=VALUE`` pairs; a value that is a number becomes one, text keeps its unit.
 

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import zarr
-from numpy.typing import NDArray
 
 from harness.study.scores import STATUS
 
@@ -26,7 +25,7 @@ GROUP = "checksums"
 HISTORY = "history"
 
 Place = tuple[str, int, int, int]
-"""A unit in the store: name of the design, band, number of its chunk along the samples, drive."""
+"""A unit in the store: name of the design, band, number of its chunk along samples and repeats, drive."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +78,20 @@ def changed_files(root: Path, hashes: Mapping[str, str]) -> list[Fault]:
     return [Fault(name, not (root / name).is_file()) for name in wrong]
 
 
-def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: tuple[int, int, int]) -> None:
+def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: tuple[int, int, int, int]) -> None:
     """Add the checksums of a design to a store that holds no scores yet.
 
     Args:
         root: The store.
         design: Name of the design, whose group is there.
         dims: Dimensions of each of its arrays of scores.
-        units: How many there are: bands, chunks along the samples, drives.
+        units: How many there are: bands, chunks along the samples, chunks along the repeats, drives.
     """
+    bands, samples, repeats, drives = units
     sums, own = zarr.open_group(str(root), mode="r+").require_group(GROUP), root / design / "zarr.json"
     sums.create_array(
         design,
-        shape=(*units, len(dims)),
+        shape=(bands, samples * repeats, drives, len(dims)),
         chunks=(1, 1, 1, len(dims)),
         dtype="uint64",
         fill_value=0,
@@ -100,16 +100,31 @@ def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: t
         dimension_names=[f"{design}_{each}" for each in ("band", "chunk", "drive", "array")],
         attributes={
             "arrays": {name: list(d) for name, d in dims.items()},
+            "repeat_chunks": repeats,
             "files": {_name(root, own): _hex(own), **of_files(root, design)},
         },
     )
 
 
-def chunk_files(dims: Mapping[str, Sequence[str]], unit: Place) -> dict[str, str]:
-    """Return the file of a unit's chunk of each array, within the store."""
+def chunk_files(about: Mapping[str, Any], unit: Place) -> dict[str, str]:
+    """Return the file of a unit's chunk of each array, within the store; ``about`` are the attributes of the design."""
     design, band, chunk, drive = unit
-    at = {"band": band, "sample": chunk, "drive": drive}
-    return {name: "/".join([design, name, "c", *(str(at.get(d, 0)) for d in each)]) for name, each in dims.items()}
+    sample, repeat = divmod(chunk, int(about.get("repeat_chunks", 1)))  # earlier stores did not cut repeats
+    at = {"band": band, "sample": sample, "drive": drive, "repeat": repeat}
+    return {
+        name: "/".join([design, name, "c", *(str(at.get(d, 0)) for d in dims)])
+        for name, dims in about["arrays"].items()
+    }
+
+
+def row_file(unit: Place) -> str:
+    """Return the file of a unit's checksums, within the store."""
+    return "/".join([GROUP, unit[0], "c", *map(str, unit[1:]), "0"])
+
+
+def is_finished(root: Path, unit: Place) -> bool:
+    """Return whether the checksums of a unit, which are written last, are there."""
+    return (root / row_file(unit)).is_file()
 
 
 def write(root: Path, sums: Any, unit: Place, written: Sequence[str]) -> None:
@@ -121,7 +136,7 @@ def write(root: Path, sums: Any, unit: Place, written: Sequence[str]) -> None:
         unit: The unit.
         written: Names of the arrays that it has scores in; other units may share the chunks of the rest.
     """
-    files = chunk_files(sums.attrs["arrays"], unit)
+    files = chunk_files(sums.attrs, unit)
     row = [digest(root / file) if name in written else 0 for name, file in files.items()]
     sums[unit[1:]] = np.array(row, dtype=np.uint64)
 
@@ -134,6 +149,8 @@ def is_verifiable(attributes: Mapping[str, Any]) -> bool:
 def faults(root: Path) -> list[Fault]:
     """Return the files of a store of scores that are not as they were written; units that are to come have none.
 
+    A unit without status is to come, unless it has checksums, which are written after the status.
+
     Args:
         root: The store. One without checksums is not looked at.
 
@@ -145,23 +162,25 @@ def faults(root: Path) -> list[Fault]:
         return []
     found: list[Fault] = []
     complete = True
-    for design in _names(attributes["designs"]):
+    for design in names(attributes["designs"]):
         sums = _opened(root, f"{GROUP}/{design}")
         if sums is None:
             found.append(Fault(f"{GROUP}/{design}", not (root / GROUP / design / "zarr.json").is_file()))
             continue
-        found += changed_files(root, sums.attrs["files"])
+        about = dict(sums.attrs)
+        found += changed_files(root, about["files"])
         for unit in np.ndindex(*sums.shape[:3]):
             place = (design, *unit)
-            files = chunk_files(sums.attrs["arrays"], place)
-            if (root / files[STATUS]).is_file():
-                found += _of_unit(root, sums, place, files)
+            files = chunk_files(about, place)
+            if (root / files[STATUS]).is_file() or is_finished(root, place):
+                found += _of_unit(root, place, files)
             else:
                 complete = False
     return found + _of_histories(root, int(attributes[GROUP]["histories"]), complete)
 
 
-def _names(designs: Any) -> list[str]:
+def names(designs: Any) -> list[str]:
+    """Return the names of the designs as the root of a store has them."""
     return [str(name) for name in (json.loads(designs) if isinstance(designs, str) else designs)]
 
 
@@ -173,16 +192,17 @@ def _opened(root: Path, path: str) -> Any:
         return None
 
 
-def _of_unit(root: Path, sums: Any, unit: Place, files: Mapping[str, str]) -> Iterator[Fault]:
+def _of_unit(root: Path, unit: Place, files: Mapping[str, str]) -> Iterator[Fault]:
     """Return what is wrong with the files of a finished unit."""
-    own = "/".join([GROUP, unit[0], "c", *map(str, unit[1:]), "0"])
+    own = root / row_file(unit)
     try:
-        row: NDArray[np.uint64] = np.asarray(sums[unit[1:]])
-    except (ValueError, OSError):
-        row = np.zeros(len(files), dtype=np.uint64)
+        content = own.read_bytes()  # not compressed; a store of a million runs has too many to ask Zarr for each
+    except OSError:
+        content = b""
+    row = np.frombuffer(content, dtype="<u8") if len(content) == 8 * len(files) else np.zeros(len(files), np.uint64)
     wanted = {name: int(value) for name, value in zip(files, row, strict=True)}
     if not wanted[STATUS]:
-        yield Fault(own, not (root / own).is_file(), unit)
+        yield Fault(row_file(unit), not own.is_file(), unit)
         return
     for name, file in files.items():
         if wanted[name] and digest(root / file) != wanted[name]:

@@ -29,6 +29,13 @@ from harness.config import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Stud
 from harness.config.bounds import settled
 
 RUNS_PER_UNIT = 64
+"""Most runs of a unit of a design that is not large."""
+
+LARGEST_UNIT = 1024
+"""Most runs of a unit of a large design, so that a million runs are not a million files."""
+
+MANY_UNITS = 4096
+"""Units of a design above which units grow."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +72,14 @@ class RunParameters:
     process_noise: NDArray[np.float64]
     measurement_noise: NDArray[np.float64]
 
+    def of(self, runs: slice) -> RunParameters:
+        """Return those of some of the runs."""
+        return RunParameters(self.values[runs], self.process_noise[runs], self.measurement_noise[runs])
+
 
 @dataclass(frozen=True, order=True)
 class Unit:
-    """A piece of work: one band of one design on one drive, some of its samples, all their repeats.
+    """A piece of work: one band of one design on one drive, some of its samples, all or some of their repeats.
 
     Attributes:
         design: Index of the design in the study.
@@ -76,6 +87,8 @@ class Unit:
         drive: Index of the drive in the study.
         first: First sample.
         stop: One past the last sample.
+        first_repeat: First repeat.
+        stop_repeat: One past the last repeat; ``None`` for all that are left.
     """
 
     design: int
@@ -83,15 +96,23 @@ class Unit:
     drive: int
     first: int
     stop: int
+    first_repeat: int = 0
+    stop_repeat: int | None = None
 
     @property
     def samples(self) -> slice:
         """The samples as a slice."""
         return slice(self.first, self.stop)
 
+    @property
+    def repeats(self) -> slice:
+        """The repeats as a slice."""
+        return slice(self.first_repeat, self.stop_repeat)
+
     def runs(self, study: Study) -> int:
         """Return the number of runs, samples times repeats."""
-        return (self.stop - self.first) * study.designs[self.design].repeats
+        repeats = range(study.designs[self.design].repeats)[self.repeats]
+        return (self.stop - self.first) * len(repeats)
 
 
 def unit_box(samples: int, dimensions: int) -> NDArray[np.float64]:
@@ -235,20 +256,42 @@ def units(study: Study, design: DesignSpec) -> list[Unit]:
         study: The study.
         design: One of its designs.
     """
-    index, size = study.designs.index(design), samples_per_unit(design)
+    index = study.designs.index(design)
+    samples, repeats = unit_shape(study, design)
     return [
-        Unit(index, band, drive, first, min(first + size, design.samples))
+        Unit(index, band, drive, first, min(first + samples, design.samples), each, min(each + repeats, design.repeats))
         for band in range(design.bands)
         for drive in range(len(study.drives))
-        for first in range(0, design.samples, size)
+        for first in range(0, design.samples, samples)
+        for each in range(0, design.repeats, repeats)
     ]
 
 
-def samples_per_unit(design: DesignSpec) -> int:
-    """Return how many samples a unit has; the last one along a band may have fewer.
+def unit_shape(study: Study, design: DesignSpec) -> tuple[int, int]:
+    """Return how many samples and repeats a unit has; the last one along either may have fewer.
 
-    A unit has at most ``RUNS_PER_UNIT`` runs. The repeats of a sample stay together, so it has more where a sample
-    alone has. Pieces are as few as that allows, and then as even as equal chunks of the store allow.
+    A unit has at most ``RUNS_PER_UNIT`` runs, in a design that would have more than ``MANY_UNITS`` units up to
+    ``LARGEST_UNIT``. The repeats of a sample stay together unless they alone are more than that. Pieces are as few as
+    that allows, and then as even as equal chunks of the store allow.
     """
-    largest = max(RUNS_PER_UNIT // design.repeats, 1)
-    return -(-design.samples // -(-design.samples // largest))
+    runs, most = planned_runs(study, design), RUNS_PER_UNIT
+    while most < LARGEST_UNIT and runs > MANY_UNITS * most:
+        most *= 2
+    repeats = _even(design.repeats, most)
+    return _even(design.samples, max(most // design.repeats, 1)), repeats
+
+
+def unit_counts(study: Study, design: DesignSpec) -> tuple[int, int]:
+    """Return into how many pieces samples and repeats are cut."""
+    samples, repeats = unit_shape(study, design)
+    return -(-design.samples // samples), -(-design.repeats // repeats)
+
+
+def planned_runs(study: Study, design: DesignSpec) -> int:
+    """Return the number of runs of a design: bands times drives times samples times repeats."""
+    return design.bands * len(study.drives) * design.samples * design.repeats
+
+
+def _even(count: int, most: int) -> int:
+    """Return the length of even pieces of at most ``most``, as few as possible."""
+    return -(-count // -(-count // most))

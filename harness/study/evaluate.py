@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Literal
 
 import numpy as np
@@ -47,7 +48,7 @@ class StudyEvaluator:
     def __init__(self, study: Study) -> None:
         self.study, self.compiled, self.noise = study, CompiledStudy(study), RunNoise(study)
         self.windows = ErrorWindows(study, self.compiled)
-        self._points = [points(study, d).values for d in study.designs]
+        self._points: dict[int, NDArray[np.float64]] = {}
 
     def warm_up(self, index: int) -> str:
         """Compile one kernel (0 is the simulation, then the estimators) and return its name; ``range(kernels)``."""
@@ -67,10 +68,23 @@ class StudyEvaluator:
         """Number of kernels that ``warm_up`` compiles."""
         return 1 + len(self.compiled.estimators)
 
+    def time_of_batch(self, unit: Unit) -> float:
+        """Return how long the first batch of a unit takes, simulation and all estimators, in s."""
+        begin = time.perf_counter()
+        group = self._cases(unit)[:LANES]
+        batch, believed = self.simulate(unit, group), self.parameters(unit, group, "belief")
+        for e in range(len(self.compiled.estimators)):
+            self.estimate(e, unit, group, batch, believed, keep=self.windows.count(unit.design, unit.drive) is not None)
+        return time.perf_counter() - begin
+
+    def _cases(self, unit: Unit) -> list[Case]:
+        repeats = range(self.study.designs[unit.design].repeats)[unit.repeats]
+        return [Case(s, r) for s in range(unit.first, unit.stop) for r in repeats]
+
     def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
         """Return the scores of a unit: ``(sample, repeat, estimator[, target])`` by name, SI units."""
-        design = self.study.designs[unit.design]
-        shape = (unit.stop - unit.first, design.repeats, len(self.compiled.estimators))
+        samples = unit.stop - unit.first
+        shape = (samples, unit.runs(self.study) // samples, len(self.compiled.estimators))
         result: dict[str, NDArray[np.generic]] = {
             n: np.full((*shape, len(self.study.targets)), np.nan) for n in PER_TARGET
         }
@@ -79,26 +93,39 @@ class StudyEvaluator:
         windows = self.windows.count(unit.design, unit.drive)
         if windows is not None:
             result[OVER_TIME] = np.full((*shape, len(self.study.targets), windows), np.nan, dtype=np.float32)
-        cases = [Case(s, r) for s in range(unit.first, unit.stop) for r in range(design.repeats)]
+        cases = self._cases(unit)
+        plant, believed = self.parameters(unit, cases, "plant"), self.parameters(unit, cases, "belief")
         for start in range(0, len(cases), LANES):
-            group = cases[start : start + LANES]
-            batch, belief = self.simulate(unit, group), self.parameters(unit, group, "belief")
+            lanes = slice(start, start + LANES)
+            group, belief = cases[lanes], believed.of(lanes)
+            batch = self.simulate(unit, group, plant=plant.of(lanes))
             for e in range(len(self.compiled.estimators)):
                 scores = self.estimate(e, unit, group, batch, belief, keep=windows is not None)
                 self._enter(result, unit, group, e, batch, scores)
         return result
 
     def parameters(self, unit: Unit, group: list[Case], side: Literal["plant", "belief"]) -> RunParameters:
-        """Return what plant or belief holds in each lane; lanes without a run repeat the last one."""
+        """Return what plant or belief holds in each run, and in lanes without a run what it holds in the last one."""
         design = self.study.designs[unit.design]
-        rows = [c.sample for c in group] + [group[-1].sample] * (LANES - len(group))
+        rows = [c.sample for c in group] + [group[-1].sample] * (-len(group) % LANES)
+        if unit.design not in self._points:  # two threads that come at once lay out the same
+            self._points[unit.design] = points(self.study, design).values
         values = self._points[unit.design][unit.band, rows]
         return run_parameters(getattr(self.study, side), design, side, values)
 
-    def simulate(self, unit: Unit, group: list[Case], samples: int | None = None) -> Batch:
-        """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them; all samples by default."""
-        plant, inputs = self.parameters(unit, group, "plant"), self.compiled.drives[unit.drive].plant[:samples]
-        model = self.compiled.plant
+    def simulate(
+        self, unit: Unit, group: list[Case], samples: int | None = None, plant: RunParameters | None = None
+    ) -> Batch:
+        """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them.
+
+        Args:
+            unit: The unit.
+            group: The runs.
+            samples: How many samples of the drive, by default all.
+            plant: What the plant holds in each lane, if that is known already.
+        """
+        plant = self.parameters(unit, group, "plant") if plant is None else plant
+        model, inputs = self.compiled.plant, self.compiled.drives[unit.drive].plant[:samples]
         noise = self.noise.draw(unit, group, len(inputs), model.nx + model.ny)
         return self.compiled.simulator.run(
             inputs,
@@ -155,7 +182,8 @@ class StudyEvaluator:
     ) -> None:
         """Write a batch's scores of one estimator into the unit's arrays."""
         count, targets = len(group), len(self.study.targets)
-        at = (np.array([c.sample for c in group]) - unit.first, np.array([c.repeat for c in group]), e)
+        samples, repeats = np.array(group).T
+        at = (samples - unit.first, repeats - unit.first_repeat, e)
         for name in PER_TARGET:
             result[name][at] = getattr(scores, name)[:targets, :count].T
         if OVER_TIME in result:
@@ -163,9 +191,9 @@ class StudyEvaluator:
             result[OVER_TIME][at] = self.windows.rmse(batch, scores, windows)[:count]
         for name in PER_RUN[:-1]:
             result[name][at] = getattr(scores, name)[:count]
-        samples = len(batch.truth)
-        diverged = scores.diverged_at[:count] < samples
-        left = ~diverged & (batch.left_at[:count] < samples)
+        length = len(batch.truth)
+        diverged = scores.diverged_at[:count] < length
+        left = ~diverged & (batch.left_at[:count] < length)
         first = np.where(diverged, scores.diverged_at[:count], batch.left_at[:count])
         result[STATUS][at] = np.where(diverged, ESTIMATOR_DIVERGED, np.where(left, PLANT_DIVERGED, OK))
         result["time_of_divergence"][at] = np.where(diverged | left, first * self.study.plant.step, np.nan)

@@ -7,9 +7,10 @@ interruption changes a bit of the store.
 
 from __future__ import annotations
 
+import errno
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,18 +29,24 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from harness.common.errors import UserError
+from harness.common.files import write_files
+from harness.common.lock import locked
 from harness.common.process import peak_memory_mib
 from harness.config import Study
+from harness.study import plan
 from harness.study.checksums import described
-from harness.study.design import Unit, units
+from harness.study.design import Unit, planned_runs, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
-from harness.study.store import Store
+from harness.study.store import STORE, Store, discard
 
 if TYPE_CHECKING:
     from distributed import Client
 
 RUN_FILE = "run.json"
+
+_FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 class _Rate(ProgressColumn):
@@ -54,12 +61,18 @@ class _Rate(ProgressColumn):
         return Text(f"{done / elapsed:.0f} runs/s" if done and elapsed else "", style="progress.data.speed")
 
 
+Agree = Callable[[str], None]
+"""Takes what a large run costs, in words, and raises an error to keep it from beginning."""
+
+
 def run_study(
     study: Study,
     out: Path,
     jobs: int | None = None,
     console: Console | None = None,
     client: Client | None = None,
+    agree: Agree | None = None,
+    restart: bool = False,
 ) -> Path:
     """Run a study to the end; ``harness.study.report`` writes what it says.
 
@@ -68,36 +81,58 @@ def run_study(
         out: Result folder. A result of the same study there is continued, and mended where files of it are missing or
             damaged; another study's is left alone.
         jobs: Worker threads; by default one per core.
-        console: Where progress is shown; by default stderr.
+        console: Where the plan and progress are shown; by default stderr.
         client: Of the Dask cluster whose workers run the study in place of threads.
+        agree: Asked before anything is computed that takes above an hour or 10 GB; nobody is by default.
+        restart: Throw away the result that is in the folder, whatever study it is of.
 
     Returns:
         The result folder.
 
     Raises:
-        UserError: If the folder holds another study's result, or a worker of the cluster does not fit.
+        UserError: If the folder holds another study's result or is being written by another process, a worker of the
+            cluster does not fit, or the disk is full.
         ClusterFailure: If the cluster fails.
     """
     console = console or Console(stderr=True)
+    with locked(out, f"harness run of the study '{study.name}'") as has_locks:
+        if not has_locks:
+            _say(console, f"{out}: its file system has no locks; see that nobody else writes there", "yellow")
+        if restart:
+            _say(console, discard(out), "yellow")
+        try:
+            _run(study, out, jobs, console, client, agree)
+        except OSError as error:
+            if error.errno not in _FULL:
+                raise
+            raise UserError(
+                f"{out}: {error.strerror}; finished runs are kept: make room, and the same command continues from there"
+            ) from error
+    return out
+
+
+def _run(
+    study: Study, out: Path, jobs: int | None, console: Console, client: Client | None, agree: Agree | None
+) -> None:
     started = datetime.now(UTC)
     begin = time.perf_counter()
     with console.status("building models and drives"):
         evaluator = StudyEvaluator(study)
-        store = Store(study, evaluator, out, mend=True)
-    if store.mended:
-        console.print(
-            Text(f"{store.path}: {described(store.mended)}; what is lost is computed again", style="yellow"),
-            soft_wrap=True,
-        )
-    everything = [u for d in study.designs for u in units(study, d)]
-    todo = [u for u in everything if not store.was_done(u)]
-    total, left = (sum(u.runs(study) for u in some) for some in (everything, todo))
-    if left < total:
-        console.print(f"{total - left} of {total} runs are in {store.path} already")
+        store = Store(study, evaluator, out, mend=True) if (out / STORE).exists() else None
+    if store is not None and store.mended:
+        _say(console, f"{store.path}: {described(store.mended)}; what is lost is computed again", "yellow")
+    total, workers = sum(planned_runs(study, d) for d in study.designs), jobs or joblib.cpu_count()
+    if client is not None:
+        workers = sum(client.ncores().values())
+    todo = [u for d in study.designs for u in units(study, d) if store is None or not store.was_done(u)]
+    left = sum(u.runs(study) for u in todo)
+    if store is not None and left < total:
+        console.print(f"{total - left:,} of {total:,} runs are in {store.path} already")
     if todo:
-        _warm_up(evaluator, console)
+        _plan(evaluator, todo, workers, console, agree)
         compiled = time.perf_counter()
-        workers = _evaluate(evaluator, store, todo, total, jobs or joblib.cpu_count(), console, client)
+        store = store or Store(study, evaluator, out)
+        _evaluate(evaluator, store, todo, total, workers, console, client)
         seconds = time.perf_counter() - compiled
         record = {
             "started": started.isoformat(timespec="seconds"),
@@ -110,11 +145,35 @@ def run_study(
         }
         if client is None and (peak := peak_memory_mib()) is not None:
             record["peak_memory_mib"] = peak
-        (out / RUN_FILE).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        write_files(out, {RUN_FILE: json.dumps(record, indent=1) + "\n"})
+    assert store is not None
     if todo or not store.has_histories:
         store.write_histories(histories(evaluator))
     store.consolidate()
-    return out
+
+
+def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console: Console, agree: Agree | None) -> None:
+    """Compile, say what is left to do and what it takes, and ask where that is much."""
+    study = evaluator.study
+    if plan.is_too_large_to_time(study):
+        found = plan.of(study, None, todo, workers)
+        _ask(found, console, agree)
+        _warm_up(evaluator, console)
+        return
+    _warm_up(evaluator, console)
+    with console.status("timing the first runs"):
+        found = plan.of(study, evaluator, todo, workers)
+    _ask(found, console, agree)
+
+
+def _ask(found: plan.Plan, console: Console, agree: Agree | None) -> None:
+    _say(console, str(found))
+    if found.is_large and agree is not None:
+        agree(str(found))
+
+
+def _say(console: Console, words: str, style: str = "") -> None:
+    console.print(Text(words, style=style), soft_wrap=True)
 
 
 def _warm_up(evaluator: StudyEvaluator, console: Console) -> None:
@@ -128,19 +187,18 @@ def _evaluate(
     store: Store,
     todo: Sequence[Unit],
     total: int,
-    jobs: int,
+    workers: int,
     console: Console,
     client: Client | None,
-) -> int:
-    """Evaluate units in threads or on a cluster, show progress, and return how many were at work at a time."""
+) -> None:
+    """Evaluate units in threads or on a cluster, and show progress."""
     study, left = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
     if client is None:
-        finished = _in_threads(evaluator, store, todo, jobs)
+        finished = _in_threads(evaluator, store, todo, workers)
     else:
         from harness.study import cluster
 
         cluster.check_workers(client, study, store.folder, console)
-        jobs = sum(client.ncores().values())
         finished = cluster.evaluate(client, study, store.folder, todo, console)
     columns = (
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
@@ -150,7 +208,6 @@ def _evaluate(
         task = progress.add_task(study.name, total=total, completed=total - left)
         for unit in finished:
             progress.advance(task, unit.runs(study))
-    return jobs
 
 
 def _in_threads(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], jobs: int) -> Iterator[Unit]:

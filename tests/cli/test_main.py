@@ -76,7 +76,7 @@ def test_version(harness):
 def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, monkeypatch):
     seen = {}
 
-    def run_study(study, out, jobs, client):
+    def run_study(study, out, jobs, client, agree, restart):
         seen.update(study=study, out=out, jobs=jobs)
         return synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
@@ -111,7 +111,7 @@ def test_run_on_a_cluster_takes_its_client_from_the_options(harness, small_study
         asked.append((scheduler, workers))
         yield f"client of {scheduler}"
 
-    def run_study(study, out, jobs, client):
+    def run_study(study, out, jobs, client, agree, restart):
         seen.append((client, study.path.is_absolute()))
 
     monkeypatch.setattr(cluster, "connected", connected)
@@ -136,6 +136,28 @@ def test_cluster_options_that_do_not_fit(harness, small_study, options, message)
     status, _, err = harness("run", small_study, *options)
     assert status == 2
     assert message in " ".join(err.replace("│", " ").split())
+
+
+@pytest.mark.parametrize("options", [[], ["--yes"], ["--restart"]])
+def test_what_costs_much_wants_yes_where_there_is_no_terminal(harness, small_study, tmp_path, monkeypatch, options):
+    import harness.study.run as stage
+
+    seen = []
+
+    def run_study(study, out, jobs, client, agree, restart):
+        if agree is not None:
+            agree("9 runs to do: about 2 h")
+        seen.append(restart)
+
+    monkeypatch.setattr(stage, "run_study", run_study)
+    monkeypatch.setattr("harness.api.results.open_results", lambda folder: folder)
+    monkeypatch.setattr(cli, "_write_report", lambda *_, **__: None)
+    status, _, err = harness("run", small_study, "--out", tmp_path / "out", *options)
+    if "--yes" in options:
+        assert (status, seen) == (0, [False])
+    else:
+        assert (status, seen) == (2, [])
+        assert err.startswith("error: 9 runs to do: about 2 h; nothing is begun: begin it with --yes, or state less")
 
 
 @pytest.mark.parametrize(

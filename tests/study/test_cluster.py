@@ -37,7 +37,7 @@ def study(tmp_path_factory):
 def same_checkout():
     """A checkout that holds still while somebody works in it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.study.store.commit", lambda: "this one")
+        patch.setattr("harness.study.layout.commit", lambda: "this one")
         patch.setattr("harness.study.provenance.engine_hash", lambda study: "this one")
         yield
 

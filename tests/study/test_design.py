@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -11,7 +12,7 @@ from SALib.util import scale_samples
 from scipy.stats import qmc
 
 from harness.config import load_study
-from harness.study.design import Unit, points, run_parameters, samples_per_unit, unit_box, units
+from harness.study.design import Unit, points, run_parameters, unit_box, unit_shape, units
 from support.small_study import EKF, SEMITRAILER
 
 STUDY = f"""\
@@ -172,18 +173,38 @@ def test_lanes_replace_values_and_scale_noise_on_the_side_that_varies(study):
     assert belief.process_noise.shape == (1, 11)
 
 
-@pytest.mark.parametrize("largest", [1, 7, 64, 10_000])
+@pytest.mark.parametrize("largest", [1, 3, 7, 64, 10_000])
 def test_units_cover_every_run_once_and_in_order(study, largest, monkeypatch):
     monkeypatch.setattr("harness.study.design.RUNS_PER_UNIT", largest)
     for index, design in enumerate(study.designs):
         found = units(study, design)
         assert found == sorted(found)
-        covered = [(u.design, u.band, u.drive, s) for u in found for s in range(u.first, u.stop)]
-        expected = itertools.product([index], range(design.bands), range(2), range(design.samples))
-        assert covered == list(expected)
+        covered = [
+            (u.design, u.band, u.drive, s, r)
+            for u in found
+            for s in range(u.first, u.stop)
+            for r in range(u.first_repeat, u.stop_repeat)
+        ]
+        counts = range(design.bands), range(2), range(design.samples), range(design.repeats)
+        assert sorted(covered) == list(itertools.product([index], *counts))
+        samples, repeats = unit_shape(study, design)
         for unit in found:
-            assert unit.runs(study) <= max(largest, design.repeats)
-            assert unit.first % samples_per_unit(design) == 0
+            assert unit.runs(study) <= largest
+            assert unit.first % samples == unit.first_repeat % repeats == 0
+
+
+def test_repeats_of_a_sample_stay_together_where_they_fit(study):
+    design = study.design("tyres")
+    assert all(u.repeats == slice(0, 5) for u in units(study, design))
+    assert unit_shape(study, dataclasses.replace(design, repeats=200)) == (1, 50)
+
+
+@pytest.mark.parametrize(
+    ("repeats", "runs"), [(1_000, 50), (10_000, 64), (100_000, 256), (1_000_000, 1024), (100_000_000, 1024)]
+)
+def test_units_of_many_runs_are_larger(study, repeats, runs):
+    samples, of_repeats = unit_shape(study, dataclasses.replace(study.design("tyres"), repeats=repeats))
+    assert 0.75 * runs <= samples * of_repeats <= 1024
 
 
 def test_units_are_even(study):

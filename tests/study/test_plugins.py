@@ -21,7 +21,7 @@ from support.probe_study import bits
 
 @pytest.fixture(autouse=True)
 def nothing_is_left(monkeypatch):
-    monkeypatch.setattr("harness.study.store.commit", lambda: "this one")
+    monkeypatch.setattr("harness.study.layout.commit", lambda: "this one")
     yield
     forget()
     for known in (sources._read, sources._path, sources._digest):

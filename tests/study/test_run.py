@@ -1,5 +1,6 @@
 """A study from file to store: same bits with any number of workers, resuming, refusals, and what scores mean."""
 
+import errno
 import io
 import json
 import shutil
@@ -35,36 +36,7 @@ from harness.study.scores import (
 from harness.study.store import STORE, Store
 from support.probe_study import STUDY, bits
 
-
-@pytest.fixture(scope="module")
-def study_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("study") / "probe.toml"
-    path.write_text(STUDY)
-    return path
-
-
-@pytest.fixture(scope="module")
-def study(study_file):
-    return load_study(study_file)
-
-
-@pytest.fixture(scope="module")
-def evaluator(study):
-    return StudyEvaluator(study)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def same_checkout():
-    """A checkout that holds still while somebody works in it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.study.store.commit", lambda: "this one")
-        patch.setattr("harness.study.provenance.engine_hash", lambda study: "this one")
-        yield
-
-
-@pytest.fixture(scope="module")
-def finished(study, tmp_path_factory, same_checkout):
-    return run_study(study, tmp_path_factory.mktemp("one"), jobs=1)
+pytestmark = pytest.mark.usefixtures("same_checkout")
 
 
 def test_store_has_the_contracts_dimensions_units_and_provenance(study, finished):
@@ -146,12 +118,6 @@ def test_a_finished_study_computes_nothing_again(study, finished, monkeypatch):
     assert bits(finished) == before
 
 
-@pytest.fixture
-def copy(finished, tmp_path):
-    """A copy of the finished study, to be damaged."""
-    return shutil.copytree(finished, tmp_path / "copy")
-
-
 def _overwrite(file):
     file.write_bytes(file.read_bytes()[:-3] + b"xyz")
 
@@ -203,8 +169,18 @@ def test_what_is_lost_is_computed_again_and_nothing_else(study, finished, copy, 
     read(copy)
 
 
-def test_a_lost_status_is_a_unit_that_is_to_come(study, finished, copy, monkeypatch):
-    (copy / STORE / "level" / "status" / "c" / "0" / "0" / "1" / "0" / "0").unlink()
+def test_a_lost_status_is_noticed_and_its_unit_computed_again(study, finished, copy, monkeypatch):
+    status = "level/status/c/0/0/1/0/0"
+    (copy / STORE / status).unlink()
+    with pytest.raises(UserError, match=f"{status} is missing"):
+        read(copy)
+    run_study(study, copy, jobs=1)
+    assert bits(copy) == bits(finished)
+
+
+def test_a_unit_without_status_and_checksums_is_to_come(study, finished, copy):
+    for file in ("level/status/c/0/0/1/0/0", "checksums/level/c/0/0/1/0"):
+        (copy / STORE / file).unlink()
     assert read(copy).designs[0].count(PENDING) == 5
     run_study(study, copy, jobs=1)
     assert bits(copy) == bits(finished)
@@ -223,23 +199,38 @@ def test_a_store_without_checksums_is_read_and_said_to_have_none(finished, copy)
     assert not any(row[0] == "checksums" for row in made.blocks(Analysis(read(finished)))[2].rows)
 
 
-def test_another_study_in_the_folder_is_left_alone(study_file, finished, tmp_path):
-    before = bits(finished)
-    other = tmp_path / "other.toml"
-    for change, message in (
-        (('name = "probe"', 'name = "another"'), "study 'probe'"),
-        (("seed = 0", "seed = 1"), "earlier text"),
-    ):
-        other.write_text(STUDY.replace(*change))
-        with pytest.raises(UserError, match=message):
-            run_study(load_study(other), finished, jobs=1)
-    assert bits(finished) == before
+def test_a_full_disk_is_one_message_and_the_run_goes_on(study, finished, tmp_path, monkeypatch):
+    real, written = Store.write, []
+
+    def write(self, unit, result):
+        if len(written) == 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written.append(unit)
+        real(self, unit, result)
+
+    monkeypatch.setattr(Store, "write", write)
+    with pytest.raises(UserError, match="No space left on device; finished runs are kept: make room"):
+        run_study(study, tmp_path / "full", jobs=1)
+    monkeypatch.setattr(Store, "write", real)
+    run_study(study, tmp_path / "full", jobs=1)
+    assert bits(tmp_path / "full") == bits(finished)
 
 
-def test_a_result_of_other_code_is_refused(study, finished, monkeypatch):
-    monkeypatch.setattr("harness.study.provenance.engine_hash", lambda study: "other")
-    with pytest.raises(UserError, match="other code"):
-        run_study(study, finished, jobs=1)
+def test_repeats_that_are_cut_give_the_scores_of_repeats_that_are_not(study, finished, tmp_path, monkeypatch):
+    monkeypatch.setattr("harness.study.design.RUNS_PER_UNIT", 2)
+    cut = run_study(study, tmp_path / "cut", jobs=2)
+    for design in ("level", "band"):
+        one, other = (xr.open_zarr(f / STORE, group=design, consolidated=False).load() for f in (finished, cut))
+        xr.testing.assert_identical(one, other)
+    file = "level/rmse/c/1/0/0/1/0/0"
+    (cut / STORE / file).unlink()
+    with pytest.raises(UserError, match=file):
+        read(cut)
+    real, seen = StudyEvaluator.evaluate, []
+    monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit) or real(self, unit))
+    run_study(study, cut, jobs=1)
+    assert [(u.first_repeat, u.stop_repeat) for u in seen] == [(2, 4)]
+    read(cut)
 
 
 def test_levels_share_their_noise_and_runs_do_not(evaluator, study):

@@ -1,0 +1,191 @@
+"""How a store is laid out: the arrays of each design, their chunks, and what is known before the first run.
+
+Every unit has chunks of its own. The arrays of scores are declared without writing any score, however many there will
+be.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from numpy.typing import NDArray
+
+from harness.config import DesignSpec, Study
+from harness.models.signals import SIGNALS
+from harness.study import checksums
+from harness.study.design import points, unit_counts, unit_shape
+from harness.study.evaluate import StudyEvaluator
+from harness.study.provenance import code_state, commit, processor
+from harness.study.scores import FLAGS, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
+
+_RUN = ("band", "sample", "drive", "repeat", "estimator")
+
+
+def create(study: Study, evaluator: StudyEvaluator, path: Path, attributes: Mapping[str, Any]) -> None:
+    """Write a store in which every score is pending.
+
+    Args:
+        study: The study.
+        evaluator: Its compiled models.
+        path: The store, which is not there yet.
+        attributes: Of its root.
+    """
+    root: Any = zarr.open_group(str(path), mode="w", zarr_format=3)
+    root.attrs.update(dict(attributes))
+    for design in study.designs:
+        known = _known(study, design, evaluator)
+        known.to_zarr(path, group=design.name, mode="w", consolidated=False, zarr_format=3)
+        of_group: Any = root[design.name].attrs
+        of_group.pop("coordinates", None)  # xarray's word on coordinates of the scores, which have it themselves
+        dims = _declare_scores(study, design, evaluator, root, known)
+        checksums.declare(path, design.name, dims, (design.bands, *unit_counts(study, design), len(study.drives)))
+
+
+def _declare_scores(
+    study: Study, design: DesignSpec, evaluator: StudyEvaluator, root: Any, known: xr.Dataset
+) -> dict[str, list[str]]:
+    """Add the arrays of scores, as xarray would write them full of fill values; return the dimensions of each."""
+    samples, repeats = unit_shape(study, design)
+    index = study.designs.index(design)
+    kept = [w for d in range(len(study.drives)) if (w := evaluator.windows.count(index, d)) is not None]
+    sizes = {
+        "band": design.bands, "sample": design.samples, "drive": len(study.drives), "repeat": design.repeats,
+        "estimator": len(study.estimators), "target": len(study.targets), "window": kept[0] if kept else 0,
+    }  # fmt: skip
+    own = {"band": 1, "sample": samples, "drive": 1, "repeat": repeats}
+    found = {}
+    for name, (dims, dtype, attributes) in _scores(bool(kept)).items():
+        shape = [sizes[d] for d in dims]
+        beside = sorted(str(n) for n, c in known.coords.items() if n not in known.dims and set(c.dims) <= set(dims))
+        fill = {} if name == STATUS else {"_FillValue": "AAAAAAAA+H8="}  # NaN, as xarray spells it
+        root.create_array(
+            f"{design.name}/{name}",
+            shape=shape,
+            chunks=[min(own.get(d, size), size) for d, size in zip(dims, shape, strict=True)],
+            dtype=dtype,
+            fill_value=PENDING if name == STATUS else np.nan,  # a chunk that holds nothing else takes no file
+            dimension_names=dims,
+            attributes={**attributes, "coordinates": " ".join(beside), **fill},
+        )
+        found[name] = list(dims)
+    return found
+
+
+def _scores(over_time: bool) -> dict[str, tuple[tuple[str, ...], str, dict[str, Any]]]:
+    """Return dimensions, type and attributes of each array of scores."""
+    of_target = {"units": "unit of the target"}
+    found: dict[str, tuple[tuple[str, ...], str, dict[str, Any]]] = {
+        name: ((*_RUN, "target"), "float64", {"long_name": MEANINGS[name], **of_target}) for name in PER_TARGET
+    }
+    for name in PER_RUN:
+        unit = "s" if name == "time_of_divergence" else "1"
+        found[name] = (_RUN, "float64", {"long_name": MEANINGS[name], "units": unit})
+    if over_time:
+        dims = ("band", "sample", "repeat", "estimator", "target", "window")  # kept along one drive only
+        found[OVER_TIME] = (dims, "float32", {"long_name": MEANINGS[OVER_TIME], **of_target})
+    flags = {"flag_values": list(FLAGS.values()), "flag_meanings": " ".join(FLAGS)}  # as CF has them
+    found[STATUS] = (_RUN, "int8", {"long_name": MEANINGS[STATUS], **flags})
+    return found
+
+
+def _known(study: Study, design: DesignSpec, evaluator: StudyEvaluator) -> xr.Dataset:
+    """Return what is known of a design before its first run: values of the factors, coordinates, attributes."""
+    table = points(study, design)
+    targets = list(study.targets)
+    variables: dict[str, Any] = {}
+    for i, factor in enumerate(table.factors):
+        unit = design.factors[i].unit
+        variables[f"factor_{factor}"] = (("band", "sample"), table.values[:, :, i], {"units": unit})
+    factors = [
+        {
+            "name": name,
+            "parameter": f.parameter,
+            "of": f.of,
+            "unit": f.report_unit,
+            "si_unit": f.unit,
+            "nominal": f.nominal,
+            "scale": "log" if f.log else "linear",
+            "lower": list(f.lower),
+            "upper": list(f.upper),
+        }
+        for name, f in zip(table.factors, design.factors, strict=True)
+    ]
+    coordinates = {
+        "drive": as_text([d.name for d in study.drives]),
+        "estimator": as_text([e.name for e in study.estimators]),
+        "target": as_text(targets),
+        "band_label": ("band", as_text(table.band_labels)),
+        "target_unit": ("target", as_text([SIGNALS[t].unit for t in targets])),
+        "duration": ("drive", [float(d.profile.time[-1]) for d in evaluator.compiled.drives], {"units": "s"}),
+    }
+    attributes = {
+        "factors": json.dumps(factors),
+        "state_dimension": evaluator.compiled.belief.nx,
+        "output_dimension": evaluator.compiled.belief.ny,
+        "sampling": design.sampling,
+        "base_samples": design.base_samples,
+        "samples": design.samples,
+        "repeats": design.repeats,
+    }
+    if study.over_time is not None and study.over_time.design == design.name:
+        attributes |= {"over_time_drive": study.over_time.drive, "over_time_window": study.over_time.window}
+    return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+
+
+def as_text(words: Iterable[Any]) -> NDArray[Any]:
+    """Return text of any length, which Zarr's format specifies; text of fixed length it does not."""
+    return np.array([str(w) for w in words], dtype=object)
+
+
+def root_attributes(study: Study) -> dict[str, Any]:
+    """Return what the root of a store says of study, code and machine."""
+    sides = {"plant": study.plant, "belief": study.belief}
+    description: dict[str, Any] = {
+        side: {
+            "model": spec.model().name,
+            "parameters": spec.parameters,
+            "tyre": spec.tyre,
+            "effects": list(spec.effects),
+            "sensors": spec.sensors,
+            "integrator": spec.integrator,
+            "substeps": spec.substeps,
+            "unknown_inputs": list(spec.unknown_inputs),
+            "process_noise": spec.process_noise,
+            "measurement_noise": spec.measurement_noise,
+        }
+        for side, spec in sides.items()
+    }
+    plant, belief = study.plant.values, study.belief.values
+    units = {p.name: p.unit for spec in sides.values() for p in spec.model().parameters}
+    description["tuning"] = study.tuning or "every estimator believes the noise of the belief"
+    description["noise_factors"] = {e.name: e.noise for e in study.estimators if e.noise}
+    description["differing"] = {
+        name: {"plant": plant.get(name), "belief": belief.get(name), "unit": units.get(name, "")}
+        for name in sorted(plant.keys() | belief.keys())
+        if plant.get(name) != belief.get(name)
+    }
+    return {
+        **words(study),
+        checksums.GROUP: {"histories": len(study.history)},
+        "study_name": study.name,
+        "study_hash": study.hash,
+        "seed": study.seed,
+        "step": study.plant.step,
+        "designs": json.dumps([d.name for d in study.designs]),
+        "description": json.dumps(description, sort_keys=True),
+        **code_state(study),
+        "commit": commit(),
+        "machine": f"{platform.system()} {platform.machine()}, {processor()}",
+    }
+
+
+def words(study: Study) -> dict[str, Any]:
+    """Return what the report tells of a study and no score depends on."""
+    return {"study": study.text, "title": study.title, "limits": json.dumps(study.limits)}
