@@ -19,6 +19,7 @@ from matplotlib.patches import Patch
 
 WIDTH = 6.89  # inches: A4 less two margins of 17.5 mm, so that a point in a figure is a point in print
 TALLEST = 9.3  # inches: the most a figure may take of a page
+HALF = 4.3  # inches: of a figure that shares a page with another one and both captions
 _PAD = 0.04  # inches around a panel with its labels
 _used: WeakKeyDictionary[Figure, float] = WeakKeyDictionary()  # inches that ``head`` took of a figure
 TRUTH = "#000000"

@@ -23,7 +23,7 @@ from harness.reporting.document import (
     render,
     source,
 )
-from harness.study.report.sections import boxes
+from harness.study.report.sections import boxes, drives, scatter
 from support.report_parts import Page, pages
 
 
@@ -108,3 +108,23 @@ def test_symbols_on_axes_are_set_as_formulas(one_design, monkeypatch):
     labels = [axes.yaxis.label for fig in drawn for axes in fig.axes if "$" in axes.get_ylabel()]
     assert labels
     assert all(label.get_parse_math() for label in labels)
+
+
+def test_the_map_of_drives_keeps_its_width_below_labels_of_several_factors(one_design, monkeypatch):
+    drawn, svg = [], style.svg
+    monkeypatch.setattr(style, "svg", lambda fig: drawn.append(fig) or svg(fig))
+    analysis = one_design()
+    label = ", ".join(f"{name} 24 t ±5 %" for name in ("trailer mass", "stiffness load 2", "inertia scale", "ratio"))
+    analysis.main.design.bands = [f"{label} {k}" for k in range(len(analysis.main.design.bands))]
+    drives.blocks(analysis)
+    for fig in drawn:
+        for axes in fig.axes:
+            assert axes.get_position().width > 0.6
+            assert axes.get_title(loc="left").count("\n") == 1
+
+
+def test_figures_over_the_actual_value_share_a_page(one_design, monkeypatch):
+    drawn, svg = [], style.svg
+    monkeypatch.setattr(style, "svg", lambda fig: drawn.append(fig) or svg(fig))
+    scatter.blocks(one_design(levels=(8.0, 24.0), band=0.05, samples=8, repeats=1))
+    assert [fig.get_figheight() for fig in drawn] == [style.HALF]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import matplotlib as mpl
@@ -17,6 +18,8 @@ from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.sections.boxes import UPRIGHT
 
 _LINE = 0.225  # inches per drive
+_TITLE_LINE = 0.17  # inches per further line of a panel's title
+_TITLE = 90  # characters in a line of it
 
 
 def blocks(analysis: Analysis) -> list[Block]:
@@ -35,7 +38,8 @@ def blocks(analysis: Analysis) -> list[Block]:
         ),
     ]
     panels = [(target, band) for target in range(len(design.targets)) for band in shown(findings, target)]
-    height = 0.42 + _LINE * len(design.drives)
+    lines = max(_title(findings, *panel).count("\n") for panel in panels)
+    height = 0.42 + _TITLE_LINE * lines + _LINE * len(design.drives)
     per_page = max(1, int((style.TALLEST - 1.6) // height))
     return found + [_picture(findings, panels[k : k + per_page], height) for k in range(0, len(panels), per_page)]
 
@@ -68,11 +72,7 @@ def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -
         for axes, (target, band) in zip(rows, panels, strict=True):
             values = medians(findings, target)
             _map(axes, values[band].T, _scale(values))
-            quantity = design.targets[target]
-            believed = f" ({design.matched_is})" if band == design.matched else ""
-            axes.set_title(
-                f"{quantity.words}{style.in_unit(quantity.unit)}, {design.bands[band]}{believed}", loc="left"
-            )
+            axes.set_title(_title(findings, target, band), loc="left")
             axes.set_yticks(range(len(design.drives)), [words(d) for d in design.drives])
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
@@ -86,6 +86,14 @@ def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -
         "differ least and most; darker is worse, – means no run was ok."
     )
     return Picture(svg, caption, f"Median RMSE of {names} per drive, level and estimator")
+
+
+def _title(findings: Findings, target: int, band: int) -> str:
+    """Return what a panel shows, on as many lines as the label of a level of several factors needs."""
+    design = findings.design
+    quantity = design.targets[target]
+    believed = f" ({design.matched_is})" if band == design.matched else ""
+    return textwrap.fill(f"{quantity.words}{style.in_unit(quantity.unit)}, {design.bands[band]}{believed}", _TITLE)
 
 
 def _scale(values: NDArray[np.float64]) -> Normalize:

@@ -41,7 +41,8 @@ def _picture(analysis: Analysis, findings: Findings, number: int, targets: list[
     design = findings.design
     factor = design.factors[number]
     with style.drawing():
-        fig = style.figure(1.1 + _ROW * len(targets))
+        height = 1.1 + _ROW * len(targets)  # rather a little less than one figure to a page
+        fig = style.figure(style.HALF if style.HALF < height < 1.4 * style.HALF else height)
         rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
         for axes, t in zip(rows, targets, strict=True):
             _panel(axes, analysis, findings, factor, t)
