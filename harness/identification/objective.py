@@ -9,6 +9,7 @@ import numpy as np
 from harness.common.arrays import Floats, Mask
 from harness.identification.coordinates import Coordinates
 from harness.identification.data import Drive
+from harness.identification.driveable import Driveable
 from harness.identification.filtered_model import FilteredModel
 
 
@@ -19,6 +20,7 @@ class LogPosterior:
         model: The filter.
         drives: The recordings.
         coordinates: In which it is maximised.
+        driveable: What a candidate must pass besides; nothing by default.
 
     Attributes:
         lower: Bounds ``(n,)``.
@@ -27,10 +29,17 @@ class LogPosterior:
         history: Value at every pass with derivatives.
     """
 
-    def __init__(self, model: FilteredModel, drives: Sequence[Drive], coordinates: Coordinates) -> None:
+    def __init__(
+        self,
+        model: FilteredModel,
+        drives: Sequence[Drive],
+        coordinates: Coordinates,
+        driveable: Driveable | None = None,
+    ) -> None:
+        self.driveable = driveable
         self.model, self.drives, self.coordinates = model, tuple(drives), coordinates
         self.lower, self.upper = coordinates.lower, coordinates.upper
-        self.diverged = 0
+        self.diverged, self._numbers = 0, range(len(drives))
         self.history: list[float] = []
 
     def values(self, z: Floats) -> Floats:
@@ -39,14 +48,20 @@ class LogPosterior:
         likelihood = np.full(z.shape[1], -np.inf)
         if possible.any():
             kept = z[:, possible]
-            held = [self.coordinates.candidates(kept, i) for i in range(len(self.drives))]
+            held = [self.coordinates.candidates(kept, i) for i in self._numbers]
             likelihood[possible] = self.model.log_likelihoods(self.drives, held)
         self.diverged += int(np.isneginf(likelihood).sum())
-        return likelihood - self.coordinates.penalty(z)
+        found: Floats = likelihood - self.coordinates.penalty(z)
+        while self.driveable is not None and np.isfinite(found).any():
+            best = int(np.argmax(found))  # a candidate that is no better than another is not taken anyway
+            if self.driveable.admits([self.coordinates.candidates(z[:, best], i).values[:, 0] for i in self._numbers]):
+                break
+            found[best] = -np.inf
+        return found
 
     def slopes(self, z: Floats, moved: Mask) -> tuple[float, Floats, Floats]:
         """Return value, gradient and information at a point ``(n,)`` of the coordinates that move ``(n,)``."""
-        numbers, space = range(len(self.drives)), self.coordinates
+        numbers, space = self._numbers, self.coordinates
         points = [space.candidates(z, i) for i in numbers]
         found = self.model.slopes(self.drives, points, [space.directions(z, moved, i) for i in numbers])
         value = found.log_likelihood - float(space.penalty(z))

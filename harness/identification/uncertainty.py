@@ -116,6 +116,12 @@ class Knowledge:
     unlearnt: Mask
 
 
+def at_bound(z: float, lower: float, upper: float) -> int:
+    """Return -1 if a coordinate is at its lower bound, 1 if it is at its upper one, else 0."""
+    near = _AT_BOUND * min(upper - lower, 1.0)
+    return 1 if upper - z < near else -1 if z - lower < near else 0
+
+
 def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> Knowledge:
     """Return errors and correlation of the coordinates, those at a bound held there.
 
@@ -123,8 +129,7 @@ def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> K
     whatever they move infinite.
     """
     reach = space.upper - space.lower
-    side = np.where(z - space.lower < _AT_BOUND * np.minimum(reach, 1.0), -1, 0)
-    side = np.where(space.upper - z < _AT_BOUND * np.minimum(reach, 1.0), 1, side)
+    side = np.array([at_bound(*of) for of in zip(z, space.lower, space.upper, strict=True)], dtype=int)
     silent = np.sqrt(np.diagonal(information)) * reach < 2.0 * NORMAL  # all else known, it would be the whole range
     side[silent] = 0
     known = (side == 0) & ~silent

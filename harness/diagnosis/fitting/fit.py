@@ -7,6 +7,7 @@ lacks, and afterwards looks like an effect. Both take turns until neither gains,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,7 @@ from harness.identification.coordinates import (
     process_coordinates,
 )
 from harness.identification.data import Drive
+from harness.identification.driveable import Driveable
 from harness.identification.filtered_model import Candidates, FilterRun
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
@@ -85,12 +87,19 @@ class Fitting:
         drives: The recordings.
         variances: Initial measurement variance of each output ``(ny,)``.
         noise_held: Whether all noise stays as it starts.
+        driven: Drives at whose speeds a fitted model must be stable; those that are fitted by default.
     """
 
     def __init__(
-        self, model: AugmentedModel, drives: Sequence[Drive], variances: Floats, noise_held: bool = False
+        self,
+        model: AugmentedModel,
+        drives: Sequence[Drive],
+        variances: Floats,
+        noise_held: bool = False,
+        driven: Sequence[Drive] = (),
     ) -> None:
         self.augmented, self.drives, self.noise_held = model, tuple(drives), noise_held
+        self.driveable = Driveable(model, drives, driven)
         spec = model.spec
         process = process_coordinates(spec)
         self._groups = len(process)
@@ -131,7 +140,7 @@ class Fitting:
         """Fit parameters and noise in turns; parameters alone where the noise is held."""
         if self.noise_held:
             return self.only(coordinates, start, iterations)
-        objective, z, parameters = self._objective(coordinates, start)
+        objective, z, parameters = self._bounded(coordinates, start)
         n, groups = len(coordinates), self._groups
         z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH).z
         for together in (list(range(n, n + groups)), *([j] for j in range(n, n + groups))):
@@ -147,7 +156,7 @@ class Fitting:
 
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit some parameters and leave the noise as it is."""
-        objective, z, parameters = self._objective(coordinates, start)
+        objective, z, parameters = self._bounded(coordinates, start)
         found = maximise(objective, z, parameters, iterations, ENOUGH)
         return self._fitted(coordinates, objective, found)
 
@@ -164,9 +173,21 @@ class Fitting:
 
     def best(self, points: Sequence[Point]) -> Point:
         """Return the likeliest of several points."""
+        points = [p for p in points if math.isinf(self.driveable.unstable_from(p.values[:, 0]))] or points
         if len(points) == 1:
             return points[0]
         return points[int(np.argmax(self.augmented.log_likelihoods(self.drives, self.candidates(points))))]
+
+    def _bounded(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[LogPosterior, Floats, Mask]:
+        """Return the same as ``_objective``; from a model that can be driven no fit leads to one that cannot."""
+        objective, z, parameters = self._objective(coordinates, start)
+        if self.admits(start):
+            objective.driveable = self.driveable
+        return objective, z, parameters
+
+    def admits(self, point: Point) -> bool:
+        """Whether the model at a point is stable at the driven speeds and stays within its range on these drives."""
+        return self.driveable.admits([*np.ascontiguousarray(point.values.T)])
 
     def _objective(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[LogPosterior, Floats, Mask]:
         """Return what a fit maximises, its first point, and which of its coordinates are no noise."""

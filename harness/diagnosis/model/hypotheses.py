@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -108,21 +108,41 @@ def _together(file: str, parts: Sequence[Hypothesis]) -> Hypothesis:
 
 
 def coordinates(
-    model: AugmentedModel, free: Sequence[str], added: Sequence[Hypothesis], drives: int
+    model: AugmentedModel,
+    free: Sequence[str],
+    added: Sequence[Hypothesis],
+    drives: int,
+    known: Mapping[str, float] | None = None,
 ) -> tuple[Coordinate, ...]:
-    """Return what a fit moves: the free parameters of the nominal model and those of the hypotheses added to it."""
+    """Return what a fit moves: the free parameters of the nominal model and those of the hypotheses added to it.
+
+    Args:
+        model: The augmented model.
+        free: Parameters of the nominal model that are fitted in any case.
+        added: What is added to it.
+        drives: Number of drives.
+        known: Standard deviation with which a free parameter is known beforehand; those that are absent have no prior.
+    """
     alone = dict.fromkeys([*free, *(n for h in added if h.name != ALL_PARAMETERS for n in h.shared)])
+    known = known or {}
     many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
     change_times = dict.fromkeys(n for h in added for n in h.change_times)
     return (
-        *(_coordinate(model, name) for name in alone),
+        *(_coordinate(model, name, std=known.get(name, math.inf) if name in free else math.inf) for name in alone),
         *(_coordinate(model, name, PRIOR) for name in many),
         *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
     )
 
 
-def _coordinate(model: AugmentedModel, name: str, prior: float = math.inf, drives: tuple[int, ...] = ()) -> Coordinate:
+def _coordinate(
+    model: AugmentedModel,
+    name: str,
+    prior: float = math.inf,
+    drives: tuple[int, ...] = (),
+    std: float = math.inf,
+) -> Coordinate:
     row = model.row(name)
     p = model.model.parameters[row]
     value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
-    return parameter_coordinate(p, row, value, prior, scale, drives)
+    c = parameter_coordinate(p, row, value, prior, scale, drives)
+    return c if math.isinf(std) else replace(c, prior=std / c.slope(c.centre))

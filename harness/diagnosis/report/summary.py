@@ -44,6 +44,8 @@ def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
             Prose(plain("These parts of the result could not be made:")),
             Bullets([plain(sentence) for sentence in outcome.failures.sentences]),
         ]
+    if outcome.cautions:
+        found += [Prose(plain("Take the values with care:")), Bullets([plain(c) for c in outcome.cautions])]
     if outcome.notes:
         found += [
             Prose(plain("These irregularities of the recordings may look like a missing effect:")),

@@ -12,6 +12,7 @@ from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
 from harness.diagnosis.residuals.random_process import EXPLAINED, RandomProcess
 from harness.diagnosis.result.answer import answer
+from harness.diagnosis.result.cautions import cautions
 from harness.diagnosis.result.estimator_gain import Estimated
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
@@ -65,6 +66,11 @@ class Outcome:
     study_gain: StudyGain | str | None = None
     notes: tuple[str, ...] = ()
     failures: Failures = RAISED
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Parameters that a fit took to a bound, and whether the stated model could not have been driven."""
+        return cautions(self.trace)
 
     @property
     def added(self) -> tuple[Hypothesis, ...]:

@@ -43,6 +43,7 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
     trace, outputs = outcome.trace, list(outcome.trace.fitting.augmented.model.outputs)
     return {
         "notes": lambda: list(outcome.notes),
+        "cautions": lambda: list(outcome.cautions),
         "residual": lambda: _residual(outcome, outputs),
         "pinpoint": lambda: ranking_record(outcome.where),
         "candidates": lambda: [_candidate(c, n, outputs) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],

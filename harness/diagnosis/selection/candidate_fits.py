@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from harness.config.parameter_set import stated_std
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.validation import HeldOut, Judgement
@@ -33,12 +34,13 @@ class CandidateFits:
     def __init__(self, fitting: Fitting, held_out: HeldOut, free: tuple[str, ...], say: Say) -> None:
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
         self.augmented = fitting.augmented
+        self._known = stated_std(self.augmented.spec)
         self._log_samples = math.log(fitting.samples)
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
 
     def fit(self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS) -> Fitted:
         """Fit the free parameters, additions and noise."""
-        moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives))
+        moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
         return self.fitting.fit(moved, start, iterations, turns)
 
     def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:

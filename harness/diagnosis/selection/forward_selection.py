@@ -92,7 +92,7 @@ def trace(
         failures: Takes a round that cannot be computed; what earlier ones found stands. By default it is raised.
     """
     variances = first_variances(augmented, [*train, *test], stated_noise)
-    fitting = Fitting(augmented, train, variances, stated_noise)
+    fitting = Fitting(augmented, train, variances, stated_noise, [*train, *test])
     candidate_fits = CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say)
     return _Search(candidate_fits, rounds, failures).run()
 

@@ -78,8 +78,10 @@ class ScoreTest:
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
         self._products: dict[tuple[int, str, str], Floats] = {}
-        information = total([N.T @ N for N in self.moved])
-        self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)])
+        moved, weight = fitted.coordinates, np.array([c.prior**-2.0 for c in fitted.coordinates])
+        away = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
+        information = total([N.T @ N for N in self.moved]) + np.diag(weight)
+        self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)]) + weight * away
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
 
     def of(self, tried: Sequence[Hypothesis]) -> list[Score]:

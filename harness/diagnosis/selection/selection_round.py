@@ -242,8 +242,13 @@ class SelectionRound:
         return self.candidate_fits.fitting.best([*starts[1:], *self.candidate_fits.on_grids(starts[0], h.amplitudes)])
 
     def again(self) -> Fitted:
-        """Refit the model without addition from where the best hypothesis left its parameters and noise."""
+        """Refit the model without addition from where the best hypothesis left its parameters and noise.
+
+        A model that cannot be driven takes the place of none that can.
+        """
         h, winner = max(self.fits.items(), key=lambda item: item[1].objective)
         self.candidate_fits.say("fitting the model without it again")
         again = self.candidate_fits.fit_near(self.added, self.taken_back(h, winner), winner.objective)
-        return again if again.objective > self.best.objective else self.best
+        fitting = self.candidate_fits.fitting
+        lost = fitting.admits(self.best.point) and not fitting.admits(again.point)
+        return again if again.objective > self.best.objective and not lost else self.best

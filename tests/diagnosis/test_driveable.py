@@ -1,0 +1,87 @@
+"""A refitted model must be one that can be driven as the vehicle was; where a fit ends at a bound it is said."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from harness.diagnosis.fitting.fit import Fitted, Fitting
+from harness.diagnosis.model.hypotheses import coordinates
+from harness.diagnosis.result.cautions import cautions
+from harness.diagnosis.selection.candidate_fits import CandidateFits
+from harness.diagnosis.selection.forward_selection import Trace, first_variances
+from harness.diagnosis.selection.validation import HeldOut
+from harness.identification.driveable import Driveable
+from support.driven_car import FREE, driven
+
+FRONT, REAR = 7e4, 1.2e5
+"""N/rad; stiffness of the axles of the published car at their static loads (Blanco-Claraco 2021)."""
+
+
+@pytest.fixture(scope="module")
+def drive(augmented):
+    return augmented.drive(driven(7, duration=25.0), "drive")
+
+
+def softer(augmented, share):
+    values = augmented.stated()
+    values[augmented.row("stiffness_peak_rear")] *= share
+    return values
+
+
+def test_a_car_is_unstable_from_its_critical_speed_on(augmented, drive):
+    """The critical speed of an oversteering car follows from its axles in closed form."""
+    car, share = augmented.spec.values, 0.35
+    front, rear = car["cog_to_front_axle"], car["cog_to_rear_axle"]
+    excess = FRONT * front - share * REAR * rear
+    critical = math.sqrt(FRONT * share * REAR * (front + rear) ** 2 / (car["mass"] * excess))
+    driveable = Driveable(augmented, [drive])
+    driveable.speeds = critical * np.array([0.5, 0.97, 1.03, 1.5])
+    assert driveable.unstable_from(softer(augmented, share)) == pytest.approx(1.03 * critical)
+    assert driveable.unstable_from(augmented.stated()) == math.inf
+
+
+def test_the_free_run_must_stay_in_its_range(augmented, drive):
+    driveable = Driveable(augmented, [drive])
+    assert driveable.stays([augmented.stated()])
+    assert not driveable.stays([softer(augmented, 0.2)])
+    assert driveable.admits([augmented.stated()])
+    assert not driveable.admits([softer(augmented, 0.2)])
+
+
+def test_no_fit_leads_from_a_model_that_can_be_driven_to_one_that_cannot(augmented, drive):
+    fitting = Fitting(augmented, [drive], first_variances(augmented, [drive]))
+    moved = coordinates(augmented, FREE, (), 1)
+    objective, z, _ = fitting._bounded(moved, fitting.first())
+    spun = z.copy()
+    spun[1] += math.log(0.2)
+    assert np.isneginf(objective.values(np.column_stack([spun]))[0])
+    assert np.isfinite(objective.values(np.column_stack([z]))[0])
+    values = softer(augmented, 0.2)[:, None]
+    lost = dataclasses.replace(fitting.first(), values=values)
+    assert fitting._bounded(moved, lost)[0].driveable is None  # one that cannot be driven anyway is not held there
+    assert fitting.best([lost, fitting.first()]).values is not values
+
+
+def test_the_nominal_refit_weighs_what_was_stated(augmented, drive):
+    fits = CandidateFits(
+        Fitting(augmented, [drive], np.ones(3)), HeldOut(augmented, [drive], np.ones(3)), FREE, lambda _: None
+    )
+    moved = fits.fit((), fits.fitting.first(), 1, 0).coordinates
+    assert [c.prior for c in moved] == pytest.approx([0.1, 0.1])  # a tenth of each value, of its logarithm
+
+
+def test_a_fit_that_ends_at_a_bound_and_a_model_that_spins_are_told_first(augmented, drive):
+    fitting = Fitting(augmented, [drive], first_variances(augmented, [drive]))
+    moved = coordinates(augmented, FREE, (), 1)
+    values = softer(augmented, 1.0)[:, None]
+    values[augmented.row("stiffness_peak_front")] = math.exp(moved[0].upper)
+    fit = Fitted(moved, dataclasses.replace(fitting.first(), values=values), 0.0, 0.0)
+    trace = Trace(fitting, None, FREE, fit, fit, (), (), (), None, None)
+    told = cautions(trace)
+    assert told[0].startswith(
+        "The fit of the refitted nominal model ends at the upper bound of the stiffness peak front"
+    )
+    assert any(t.startswith("The refitted nominal model is unstable straight ahead at") for t in told)
+    assert len(told) == 2
