@@ -102,11 +102,11 @@ lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, REPEATS, JOBS)
-	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/attribution
+attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, QUALITY=field, REPEATS, JOBS)
+	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(QUALITY),--quality $(QUALITY)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS))
 
 attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
-	$(BIN)/python -m bench.attribution.renew results/attribution/attribution.json
+	$(BIN)/python -m bench.attribution.renew results/attribution$(if $(QUALITY),-$(QUALITY))/attribution.json
 
 tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune --data hold the true noise (SETS=18); goes on where it stopped
 	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) --out results/tuning-proof/variances.jsonl

@@ -31,25 +31,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cases", nargs="+", default=[], help="names from the plant's list")
     parser.add_argument("--vehicle", choices=tuple(NOMINAL), help="cases of one vehicle only")
     parser.add_argument("--magnitude", choices=MAGNITUDES, help="one only; cases that have none stay")
+    parser.add_argument(
+        "--quality", choices=("clean", "field"), default="clean", help="of the recordings (%(default)s)"
+    )
     parser.add_argument("--repeats", type=int, default=1, help="draws of each case (%(default)s)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw (%(default)s)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (%(default)s, whose traces take all cores)")
     parser.add_argument("--traced", action="store_true", help="run no case that was not traced already")
-    parser.add_argument("--out", type=Path, default=Path("results/attribution"), help="folder (%(default)s)")
+    parser.add_argument("--out", type=Path, help="folder (results/attribution, or results/attribution-field)")
     given = parser.parse_args(arguments)
+    out = given.out or Path(
+        "results/attribution" if given.quality == "clean" else f"results/attribution-{given.quality}"
+    )
     names = [name for name, _ in listed()]
     unknown = [name for name in given.cases if name not in names]
     if unknown or given.jobs < 1 or given.repeats < 1:
         parser.error(f"the plant has no case {unknown[0]}" if unknown else "--jobs and --repeats are 1 or more")
     chosen = [n for n in given.cases or names if wanted(n, given.vehicle, given.magnitude)]
-    cases = [Case(n, repeat, given.out / f"{n}-{repeat}") for repeat in range(given.repeats) for n in chosen]
+    repeats = range(given.first, given.first + given.repeats)
+    cases = [Case(n, repeat, out / f"{n}-{repeat}", given.quality) for repeat in repeats for n in chosen]
     if given.traced:
         cases = [case for case in cases if (case.folder / "trace" / "trace.json").exists()]
     console = Console()
     for case, problem in track(run_all(cases, given.jobs), "tracing", total=len(cases), console=console):
         console.print(f"{case.name}, {case.repeat}: {problem or said(score(case.folder))}", soft_wrap=True)
-    scored = gathered(given.out)
-    write_files(given.out, {"attribution.json": text(scored), "attribution.md": tables(scored) + case_table(scored)})
-    write_files(given.out, figures(scored))
+    scored = gathered(out)
+    write_files(out, {"attribution.json": text(scored), "attribution.md": tables(scored) + case_table(scored)})
+    write_files(out, figures(scored))
     console.print(tables(scored), markup=False, soft_wrap=True)
 
 

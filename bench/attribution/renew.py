@@ -18,7 +18,11 @@ from harness.common.errors import UserError
 from harness.common.files import renewed, write_files
 
 PAGE = Path(__file__).parents[2] / "docs" / "attribution.md"
-BEGIN, END = "<!-- written by python -m bench.attribution.renew -->", "<!-- end -->"
+MARKS = {
+    "clean": ("<!-- written by python -m bench.attribution.renew -->", "<!-- end -->"),
+    "field": ("<!-- field: written by python -m bench.attribution.renew -->", "<!-- end of field -->"),
+}
+"""Lines between which the tables of each quality of recordings stand; the figures are of the clean ones."""
 
 
 @answers_errors
@@ -30,10 +34,14 @@ def main(arguments: Sequence[str]) -> None:
     if not given.results.exists():
         raise UserError(f"{given.results}: there is no such file; python -m bench.attribution writes it")
     scored = load(given.results)
-    drawn = figures(scored)
+    if len({s.quality for s in scored}) > 1:
+        raise UserError(f"{given.results}: holds cases of several qualities; keep each in a folder of its own")
+    quality = scored[0].quality if scored else "clean"
+    drawn = figures(scored) if quality == "clean" else {}
     shown = "\n".join(f"![{caption(name)}]({PAGE.stem}/{name})\n" for name in drawn)
-    content = f"{tables(scored)}\n## Figures\n\n{shown}"
-    write_files(PAGE.parent, {PAGE.name: renewed(PAGE.read_text(encoding="utf-8"), content, BEGIN, END)})
+    content = tables(scored) + (f"\n## Figures\n\n{shown}" if drawn else "")
+    content = content if quality == "clean" else content.replace("\n#", "\n##").replace("## Against", "### Against", 1)
+    write_files(PAGE.parent, {PAGE.name: renewed(PAGE.read_text(encoding="utf-8"), content, *MARKS[quality])})
     write_files(PAGE.parent / PAGE.stem, drawn)
     print(f"wrote {PAGE} and {len(drawn)} figures")
 

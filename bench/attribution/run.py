@@ -47,11 +47,13 @@ class Case:
         name: From the plant's list.
         repeat: Which draw of it.
         folder: Where it is written, traced and scored.
+        quality: Of its recordings.
     """
 
     name: str
     repeat: int
     folder: Path
+    quality: str = "clean"
 
 
 class Tracer:
@@ -103,14 +105,17 @@ def written(case: Case) -> str:
     """Have the plant write a case that is not there; return what it says if it cannot. The seal is written last."""
     if (case.folder / "sealed.json").exists():
         return ""
-    plant = [sys.executable, str(PLANT), "--case", case.name, "--repeat", str(case.repeat), "--out", str(case.folder)]
+    plant = [sys.executable, str(PLANT), "--case", case.name, "--repeat", str(case.repeat)]
+    plant += ["--quality", case.quality, "--out", str(case.folder)]
     done = subprocess.run(plant, capture_output=True, text=True, check=False)
     return done.stderr.strip() if done.returncode else ""
 
 
 def task_of(folder: Path) -> tuple[Task, str]:
     """Return what is to be traced in a folder, and the vehicle; the seal is not read."""
-    drives = [load_recording(folder / f"{n}.csv", None).assign_attrs(name=n) for n in ("train_a", "train_b", "test")]
+    channels = folder / "channels.toml" if (folder / "channels.toml").exists() else None
+    names = ("train_a", "train_b", "test")
+    drives = [load_recording(folder / f"{n}.csv", channels).assign_attrs(name=n) for n in names]
     belief = json.loads((folder / "belief.json").read_text())
     vehicle = belief["vehicle"]
     table = {"vehicle": vehicle, **NOMINAL[vehicle], "values": belief["parameters"]}

@@ -59,6 +59,8 @@ class Scored:
         size: What the first true effect is, in the plant's words.
         reach: Its size over the smallest one that the score test said these drives could show (three standard errors);
             NaN if the library has no such parameter.
+        quality: Of the recordings: ``clean`` or ``field``.
+        recording: Faults of the recording that were named; they are there, and no claim about the vehicle.
     """
 
     case: str
@@ -81,6 +83,8 @@ class Scored:
     errors: dict[str, float]
     size: str
     reach: float
+    quality: str = "clean"
+    recording: tuple[str, ...] = ()
 
 
 def score(folder: Path) -> Scored:
@@ -91,6 +95,7 @@ def score(folder: Path) -> Scored:
     """
     sealed, trace = json.loads((folder / "sealed.json").read_text()), folder / "trace" / "trace.json"
     traced = json.loads(trace.read_text()) if trace.exists() else _UNTRACED
+    traced, recording = _of_vehicle(traced, sealed)
     oracle = _oracle(folder / "oracle.json")
     accepted = {name: e["name"] for e in sealed["effects"] for name in (e["name"], *e["equivalent"])}
     claimed = [a["effect"] for a in traced["added"]]
@@ -118,7 +123,28 @@ def score(folder: Path) -> Scored:
         _errors(traced, sealed),
         _size(known, sealed["noise"]) if known else "",
         _reach(known["oracle"]["parameters"], traced["candidates"]) if known else math.nan,
+        sealed.get("quality", "clean"),
+        recording,
     )
+
+
+def _of_vehicle(traced: Mapping[str, Any], sealed: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what a trace says of the vehicle, and which faults of the recording it named.
+
+    A delay or a drift of the recording that is there, and is named as such, is a finding about the file. A model that
+    was amended by such faults alone is an adequate one of the vehicle.
+    """
+    true = {name for e in sealed["effects"] for name in (e["name"], *e["equivalent"])}
+    faults = [(f["name"], f["place"]) for f in sealed.get("recording", []) if f["name"] not in true]
+
+    def of_recording(a: Mapping[str, Any]) -> bool:
+        place = a.get("place")
+        return any(a["effect"] == name and (not place or not at or place == at) for name, at in faults)
+
+    named = [a for a in traced["added"] if of_recording(a)]
+    left = [a for a in traced["added"] if not of_recording(a)]
+    verdict = "adequate" if named and not left and traced["verdict"] == "amended" else traced["verdict"]
+    return {**traced, "added": left, "verdict": verdict}, tuple(a["effect"] for a in named)
 
 
 def _expected(sealed: Mapping[str, Any], claimed: Sequence[str], named: Container[str]) -> str:

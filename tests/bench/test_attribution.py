@@ -11,7 +11,7 @@ import pytest
 from bench.attribution import renew
 from bench.attribution.__main__ import gathered, main, wanted
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
-from bench.attribution.renew import BEGIN, END
+from bench.attribution.renew import MARKS
 from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
 from bench.attribution.score import FAILED, load, score, text
 from bench.attribution.tables import (
@@ -254,7 +254,7 @@ def test_a_ratio_is_written_with_two_digits_and_no_exponent():
 def test_the_page_of_the_proof_is_renewed_with_its_figures(several, tmp_path, monkeypatch, capsys):
     results, page = tmp_path / "attribution.json", tmp_path / "attribution.md"
     results.write_text(text(several))
-    page.write_text(f"Why.\n{BEGIN}\n{END}\n")
+    page.write_text("\n".join(["Why.", *MARKS["clean"], *MARKS["field"], ""]))
     monkeypatch.setattr(renew, "PAGE", page)
     assert not renew.main([str(results)])
     found = page.read_text()

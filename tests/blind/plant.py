@@ -3,6 +3,7 @@
     python tests/blind/plant.py --list
     python tests/blind/plant.py --case semitrailer-crosswind-medium --repeat 3 --out DIR
     python tests/blind/plant.py --case 17 --out DIR        # the seed draws the case as well
+    python tests/blind/plant.py --case car-none --quality field --out DIR   # as an ordinary logger records it
 
 Writes ``train_a.csv``, ``train_b.csv`` and ``test.csv`` (held out), ``belief.json`` with what is published about the
 vehicle, and ``sealed.json`` with the truth, which only the scoring opens.
@@ -22,6 +23,7 @@ import pyarrow as pa
 import pyarrow.csv
 from plant_cases import VEHICLES, Case, Truth, cases, choose, draw, seeds
 from plant_effects import CATALOGUE
+from plant_field import Logger, beyond, draw_logger
 from plant_oracle import SIMILAR, library_times, library_values
 from plant_sensors import NOISE
 from plant_simulation import Driven, drive
@@ -44,7 +46,9 @@ def published(vehicle: str) -> dict[str, float]:
     return {name: kind._field_defaults[name] for name in known}
 
 
-def seal(case: Case, repeat: int, truth: Truth, driven: dict[str, Driven]) -> dict[str, Any]:
+def seal(
+    case: Case, repeat: int, truth: Truth, driven: dict[str, Driven], logger: Logger | None = None
+) -> dict[str, Any]:
     """Return the content of ``sealed.json`` (README.md describes it)."""
     values, effects = published(case.vehicle), []
     for e in truth.effects:
@@ -79,25 +83,37 @@ def seal(case: Case, repeat: int, truth: Truth, driven: dict[str, Driven]) -> di
         "drives": {
             name: {"changes": d.changes._asdict(), "manoeuvres": list(d.drive.manoeuvres)} for name, d in driven.items()
         },
-        "noise": NOISE[case.vehicle],
+        "noise": NOISE[case.vehicle] if logger is None else logger.noise,
+        "quality": "clean" if logger is None else "field",
+        "recording": [] if logger is None else logger.faults(),
     }
 
 
-def write(case: Case, repeat: int, out: Path) -> None:
-    """Drive a case and write its files.
+def channel_map(vehicle: str) -> str:
+    """Return the channel map of a recording in field quality: single spikes are missing samples."""
+    names = "".join(f'{n} = {{ channel = "{n}", remove_spikes = true }}\n' for n in NOISE[vehicle])
+    return f'time = {{ channel = "time", unit = "s" }}\n{names}\n[recording]\nstep = "10 ms"\n'
+
+
+def write(case: Case, repeat: int, out: Path, quality: str = "clean") -> None:
+    """Drive a case and write its files; the drives are the same in every quality.
 
     Raises:
         FloatingPointError: If the vehicle spins.
         OSError: If the folder cannot be written.
     """
-    first, *rest = seeds(case, repeat)
-    truth = draw(case, np.random.default_rng(first))
-    driven = {name: drive(truth, seed) for name, seed in zip(DRIVES, rest, strict=True)}
+    first, *rest, of_logger = seeds(case, repeat)
+    truth, logger = draw(case, np.random.default_rng(first)), None
+    if quality == "field":
+        truth, logger = beyond(truth), draw_logger(case.vehicle, np.random.default_rng(of_logger))
+    driven = {name: drive(truth, seed, logger) for name, seed in zip(DRIVES, rest, strict=True)}
     out.mkdir(parents=True, exist_ok=True)
     for name, d in driven.items():
         pa.csv.write_csv(pa.table(d.recording), out / f"{name}.csv", pa.csv.WriteOptions(quoting_style="none"))
     belief = {"vehicle": case.vehicle, "parameters": published(case.vehicle), "noise": NOISE[case.vehicle]}
-    for name, content in (("belief", belief), ("sealed", seal(case, repeat, truth, driven))):
+    if logger is not None:
+        (out / "channels.toml").write_text(channel_map(case.vehicle))
+    for name, content in (("belief", belief), ("sealed", seal(case, repeat, truth, driven, logger))):
         (out / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
@@ -107,6 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--list", action="store_true", help="print every case: name, kind")
     parser.add_argument("--case", help="a name from the list, or a whole number that draws one")
     parser.add_argument("--repeat", type=int, default=0, help="other drives, noise and signs of a named case")
+    parser.add_argument("--quality", choices=("clean", "field"), default="clean", help="of the recording")
     parser.add_argument("--out", type=Path, help="folder to write to")
     given = parser.parse_args(arguments)
     known = cases()
@@ -125,7 +142,7 @@ def main(arguments: list[str] | None = None) -> int:
         close = difflib.get_close_matches(given.case, known, 3)
         parser.error(f"--case {given.case}: no such case; closest: {', '.join(close) or 'see --list'}")
     try:
-        write(case, repeat, given.out)
+        write(case, repeat, given.out, given.quality)
     except (FloatingPointError, OSError) as problem:
         print(
             f"error: --case {given.case}: {problem}; nothing to score, take another --repeat or --out", file=sys.stderr

@@ -156,8 +156,8 @@ def choose(seed: int) -> Case:
 
 
 def seeds(case: Case, repeat: int) -> list[np.random.SeedSequence]:
-    """Return one seed for the truth and one for each of three drives."""
-    return np.random.SeedSequence([zlib.crc32(case.name.encode()), repeat]).spawn(4)
+    """Return one seed for the truth, one for each of three drives, and one for the measuring system."""
+    return np.random.SeedSequence([zlib.crc32(case.name.encode()), repeat]).spawn(5)
 
 
 def draw(case: Case, rng: np.random.Generator) -> Truth:

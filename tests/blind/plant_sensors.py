@@ -85,20 +85,34 @@ def record(
         wrong: Sensors with something wrong, by channel.
         rng: Noise.
     """
-    first, every = round(RUN_IN / STEP), round(SAMPLE / STEP)
-    at = np.arange(first, len(truth), every)
-    named = dict(zip(OUTPUTS[vehicle], truth.T, strict=True))
+    at = np.arange(round(RUN_IN / STEP), len(truth), round(SAMPLE / STEP))
     columns = {"time": np.arange(len(at)) * SAMPLE}
-    for name, deviation in NOISE[vehicle].items():
-        noise = deviation * rng.standard_normal(len(at))
+    for name, signal in sensed(vehicle, truth, inputs, wrong).items():
+        columns[name] = signal[at] + NOISE[vehicle][name] * rng.standard_normal(len(at))
+    return columns
+
+
+def sensed(vehicle: str, truth: Array, inputs: Mapping[str, Array], wrong: Mapping[str, Channel]) -> dict[str, Array]:
+    """Return what each sensor senses at every step, with what is wrong with it, and without noise.
+
+    Args:
+        vehicle: ``"semitrailer"`` or ``"car"``.
+        truth: Outputs of the equations at every step since the run-in, ``(steps + 1, ny)``.
+        inputs: The driver's ``steering_wheel_angle`` and ``speed`` at every step.
+        wrong: Sensors with something wrong, by channel.
+    """
+    named = dict(zip(OUTPUTS[vehicle], truth.T, strict=True))
+    found = {}
+    for name in NOISE[vehicle]:
         if name in inputs:
-            columns[name] = inputs[name][at] + noise
+            found[name] = inputs[name]
             continue
         channel, signal = wrong.get(name, Channel()), named[name]
         signal = signal + channel.lever_arm * named[_TURNING[vehicle]]
         roll = channel.roll_per_acceleration * _swung(signal) if channel.roll_per_acceleration else 0.0
         signal = signal * np.cos(roll) + GRAVITY * np.sin(roll)
-        signal = signal[at - round(channel.sensor_delay / STEP)]
-        gain = 1.0 + channel.gain_error - channel.gain_loss_per_speed * inputs["speed"][at]
-        columns[name] = gain * signal + channel.bias + noise
-    return columns
+        late = round(channel.sensor_delay / STEP)
+        signal = np.concatenate([np.full(late, signal[0]), signal[: len(signal) - late]])
+        gain = 1.0 + channel.gain_error - channel.gain_loss_per_speed * inputs["speed"]
+        found[name] = gain * signal + channel.bias
+    return found

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import plant_field
 from numpy.typing import NDArray
 from plant_cases import Truth
 from plant_drives import RUN_IN, STEP, Drive
 from plant_drives import draw as draw_drive
 from plant_environment import Changes, draw_changes, inputs
 from plant_equations import OUTPUTS, STATES, integrate
+from plant_field import Logger
 from plant_sensors import record
 
 Array = NDArray[np.float64]
@@ -33,12 +35,13 @@ def solve(truth: Truth, u: Array, step: float) -> Array:
     return out
 
 
-def drive(truth: Truth, seed: np.random.SeedSequence) -> Driven:
+def drive(truth: Truth, seed: np.random.SeedSequence, logger: Logger | None = None) -> Driven:
     """Drive once.
 
     Args:
         truth: What is true of vehicle and surroundings.
         seed: Decides manoeuvres, change times, road and noise, each by a stream of its own.
+        logger: The measuring system of a recording in field quality; a clean one by default.
 
     Raises:
         FloatingPointError: If the vehicle left the range in which its equations hold.
@@ -51,4 +54,6 @@ def drive(truth: Truth, seed: np.random.SeedSequence) -> Driven:
         bad = int(np.argmax(~np.isfinite(out).all(axis=1) | (np.abs(out[:, :3]).max(axis=1) > 12.0)))
         raise FloatingPointError(f"the {truth.vehicle} spins {bad * STEP - RUN_IN:.2f} s after the start")
     known = {"steering_wheel_angle": plan.steering_wheel_angle[::2], "speed": plan.speed[::2]}
-    return Driven(plan, changes, out, record(truth.vehicle, out, known, truth.sensors(), streams[3]))
+    seen = (truth.vehicle, out, known, truth.sensors())
+    recording = record(*seen, streams[3]) if logger is None else plant_field.record(*seen, logger, streams[3])
+    return Driven(plan, changes, out, recording)

@@ -39,7 +39,9 @@ def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
 
 def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
     def score(name, *response):
-        return SimpleNamespace(hypothesis=SimpleNamespace(name=name), response=(np.array(response),), excited=True)
+        return SimpleNamespace(
+            hypothesis=SimpleNamespace(name=name, amplitudes=()), response=(np.array(response),), excited=True
+        )
 
     def winner(normalised_excess_mse):
         held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=10.0)
@@ -66,11 +68,17 @@ def test_coloured_innovations_are_no_amendment_whatever_was_named():
         after=SimpleNamespace(normalised_excess_mse=0.01),
         final=plain,
         cut_short="",
+        added=(),
     )
     nothing = SimpleNamespace(unmodelled=None, random_process=None)
     assert [verdict_of(named, nothing, coloured) for coloured in (False, True)] == ["amended", "unresolved"]
     without = SimpleNamespace(
-        effects=(), rounds=(last,), after=SimpleNamespace(normalised_excess_mse=0.01), final=plain, cut_short=""
+        effects=(),
+        rounds=(last,),
+        after=SimpleNamespace(normalised_excess_mse=0.01),
+        final=plain,
+        cut_short="",
+        added=(),
     )
     assert [verdict_of(without, nothing, coloured) for coloured in (False, True)] == ["adequate", "unresolved"]
 
@@ -80,7 +88,7 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
         held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=likelihood)
         score = SimpleNamespace(response=(np.ones(1),), excited=True)
         return SimpleNamespace(
-            hypothesis=SimpleNamespace(name=name),
+            hypothesis=SimpleNamespace(name=name, amplitudes=()),
             fitted=SimpleNamespace(coordinates=()),
             bic=bic,
             held_out=held_out,
@@ -259,7 +267,13 @@ def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
             SimpleNamespace(normalised_excess_mse=normalised_excess_mse) for normalised_excess_mse in (before, after)
         ]
         return SimpleNamespace(
-            effects=("lifted_axle",), rounds=(failed,), before=judged[0], after=judged[1], final=plain, cut_short=""
+            effects=("lifted_axle",),
+            rounds=(failed,),
+            before=judged[0],
+            after=judged[1],
+            final=plain,
+            cut_short="",
+            added=(),
         )
 
     assert verdict_of(named(177.0, 0.06), found, False) == "amended"

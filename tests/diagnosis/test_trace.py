@@ -152,7 +152,9 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_added(augmen
 
     def verdict(**factors):
         after, last = SimpleNamespace(normalised_excess_mse=0.01), SimpleNamespace(added=None, candidates=())
-        trace = SimpleNamespace(effects=(), rounds=(last,), after=after, final=fit(many, **factors), cut_short="")
+        trace = SimpleNamespace(
+            effects=(), rounds=(last,), after=after, final=fit(many, **factors), cut_short="", added=(many,)
+        )
         return verdict_of(trace, SimpleNamespace(unmodelled=None, random_process=None), coloured=False)
 
     assert [verdict(mass=1.1), verdict(**wrong)] == ["adequate", "unresolved"]

@@ -23,7 +23,7 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     named = listed(names) if names else ""
     wrong = ", ".join(words(h.name) for h in parameters)
     also = f" The stated values of {wrong} were wrong." if parameters else ""
-    if far := beyond_belief(trace.final):
+    if far := beyond_belief(trace.final, trace.added):
         rest = "the rest" if effects else "it"
         also = f" Many stated values would explain {rest}, but only with implausible factors: {far}."
     after = final_judgement(trace, found)

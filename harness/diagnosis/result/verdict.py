@@ -25,7 +25,7 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     or almost. Many wrong parameters explain nothing if one would be wrong by an implausible factor. A search that was
     cut short has not tried everything.
     """
-    if trace.cut_short or beyond_belief(trace.final):
+    if trace.cut_short or beyond_belief(trace.final, trace.added):
         return "unresolved"
     if found.random_process is not None:
         return "amended" if found.random_process.white else "unresolved"

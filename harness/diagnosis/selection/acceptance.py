@@ -161,15 +161,21 @@ def objections(c: Candidate, before: Judgement) -> list[str]:
     # Where they leave nothing unexplained they are accepted, and the verdict is that it is unresolved.
     if c.hypothesis.name == ALL_PARAMETERS and c.held_out.normalised_excess_mse >= EXCESS:
         assert c.fitted is not None
-        if far := beyond_belief(c.fitted):
+        if far := beyond_belief(c.fitted, (c.hypothesis,)):
             found.append(f"stated values would be wrong by implausible factors: {far}")
     return found
 
 
-def beyond_belief(fitted: Fitted) -> str:
-    """Return which of many parameters would be wrong by implausible factors, and by which; empty if none is."""
+def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
+    """Return which of many parameters would be wrong by implausible factors, and by which; empty if none is.
+
+    Args:
+        fitted: A fit.
+        added: What it holds; only the hypothesis that many parameters are wrong at once has such factors.
+    """
+    many = {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes}
     factors = {}
-    for at in fitted.coordinates:
+    for at in (c for c in fitted.coordinates if c.name in many):
         away = at.coordinate(fitted.point.value(at)) - at.centre
         if abs(away) > IMPLAUSIBLE * at.prior:
             factors[words(at.name)] = math.exp(away)
