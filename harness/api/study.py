@@ -246,8 +246,9 @@ class Study:
             restart: Throw away the result that is in the folder.
 
         Raises:
-            UserError: If the folder holds another study's result or is being written by another process, a worker of
-                the cluster does not fit, or the disk is full.
+            UserError: If the folder holds another study's result or is being written by another process, or a worker of
+                the cluster does not fit.
+            WorkError: If the disk is full.
 
         Example:
             >>> import tempfile, harness as h

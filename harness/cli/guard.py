@@ -87,8 +87,9 @@ def _said_in_words() -> Iterator[None]:
 def _fault(error: Exception, beside: Path | None) -> int:
     """Say what else went wrong: of the machine, in the user's own code, or in ours."""
     import click
+    import typer
 
-    if isinstance(error, click.exceptions.Exit | click.exceptions.Abort | click.exceptions.ClickException):
+    if isinstance(error, typer.Exit | typer.Abort | click.exceptions.ClickException):
         raise error
     if isinstance(error, WorkError):
         return _say("failed", str(error), FAILED)

@@ -31,6 +31,7 @@ from harness.cli.observability import observability
 from harness.cli.options import HERE, RESULTS, agree_to, study_path
 from harness.cli.realtime import realtime
 from harness.cli.simulate import simulate
+from harness.cli.stores import status, verify
 from harness.cli.trace import trace
 from harness.cli.tune import tune
 from harness.common.errors import UserError
@@ -297,6 +298,8 @@ app.command()(_answers_errors(trace))
 app.command()(_answers_errors(loop))
 app.command()(_answers_errors(realtime))
 app.command()(_answers_errors(new))
+app.command()(_answers_errors(verify))
+app.command()(_answers_errors(status))
 
 
 def main() -> None:

@@ -46,7 +46,7 @@ class Plan:
         return self.size > LARGE or (self.seconds is not None and self.seconds > LONG)
 
     def __str__(self) -> str:
-        took = "a time that is not estimated before you agree" if self.seconds is None else _duration(self.seconds)
+        took = "a time that is not estimated before you agree" if self.seconds is None else in_time(self.seconds)
         each = "" if self.seconds is None else f" with {self.workers} worker{'s' if self.workers > 1 else ''}"
         return f"{self.runs:,} runs to do: {took}{each}, at most {_bytes(self.size)} on disk"
 
@@ -93,7 +93,8 @@ def _lanes(unit: Unit, study: Study) -> int:
     return -(-unit.runs(study) // LANES)
 
 
-def _duration(seconds: float) -> str:
+def in_time(seconds: float) -> str:
+    """Return a time in words, rounded."""
     for limit, size, word in ((90.0, 1.0, "s"), (90 * 60.0, 60.0, "min"), (48 * 3600.0, 3600.0, "h")):
         if seconds < limit:
             return f"about {max(seconds / size, 1):.0f} {word}"

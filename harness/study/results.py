@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from harness.common.errors import UserError
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
-from harness.study.checksums import HISTORY, described, faults, is_verifiable
+from harness.study import sealed_root
+from harness.study.checksums import HISTORY, described, is_verifiable
 from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 
 FATES = {
@@ -264,17 +265,17 @@ def read(directory: Path) -> StudyResults:
             f"make one with 'harness run studies/<name>.toml --out {directory}'"
         )
     try:
+        lost = sealed_root.faults(path)
+        if lost:
+            raise UserError(
+                f"{path}: {described(lost)}; 'harness run' with the study '{sealed_root.study_name(path)}' and "
+                f"'--out {directory}' computes what is lost again, and nothing else"
+            )
         root = zarr.open_group(path, mode="r")
         attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
         names = attributes.get("designs", [])
         if not names:
             raise KeyError("designs")
-        lost = faults(path)
-        if lost:
-            raise UserError(
-                f"{path}: {described(lost)}; 'harness run' with the study '{attributes.get('study_name')}' and "
-                f"'--out {directory}' computes what is lost again, and nothing else"
-            )
         has_runs = HISTORY in set(root.group_keys())
         designs = [_design(path, str(name)) for name in names]
         kept = sorted(zarr.open_group(path, mode="r", path="history").group_keys(), key=int) if has_runs else []

@@ -29,7 +29,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from harness.common.errors import UserError
+from harness.common.errors import WorkError
 from harness.common.files import write_files
 from harness.common.lock import locked
 from harness.common.process import peak_memory_mib
@@ -90,8 +90,9 @@ def run_study(
         The result folder.
 
     Raises:
-        UserError: If the folder holds another study's result or is being written by another process, a worker of the
-            cluster does not fit, or the disk is full.
+        UserError: If the folder holds another study's result or is being written by another process, or a
+            worker of the cluster does not fit.
+        WorkError: If the disk is full.
         ClusterFailure: If the cluster fails.
     """
     console = console or Console(stderr=True)
@@ -105,7 +106,7 @@ def run_study(
         except OSError as error:
             if error.errno not in _FULL:
                 raise
-            raise UserError(
+            raise WorkError(
                 f"{out}: {error.strerror}; finished runs are kept: make room, and the same command continues from there"
             ) from error
     return out

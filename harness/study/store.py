@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from harness.common.errors import UserError
 from harness.config import Study
-from harness.study import checksums
+from harness.study import checksums, sealed_root
 from harness.study.checksums import HISTORY, Fault
 from harness.study.design import Unit, unit_counts, unit_shape
 from harness.study.differences import differences
@@ -58,10 +58,12 @@ class Store:
         self._attributes = root_attributes(study)
         self.mended: list[Fault] = []
         if self.path.exists():
+            mended = sealed_root.restore(self.path) if mend else None
             self._check_same_study()
             self._renew_words()
             if mend:
                 self._mend(evaluator)
+                self.mended += [mended] if mended else []
         else:
             try:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -113,7 +115,7 @@ class Store:
         """Put back what an empty store has, and make the units pending that have lost something else."""
         for unfinished in self.path.rglob("*.partial"):  # a chunk whose writer was killed
             unfinished.unlink(missing_ok=True)
-        self.mended = checksums.faults(self.path)
+        self.mended = sealed_root.faults(self.path)
         if not self.mended:
             return
         empty = self.folder / (STORE + ".empty")
@@ -162,6 +164,8 @@ class Store:
         new = {key: value for key, value in words(self.study).items() if self._attributes.get(key) != value}
         if new:
             zarr.open_group(str(self.path), mode="r+").attrs.update(new)
+            self._attributes |= new
+            sealed_root.seal(self.path)
 
     def _create(self, evaluator: StudyEvaluator, path: Path) -> None:
         # A half-created store would look like a whole one, so it is made elsewhere and moved into place.
@@ -169,6 +173,7 @@ class Store:
         if temporary.exists():
             shutil.rmtree(temporary)
         create(self.study, evaluator, temporary, self._attributes)
+        sealed_root.seal(temporary)
         temporary.rename(path)
 
 

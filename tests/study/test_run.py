@@ -13,7 +13,7 @@ import xarray as xr
 import zarr
 from rich.console import Console
 
-from harness.common.errors import UserError
+from harness.common.errors import UserError, WorkError
 from harness.config import load_study
 from harness.reporting.document import Sheet
 from harness.study.design import Unit, units
@@ -209,7 +209,7 @@ def test_a_full_disk_is_one_message_and_the_run_goes_on(study, finished, tmp_pat
         real(self, unit, result)
 
     monkeypatch.setattr(Store, "write", write)
-    with pytest.raises(UserError, match="No space left on device; finished runs are kept: make room"):
+    with pytest.raises(WorkError, match="No space left on device; finished runs are kept: make room"):
         run_study(study, tmp_path / "full", jobs=1)
     monkeypatch.setattr(Store, "write", real)
     run_study(study, tmp_path / "full", jobs=1)

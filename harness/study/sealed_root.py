@@ -1,0 +1,121 @@
+"""The attributes of a store's root, which say what every score is of, kept twice so that neither is believed alone.
+
+The root names study, code and limits, and changes while a store lives: its words are renewed, its metadata
+consolidated. So it is no file with one checksum. Its attributes and their hash stand in the group of the checksums a
+second time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import zarr
+
+from harness.study import checksums
+from harness.study.checksums import GROUP, Fault
+
+_COPY, _HASH = "root", "root_hash"
+
+
+def seal(root: Path) -> None:
+    """Copy the attributes of the root to the group of the checksums; afterwards each protects the other."""
+    attributes = dict(zarr.open_group(str(root), mode="r", use_consolidated=False).attrs)
+    sums: Any = zarr.open_group(str(root), path=GROUP, mode="r+")
+    sums.attrs.update({_COPY: attributes, _HASH: _hash(attributes)})
+
+
+def _fault(root: Path) -> Fault | None:
+    """Return what is wrong with the root or its copy; ``None`` where they agree, and in stores that have no copy."""
+    copy, own = _attributes(root / GROUP), _attributes(root)
+    if copy is None and (own is None or not checksums.is_verifiable(own)):
+        return None  # of an earlier harness, or no store at all
+    if copy is None:
+        return Fault(f"{GROUP}/zarr.json", not (root / GROUP / "zarr.json").is_file())
+    if _COPY not in copy:
+        return None
+    if _hash(copy[_COPY]) != copy.get(_HASH):
+        return Fault(f"{GROUP}/zarr.json", False)
+    if own != copy[_COPY]:
+        return Fault("zarr.json", not (root / "zarr.json").is_file())
+    return None
+
+
+def faults(root: Path) -> list[Fault]:
+    """Return all files of a store of scores that are not as they were written, the root first.
+
+    Raises:
+        ValueError, KeyError, OSError: If neither the root nor its copy can be read.
+    """
+    own = _fault(root)
+    if own is not None and own.file == "zarr.json":
+        return [own]  # nothing below can be trusted to be of this store
+    found = checksums.faults(root) + ([own] if own else [])
+    return found or ([] if _has_true_copies(root) else [Fault("zarr.json", False)])
+
+
+def study_name(root: Path) -> str:
+    """Return the name of the study that a store is of, from the copy where the root is damaged."""
+    for group in (root / GROUP, root):
+        attributes = _attributes(group) or {}
+        if found := attributes.get(_COPY, attributes).get("study_name"):
+            return str(found)
+    return "unknown"
+
+
+def restore(root: Path) -> Fault | None:
+    """Mend a root that is not what its copy says, or the copy where only that is damaged; return what was mended.
+
+    The copies of the other groups' metadata in the root go; ``consolidate_metadata`` makes them again.
+    """
+    found = _fault(root)
+    if found is None:
+        return None
+    if found.file == "zarr.json":
+        attributes = (_attributes(root / GROUP) or {})[_COPY]
+        group = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
+        (root / "zarr.json").write_text(json.dumps(group, indent=2), encoding="utf-8")
+    elif _attributes(root) is not None:
+        (root / GROUP).mkdir(exist_ok=True)
+        group = {"attributes": {}, "zarr_format": 3, "node_type": "group"}
+        (root / GROUP / "zarr.json").write_text(json.dumps(group, indent=2), encoding="utf-8")
+        seal(root)
+    return found
+
+
+def _attributes(group: Path) -> dict[str, Any] | None:
+    content = _content(group)
+    found = content.get("attributes") if content is not None else None
+    return found if isinstance(found, dict) else None
+
+
+def _content(group: Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads((group / "zarr.json").read_bytes())
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) and content.get("zarr_format") == 3 else None
+
+
+def _has_true_copies(root: Path) -> bool:
+    """Return whether the metadata that the root copies from its groups are theirs; earlier stores cannot say."""
+    own = _content(root) or {}
+    if not checksums.is_verifiable(own.get("attributes", {})):
+        return True
+    copies = (own.get("consolidated_metadata") or {}).get("metadata", {})
+    return all(
+        (theirs := _content(root / name)) is not None and _of_itself(theirs) == _of_itself(copy)
+        for name, copy in copies.items()
+    )
+
+
+def _of_itself(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in metadata.items() if key != "consolidated_metadata"}
+
+
+def _hash(attributes: Any) -> str:
+    text = json.dumps(attributes, sort_keys=True)
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()

@@ -1,0 +1,123 @@
+"""Does a store hold what was written, and would this code write the same again?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from harness.common.errors import UserError
+from harness.config import Study
+from harness.study import sealed_root
+from harness.study.checksums import Fault, is_finished
+from harness.study.design import Unit, units
+from harness.study.differences import differences
+from harness.study.evaluate import StudyEvaluator
+from harness.study.layout import root_attributes
+from harness.study.scores import OVER_TIME
+from harness.study.store import STORE, place_of
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a check of a store has found.
+
+    Attributes:
+        files: Number of files looked at.
+        lost: Those that are missing or damaged.
+        finished: Number of finished units.
+        recomputed: Units that were computed again.
+        differing: Those whose scores are not the stored bits, in words, with the first array that differs.
+        runs: Runs of the recomputed units.
+        other_code: How code or packages differ from those that wrote the store; empty if they do not.
+    """
+
+    files: int
+    lost: list[Fault]
+    finished: int
+    recomputed: list[Unit]
+    differing: list[str]
+    runs: int
+    other_code: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is lost and every recomputed unit has the same bits."""
+        return not self.lost and not self.differing
+
+
+def store_of(folder: Path) -> Path:
+    """Return the store in a result folder.
+
+    Raises:
+        UserError: If there is none.
+    """
+    path = folder / STORE
+    if not path.is_dir():
+        raise UserError(f"{folder}: there is no result of a study here ({STORE} is missing)")
+    return path
+
+
+def verify(folder: Path, find: Callable[[str], Study], sample: int = 3, seed: int | None = None) -> Verification:
+    """Check every file of a store against its checksum, and compute some of its units again.
+
+    Args:
+        folder: Result folder.
+        find: Returns the study of a name; asked only if nothing is lost and units are to be computed.
+        sample: How many finished units to compute again, drawn at random; fewer where there are fewer.
+        seed: Of the draw; another one each time by default.
+
+    Raises:
+        UserError: If there is no store, it has no checksums, or ``find`` does not give the study that it is of.
+    """
+    path = store_of(folder)
+    try:
+        lost = sealed_root.faults(path)
+        attributes = dict(zarr.open_group(str(path), mode="r").attrs) if not lost else {}
+    except (KeyError, ValueError, OSError) as error:
+        raise UserError(f"{path}: not a store that a study wrote ({type(error).__name__}: {error})") from error
+    files = sum(1 for file in path.rglob("*") if file.is_file())
+    if lost or not sample:
+        return Verification(files, lost, 0, [], [], 0, "")
+    name = str(attributes.get("study_name"))
+    study = find(name)
+    other = differences(attributes, root_attributes(study), study)
+    if study.hash != attributes.get("study_hash"):
+        raise UserError(
+            f"every file is as it was written, but nothing can be computed again: {folder} {other}; give the study of "
+            "this result with --study, or none to compute with --sample 0"
+        )
+    finished = [u for d in study.designs for u in units(study, d) if is_finished(path, place_of(study, u))]
+    drawn = np.random.default_rng(seed).permutation(len(finished))[:sample]
+    chosen = [finished[i] for i in sorted(drawn)]
+    evaluator = StudyEvaluator(study)
+    differing = [
+        f"{_in_words(study, u)}: '{array}' computed again is not what is stored"
+        for u in chosen
+        if (array := _first_difference(path, evaluator, u))
+    ]
+    return Verification(files, lost, len(finished), chosen, differing, sum(u.runs(study) for u in chosen), other)
+
+
+def _first_difference(path: Path, evaluator: StudyEvaluator, unit: Unit) -> str:
+    """Return the first array in which a unit computed again differs from the store; empty if none does."""
+    group: Any = zarr.open_group(str(path), path=evaluator.study.designs[unit.design].name, mode="r")
+    for name, values in evaluator.evaluate(unit).items():
+        drive = () if name == OVER_TIME else (unit.drive,)
+        stored = np.asarray(group[name][unit.band, unit.samples, *drive, unit.repeats])
+        if not np.array_equal(stored, values, equal_nan=True):
+            return name
+    return ""
+
+
+def _in_words(study: Study, unit: Unit) -> str:
+    """Return what a unit holds: design, band, drive and runs."""
+    design = study.designs[unit.design]
+    return (
+        f"{design.name}, {design.band_labels[unit.band]}, {study.drives[unit.drive].name}, samples {unit.first} to "
+        f"{unit.stop - 1}"
+    )
