@@ -356,6 +356,9 @@ def _of_layout(module: ModuleType) -> list[Signal]:
 
 SIGNALS = SignalTable(_ROWS)
 
+TRUTH = "true_"
+"""Before the name of a signal: what a simulated vehicle did, where the signal itself is what its sensor gave."""
+
 MAGNITUDE: dict[str, float] = {
     "rad": 0.1,
     "rad/s": 0.1,

@@ -31,9 +31,11 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
         signals: Quantities to record beside states, inputs and measured outputs (``harness list signals``).
 
     Returns:
-        Dataset over ``time`` (s): the true states and ``signals`` under their names, the inputs under theirs, and
-        ``measured_<output>`` with noise. Each variable has ``units`` (SI), ``long_name``, ``frame`` and ``role``, one
-        of ``truth``, ``input`` and ``measurement``. It is a recording: wherever one is taken, this is.
+        Dataset over ``time`` (s) as a logger would have recorded it: inputs and measured outputs under their names, the
+        outputs with their noise. The truth of an output is ``true_<signal>``; with a seed so are the other states and
+        ``signals``, which without one have their own names. Each variable has ``units`` (SI), ``long_name``, ``frame``
+        and ``role``, one of ``truth``, ``input`` and ``measurement``. It is a recording: wherever one is taken, this
+        is, and nothing takes a truth for a measurement.
 
     Raises:
         UserError: If the drive does not fit, a signal is unknown, or the vehicle leaves the range in which its
@@ -44,10 +46,10 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
         >>> import harness as h
         >>> car = h.model("car", "govindarajan_2018", sensors="car_series")
         >>> run = h.simulate(car, h.drive("sine", duration="10 s", amplitude="20 deg"), seed=1)
-        >>> run.measured_yaw_rate.dims, run.measured_yaw_rate.attrs["units"], run.measured_yaw_rate.attrs["role"]
+        >>> run.yaw_rate.dims, run.yaw_rate.attrs["units"], run.yaw_rate.attrs["role"]
         (('time',), 'rad/s', 'measurement')
         >>> sorted(run.filter_by_attrs(role="truth").data_vars)
-        ['lateral_velocity', 'yaw_rate']
+        ['true_lateral_acceleration', 'true_lateral_velocity', 'true_yaw_rate']
     """
     from harness.simulation.drives import profile_of
     from harness.simulation.simulate import simulate_drive
@@ -57,9 +59,9 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
         spec.model().resolve(signal)
     found = simulate_drive(spec, profile_of(spec, drive.spec), signals, seed)
     inputs = set(spec.model().inputs) - set(spec.model().states)
+    outputs = set(spec.model().outputs)
     for name, variable in found.data_vars.items():
-        measured = str(name).startswith("measured_")
-        variable.attrs["role"] = "measurement" if measured else "input" if name in inputs else "truth"
+        variable.attrs["role"] = "measurement" if name in outputs else "input" if name in inputs else "truth"
     return found.assign_attrs(name=drive.name, inputs="held")  # constant behind each sample
 
 

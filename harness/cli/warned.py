@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import sys
 import warnings
 from collections import Counter
 from typing import Any
@@ -41,9 +42,12 @@ class Warned(logging.Handler):
         warnings.simplefilter("default")
         warnings.showwarning = self._take  # type: ignore[assignment]
         logging.getLogger().addHandler(self)
+        self._unraisable = sys.unraisablehook
+        sys.unraisablehook = lambda _: None  # what fails while a library cleans up after a damaged file
         return self
 
     def __exit__(self, *_: object) -> None:
+        sys.unraisablehook = self._unraisable
         logging.getLogger().removeHandler(self)
         self._catching.__exit__(None, None, None)
 
@@ -75,8 +79,6 @@ def _one_line(message: object) -> str:
 
 def _own(filename: str) -> str:
     """Return the file if it is code of the user's own that the harness runs."""
-    import sys
-
     for name in sorted(outside_packages()):
         for module in [m for n, m in list(sys.modules.items()) if n.partition(".")[0] == name]:
             if getattr(module, "__file__", None) == filename:

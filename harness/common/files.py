@@ -6,7 +6,8 @@ import functools
 import json
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from unicodedata import category
@@ -84,6 +85,34 @@ def read_text(path: Path) -> str:
         raise UserError(f"{path}: not UTF-8 text (byte {error.start}); save the file as UTF-8") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+@contextmanager
+def told_as_damaged(path: str | Path, what: str, remedy: str = "export it again") -> Iterator[None]:
+    """Refuse a file that the library of its format cannot read, whatever that library raises then.
+
+    Libraries check a file by reading it: damaged bytes end in errors of every kind, which are the file's fault.
+
+    Args:
+        path: The file.
+        what: What it should be, such as ``MATLAB file``.
+        remedy: What to do then.
+
+    Raises:
+        UserError: If it cannot be read.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except MemoryError:
+        raise UserError(f"{path}: is damaged, or needs more memory than there is; {remedy}") from None
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # the file itself: no permission, vanished
+        said = " ".join(str(error).split())[:200]
+        reason = f": {said}" if said else ""
+        raise UserError(f"{path}: is damaged or no {what}{reason}; {remedy}") from error
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:

@@ -113,7 +113,7 @@ def _most_sensors(
     Raises:
         UserError: If there is none; with the signals that each lacks.
     """
-    there = set.intersection(*({str(v).removeprefix("measured_") for v in r} for r in recordings))
+    there = set.intersection(*({str(v) for v in r} for r in recordings))
     names = fitting_sensors(vehicle, tyre)
     needs = {n: set(SENSORS.load(n).OUTPUTS) for n in names}
     whole = [n for n in names if needs[n] <= there]

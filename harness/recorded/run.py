@@ -26,7 +26,7 @@ from harness.estimation.contract import Estimator, kernels_of, load_estimator
 from harness.identification.data import Drive, joined
 from harness.identification.innovations import Innovations
 from harness.models.roles import SENSORS
-from harness.models.signals import signal_attributes
+from harness.models.signals import TRUTH, signal_attributes
 from harness.recorded import time_loops
 from harness.simulation.simulate import in_lanes, variances
 
@@ -111,8 +111,8 @@ class RecordedModel:
         outputs, found = model.outputs, {}
         for name in (n for n in self.signals if n not in model.inputs):
             source = self.references.get(name, name)
-            exact = f"measured_{source}" in recording
-            if name in self.references and source not in recording:
+            exact = f"{TRUTH}{source}" in recording
+            if name in self.references and source not in recording and not exact:
                 there = [str(v) for v in recording]
                 raise UserError(f"reference of '{name}': the recording lacks '{source}'{closest(source, there)}")
             if name in self.references and source in outputs and not exact:
@@ -120,8 +120,9 @@ class RecordedModel:
                     f"reference of '{name}': the estimators measure '{source}'; choose sensors without it to compare "
                     "with it"
                 )
-            if source in recording and (source not in outputs or exact) and np.isfinite(recording[source]).any():
-                found[name] = source
+            known = f"{TRUTH}{source}" if exact else source
+            if known in recording and (source not in outputs or exact) and np.isfinite(recording[known]).any():
+                found[name] = known
         return found
 
 

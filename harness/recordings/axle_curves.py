@@ -16,6 +16,7 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.models.signals import TRUTH
 from harness.recordings.derived_signals import DERIVED, Sources
 
 GRAVITY = 9.81
@@ -216,5 +217,5 @@ def _smooth(recording: xr.Dataset, values: Mapping[str, float], where: str) -> d
 
 
 def signals_of(recording: xr.Dataset) -> dict[str, Floats]:
-    """Return the signals of a recording by name, without those that a simulation wrote beside them with noise."""
-    return {str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if not str(n).startswith("measured_")}
+    """Return the signals of a recording by name, without the truths that a simulation wrote beside them."""
+    return {str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if not str(n).startswith(TRUTH)}

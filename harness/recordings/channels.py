@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.models.signals import SIGNALS
+from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings.channel_map import Channel, ChannelMap
 from harness.recordings.clock import Clock, check_clock, spikes, updates
 from harness.recordings.readers import Table
@@ -55,7 +55,7 @@ def plain_map(tables: list[Table], file: str) -> ChannelMap:
     channels = []
     for table in tables:
         for column in table.columns:
-            name = column.removeprefix("measured_")
+            name = column.removeprefix(TRUTH)
             if name not in SIGNALS or name == "time":
                 continue
             stated = table.units.get(column, "")

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from harness.config.parameter_set import load_set
 from harness.models.quantities import print_unit, quantity, words
+from harness.models.signals import TRUTH
 from harness.recordings import check_figures
 from harness.recordings.axle_curves import Axle, axles_of, signals_of
 from harness.recordings.consistency import Agreement, check, in_report_unit
@@ -92,7 +93,7 @@ def content_rows(recording: xr.Dataset) -> list[list[str]]:
     """Return a row per signal, in the units of reports, in the order of ``CONTENT``."""
     rows = []
     for name, signal in recording.data_vars.items():
-        shown = quantity(str(name).removeprefix("measured_"))
+        shown = quantity(str(name).removeprefix(TRUTH))
         values, about = signal.values * shown.scale, signal.attrs
         known = values[np.isfinite(values)]
         delay = f"{number(about.get('delay', 0.0) * 1e3)} ms" if about.get("delay") else "–"

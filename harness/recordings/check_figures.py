@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 from harness.common.arrays import Floats
 from harness.models.quantities import print_unit, quantity, words
+from harness.models.signals import TRUTH
 from harness.recordings.consistency import Agreement, in_report_unit
 from harness.reporting import style
 from harness.reporting.document import Picture
@@ -47,7 +48,7 @@ def _signals(recording: xr.Dataset, names: Sequence[str], which: int, of: int) -
         panels = fig.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         gaps = False
         for axes, name in zip(panels, names, strict=True):
-            shown = quantity(name.removeprefix("measured_"))
+            shown = quantity(name.removeprefix(TRUTH))
             values = recording[name].values * shown.scale
             axes.plot(*_envelope(time, values), color=_MEASURED, lw=0.7)
             gaps |= _shade_gaps(axes, time, values)

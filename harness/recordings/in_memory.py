@@ -12,7 +12,7 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.units import scale
-from harness.models.signals import SIGNALS
+from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings.readers import Table
 
 CLOCK = "time"
@@ -88,7 +88,7 @@ def _in_si(table: Table, what: str) -> Table:
     """Return a table with every column that is named after a signal in SI units."""
     columns, units = dict(table.columns), dict(table.units)
     for name, unit in table.units.items():
-        signal = SIGNALS.get(name.removeprefix("measured_"))
+        signal = SIGNALS.get(name.removeprefix(TRUTH))
         if signal is None or not unit or unit == signal.unit:
             continue
         columns[name] = columns[name] * scale(unit, signal.unit, f"{what}: units of '{name}'")

@@ -14,7 +14,7 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.models.signals import signal_attributes
+from harness.models.signals import TRUTH, signal_attributes
 from harness.recordings import readers
 from harness.recordings.channel_map import ChannelMap, load_map
 from harness.recordings.channels import Raw, collect, plain_map
@@ -88,7 +88,7 @@ def recording_of(
     )
     raw_of = {r.channel.signal: r for r in raws}
     for name, values in signals.items():
-        attributes = {**signal_attributes(name.removeprefix("measured_")), "rate": 1 / step, "derived": 1}
+        attributes = {**signal_attributes(name.removeprefix(TRUTH)), "rate": 1 / step, "derived": 1}
         if name in raw_of:
             raw = raw_of[name]
             delay, spread = delays.get(name, (raw.channel.delay, 0.0))
@@ -115,16 +115,13 @@ def recording_of(
 def measurements(recording: xr.Dataset, names: Sequence[str]) -> Floats:
     """Return what an estimator may use as measured: shape ``(samples, signals)``, NaN where nothing new was measured.
 
-    A signal of a simulated recording is taken with its noise (``measured_<name>``) where that is recorded.
-
     Raises:
         UserError: If the recording lacks a signal.
     """
     columns = []
     for name in names:
-        found = f"measured_{name}" if f"measured_{name}" in recording else name
-        values = _signal(recording, found)
-        updated = recording.coords.get(f"updated_{found}")
+        values = _signal(recording, name)
+        updated = recording.coords.get(f"updated_{name}")
         columns.append(values if updated is None else np.where(updated.values, values, np.nan))
     return np.stack(columns, axis=1)
 

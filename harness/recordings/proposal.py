@@ -18,7 +18,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import toml_text
 from harness.common.units import scale
-from harness.models.signals import SIGNALS
+from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings import readers
 
 _NAMES: tuple[tuple[str, str], ...] = (
@@ -235,6 +235,8 @@ def _rate(step: float, unit: str) -> str:
 
 def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
     """Return which signal a column may be, by its name, and its unit."""
+    if column.startswith(TRUTH):
+        return None
     words = _words(column)
     exact = "_".join(words.split()).removeprefix("measured_")
     signal = exact if exact in SIGNALS and exact != "time" else None

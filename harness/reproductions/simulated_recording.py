@@ -13,6 +13,7 @@ from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive, drive_from
 from harness.identification.simulation_error import Misfit
 from harness.models.contracts import Profile
+from harness.models.signals import TRUTH
 from harness.simulation.simulate import Simulator, in_lanes, simulate_drive, variances
 
 
@@ -31,7 +32,9 @@ def record(spec: ModelSpec, profile: Profile, name: str, seed: int) -> Drive:
     dataset = simulate_drive(spec, profile, seed=seed)
     drive = drive_from(dataset, model, name)
     spread = variances({**spec.process_noise, **spec.measurement_noise}, model.states)
-    return replace(drive, first_mean=np.array([float(dataset[s][0]) for s in model.states]), first_variance=spread)
+    return replace(
+        drive, first_mean=np.array([float(dataset[f"{TRUTH}{s}"][0]) for s in model.states]), first_variance=spread
+    )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from harness.engine.compile import CompiledModel, compile_model, load_source, pa
 from harness.engine.simd.lanes import LANES
 from harness.models.assembly.assemble import Model
 from harness.models.contracts import Profile
-from harness.models.signals import signal_attributes
+from harness.models.roles import SENSORS
+from harness.models.signals import TRUTH, signal_attributes
 
 if TYPE_CHECKING:
     from harness.config import ModelSpec
@@ -156,14 +157,17 @@ def simulate_drive(
         seed: Seed of process and measurement noise; ``None`` simulates without noise.
 
     Returns:
-        Dataset over ``time`` with a variable per signal, ``measured_<output>`` for the noisy outputs, each with
-        ``units``, ``long_name`` and ``frame``.
+        Dataset over ``time`` as a logger would have recorded it: inputs and measured outputs under their names, the
+        outputs with their noise. The truth of an output is ``true_<signal>``; with noise so is that of everything else
+        that no sensor gives, without noise such a signal has its own name. Each variable has ``units``, ``long_name``
+        and ``frame``.
 
     Raises:
         UserError: If the vehicle leaves the range in which its equations hold.
     """
     model = spec.model()
-    wanted = tuple(dict.fromkeys([*model.states, *signals]))
+    outputs = list(model.outputs)
+    wanted = tuple(dict.fromkeys([*model.states, *signals, *SENSORS.load(spec.sensors).OUTPUTS.values()]))
     compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, wanted)
     simulator = Simulator(compiled)
     table = input_table(profile, model.inputs, model.rates)
@@ -178,7 +182,7 @@ def simulate_drive(
         in_lanes(table),
         constants,
         in_lanes(variances(spec.process_noise, model.states)),
-        in_lanes(variances(spec.measurement_noise, list(model.outputs))),
+        in_lanes(variances(spec.measurement_noise, outputs)),
         noise,
         first_state(model, parameters, profile),
     )
@@ -187,12 +191,13 @@ def simulate_drive(
             f"the vehicle leaves the range in which its equations hold at t = {batch.left_at[0] * spec.step:.2f} s "
             f"({', '.join(model.valid)}); choose a calmer drive"
         )
-    columns = {name: batch.truth[:, i, 0] for i, name in enumerate(wanted)}
-    columns |= {name: table[:, i] for i, name in enumerate(model.inputs) if name not in columns}
-    measured = {f"measured_{name}": batch.measurements[:, i, 0] for i, name in enumerate(model.outputs)}
+    columns = {name: table[:, i] for i, name in enumerate(model.inputs) if name not in wanted}
+    columns |= {name: batch.measurements[:, i, 0] for i, name in enumerate(outputs)}
+    for i, name in enumerate(wanted):
+        columns[TRUTH + name if name in outputs or seed is not None else name] = batch.truth[:, i, 0]
     dataset = xr.Dataset(coords={"time": ("time", profile.time, {"units": "s", "long_name": "time"})})
-    for name, values in {**columns, **measured}.items():
-        dataset[name] = ("time", values, signal_attributes(name.removeprefix("measured_")))
+    for name, values in columns.items():
+        dataset[name] = ("time", values, signal_attributes(name.removeprefix(TRUTH)))
     dataset.attrs = {
         "model": model.name,
         "parameters": spec.parameters,

@@ -22,7 +22,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("drives")
     for seed, name in ((1, "first"), (2, "second")):
         drive = recorded(model_of(CAR), seed, duration=6.0, speed=15.0, amplitude=0.5)
-        gone = drive["measured_yaw_rate"].values
+        gone = drive["yaw_rate"].values
         gone[100:150] = np.nan
         write_recording(drive, folder / f"{name}.csv")
     return folder

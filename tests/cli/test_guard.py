@@ -139,7 +139,7 @@ def test_warnings_are_said_in_words_once_each(capsys):
         warnings.warn("Glyph 128 () missing from font(s) DejaVu Sans.", stacklevel=1)
         warnings.warn("old", DeprecationWarning, stacklevel=1)
         warnings.warn("old", FutureWarning, stacklevel=1)
-        logging.getLogger("asammdf").warning("block 3\nis odd")
+        logging.getLogger("some.library").warning("block 3\nis odd")
 
     assert guard.guarded(run) == 0
     assert capsys.readouterr().err == f"note: {NUMBERS}\nnote: {GLYPHS}\nnote: a library says: block 3 is odd\n"

@@ -318,6 +318,22 @@ def test_simulate_writes_a_recording(harness, tmp_path, suffix):
     assert 0.01 < columns["articulation_angle"].abs().max() < 0.5
 
 
+def test_simulate_with_noise_writes_what_sensors_give(harness, tmp_path):
+    """A file of ``harness simulate --seed`` is a measured drive to every command: truths have names of their own."""
+    for name, further in (("exact", ()), ("noisy", ("--seed", 1, "--signal", "coupling_force"))):
+        out = tmp_path / f"{name}.csv"
+        status, _, err = harness("simulate", "semitrailer", "--drive", "sine", "--sensors", "series", *further,
+                                 "--out", out)  # fmt: skip
+        assert status == 0, err
+    exact, noisy = pd.read_csv(tmp_path / "exact.csv"), pd.read_csv(tmp_path / "noisy.csv")
+    assert {"time", "steering_wheel_angle", "speed", "yaw_rate_trailer", "articulation_angle"} <= set(exact)
+    np.testing.assert_array_equal(exact["yaw_rate_trailer"], exact["true_yaw_rate_trailer"])
+    plain = [name for name in noisy if not name.startswith("true_")]
+    assert sorted(plain) == ["speed", "speed_rate", "steering_wheel_angle", "time", "yaw_rate_trailer"]
+    assert {"true_articulation_angle", "true_coupling_force", "true_yaw_rate_trailer"} <= set(noisy)
+    assert np.std(noisy["yaw_rate_trailer"] - noisy["true_yaw_rate_trailer"]) == pytest.approx(0.01, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -28,9 +28,9 @@ def drive():
 def with_gaps(recording, every=7):
     """Return a recording of which some samples of one output and whole samples are missing."""
     found = recording.copy(deep=True)
-    found["measured_yaw_rate"][3::every] = np.nan
+    found["yaw_rate"][3::every] = np.nan
     for name in MEASURED:
-        found[f"measured_{name}"][200:260] = np.nan
+        found[name][200:260] = np.nan
     return found
 
 
@@ -72,7 +72,7 @@ def test_the_right_model_is_consistent_on_a_simulated_drive(car, drive, kind):
     assert float(run["nis"].mean()) == pytest.approx(3.0, abs=0.15)
     assert float(run["nees"].mean()) == pytest.approx(3.0, abs=0.8)
     assert set(np.unique(run["nees_degrees"])) == {3.0}
-    error = run["lateral_velocity_rear"] - drive["lateral_velocity_rear"].values
+    error = run["lateral_velocity_rear"] - drive["true_lateral_velocity_rear"].values
     np.testing.assert_array_equal(run["error_lateral_velocity_rear"], error)
 
 
@@ -125,7 +125,7 @@ def test_an_unknown_input_is_estimated_from_where_its_random_walk_may_be():
 
 def test_from_a_divergence_on_nothing_is_estimated(car, drive):
     broken = drive.copy(deep=True)
-    broken["measured_lateral_velocity_rear"][500:] = 1e6
+    broken["lateral_velocity_rear"][500:] = 1e6
     run = RecordedEstimator(car, "ekf").run(broken)
     assert run.attrs["diverged_at"] == pytest.approx(5.0)
     assert np.isfinite(run["yaw_rate"][:500]).all()
@@ -135,7 +135,7 @@ def test_from_a_divergence_on_nothing_is_estimated(car, drive):
 
 
 def test_a_reference_is_what_the_estimators_do_not_measure(car, drive):
-    measured = drive.drop_vars(MEASURED).rename({f"measured_{n}": n for n in MEASURED})
+    measured = drive.drop_vars([f"true_{n}" for n in MEASURED])
     assert car.reference(measured) == {}
     run = RecordedEstimator(car, "ekf").run(measured)
     assert "nees" not in run

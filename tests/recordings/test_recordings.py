@@ -22,13 +22,13 @@ needs_measured = pytest.mark.skipif(
 
 def test_columns_named_as_signals_need_no_map(tmp_path):
     columns = drive(TIME)
-    path, _ = stored(tmp_path, {**columns, "note": 1.0, "measured_yaw_rate": columns["yaw_rate"] + 0.01})
+    path, _ = stored(tmp_path, {**columns, "note": 1.0, "true_yaw_rate": columns["yaw_rate"] + 0.01})
     recording = load_recording(path)
-    assert set(recording.data_vars) == {*columns, "measured_yaw_rate"} - {"time"}
+    assert set(recording.data_vars) == {*columns, "true_yaw_rate"} - {"time"}
     assert recording["yaw_rate"].attrs["units"] == "rad/s"
     np.testing.assert_allclose(recording["lateral_velocity"], columns["lateral_velocity"], atol=1e-9)
     assert recording.attrs["warnings"] == []
-    np.testing.assert_allclose(measurements(recording, ["yaw_rate"])[:, 0], columns["yaw_rate"] + 0.01, atol=1e-9)
+    np.testing.assert_allclose(measurements(recording, ["yaw_rate"])[:, 0], columns["yaw_rate"], atol=1e-9)
     assert inputs(recording, ["yaw_rate", "heading"]).shape == (len(TIME), 2)
     with pytest.raises(UserError, match="lacks 'yaw_rat'; closest: yaw_rate"):
         inputs(recording, ["yaw_rat"])

@@ -23,6 +23,7 @@ import numpy as np
 from harness.common import locations
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.files import told_as_damaged
 
 _KEYS = ("inputs", "outputs", "input_delays", "output_delays", "step")
 
@@ -218,30 +219,29 @@ def load(path: Path) -> Network:
             together.
     """
     again = "write it with python -m harness.reproductions.narx_training"
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise UserError(f"{path}: there is no such file") from None
-    except (OSError, EOFError, ValueError, TypeError, AttributeError, zipfile.BadZipFile):
-        raise UserError(f"{path}: not an .npz file of plain arrays; pickled objects are refused; {again}") from None
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such file")
+    not_plain = UserError(f"{path}: not an .npz file of plain arrays; pickled objects are refused; {again}")
+    if not zipfile.is_zipfile(path):
+        raise not_plain
+    with told_as_damaged(path, "network", again), np.load(path, allow_pickle=False) as file:
+        try:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+        except ValueError as error:
+            if "pickle" in str(error):  # NumPy goes on to say how to run what is in there
+                raise not_plain from None
+            raise
     count = sum(name.startswith("layer_") for name in arrays)
     expected = ["description", "input_range", "output_range", *(f"layer_{i}" for i in range(max(count, 1)))]
     missing = [name for name in expected if name not in arrays]
     if missing:
         raise UserError(f"{path}: array '{missing[0]}' is missing; {again}")
-    try:
-        described = json.loads(str(arrays["description"]))
-        absent = [k for k in _KEYS if k not in described]
-    except (json.JSONDecodeError, TypeError) as error:
-        raise UserError(f"{path}: 'description' is not JSON ({error}); {again}") from None
-    if absent:
-        raise UserError(f"{path}: 'description' lacks '{absent[0]}'; {again}")
+    described = _described(arrays["description"], path, again)
     network = Network(
         tuple(described["inputs"]),
         tuple(described["outputs"]),
-        int(described["input_delays"]),
-        int(described["output_delays"]),
+        described["input_delays"],
+        described["output_delays"],
         float(described["step"]),
         tuple(arrays[f"layer_{i}"] for i in range(count)),
         arrays["input_range"],
@@ -252,6 +252,29 @@ def load(path: Path) -> Network:
     if wrong:
         raise UserError(f"{path}: {wrong}; {again}")
     return network
+
+
+def _described(array: np.ndarray[Any, Any], path: Path, again: str) -> dict[str, Any]:
+    """Return what a network says of itself, its entries of the types that they must have.
+
+    Raises:
+        UserError: If it is no JSON, lacks an entry, or one is of another type.
+    """
+    try:
+        found = json.loads(str(array))
+    except (json.JSONDecodeError, RecursionError, ValueError) as error:
+        raise UserError(f"{path}: 'description' is not JSON ({error}); {again}") from None
+    if not isinstance(found, dict):
+        raise UserError(f"{path}: 'description' is no table; {again}")
+    for key in _KEYS:
+        value = found.get(key)
+        names = isinstance(value, list) and all(isinstance(name, str) for name in value)
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        if key not in found:
+            raise UserError(f"{path}: 'description' lacks '{key}'; {again}")
+        if not (names if key in ("inputs", "outputs") else whole or (key == "step" and isinstance(value, float))):
+            raise UserError(f"{path}: '{key}' of 'description' is {value!r}; {again}")
+    return found
 
 
 def _misfit(network: Network) -> str:

@@ -10,7 +10,8 @@ import scipy.io
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.recordings.readers._table import Table, by_length, told_as_damaged
+from harness.common.files import told_as_damaged
+from harness.recordings.readers._table import Table, by_length
 
 SUFFIXES = (".mat",)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import tempfile
 from collections import Counter
 from typing import Any
 
@@ -9,7 +11,8 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.recordings.readers._table import Table, told_as_damaged
+from harness.common.files import told_as_damaged
+from harness.recordings.readers._table import Table
 
 SUFFIXES = (".mf4", ".mdf", ".dat")
 
@@ -29,7 +32,14 @@ def read(path: str) -> list[Table]:
         raise UserError(
             f'{path}: MDF files are read with asammdf, which is not installed: pip install "robustness-harness[mdf]"'
         ) from None
-    with told_as_damaged(path, "MDF file"), MDF(path) as file:
+    log = logging.getLogger("asammdf")  # which it prints by itself
+    log.handlers.clear()
+    log.propagate = True
+    with (
+        tempfile.TemporaryDirectory(prefix="mdf-", ignore_cleanup_errors=True) as folder,  # asammdf leaves files behind
+        told_as_damaged(path, "MDF file"),
+        MDF(path, temporary_folder=folder) as file,
+    ):
         return _tables(file)
 
 

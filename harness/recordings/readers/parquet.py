@@ -6,7 +6,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.common.arrays import Floats
-from harness.recordings.readers._table import Table, told_as_damaged
+from harness.common.files import told_as_damaged
+from harness.recordings.readers._table import Table
 
 SUFFIXES = (".parquet", ".pq")
 
