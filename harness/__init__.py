@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from harness.api.diagnosis import Diagnosis as Diagnosis
     from harness.api.drive import Drive as Drive
     from harness.api.drive import drive as drive
+    from harness.api.estimates import Estimates as Estimates
+    from harness.api.estimates import estimate as estimate
     from harness.api.estimator import Estimator as Estimator
     from harness.api.identification import Identification as Identification
     from harness.api.identification import identify as identify
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "harness.api.diagnosis": ("Diagnosis",),
     "harness.api.drive": ("Drive", "drive"),
+    "harness.api.estimates": ("Estimates", "estimate"),
     "harness.api.estimator": ("Estimator",),
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),

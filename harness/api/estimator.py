@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from harness.api import _show
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from harness.api.model import Model
+    from harness.recorded.run import RecordedModel
 
 
 class Estimator:
@@ -65,7 +67,7 @@ class Estimator:
                 where they are not stated.
             recording: Measured or simulated: a path, a DataFrame or a Dataset, see ``harness.read_recording``. A
                 missing measurement (NaN) is skipped; inputs may have no gaps.
-            signals: Ports and inputs to estimate beside every state.
+            signals: Ports and inputs to estimate beside every state and every measured quantity.
             references: Signal of the recording by the state or port that it is the reference of; by default a signal of
                 the same name that is not measured, of a simulated recording the exact one.
             inputs: ``joined`` where inputs run straight from sample to sample, as measured ones do, ``held`` where they
@@ -93,14 +95,21 @@ class Estimator:
             ('m/s', True)
         """
         from harness.api.recordings import recordings_of
-        from harness.identification.data import step_of
-        from harness.recorded.run import RecordedEstimator, RecordedModel
+        from harness.recorded.run import RecordedEstimator
 
-        (given,) = recordings_of(recording, "recording")
-        spec = model.resolved_for([given], step=step_of(given))
-        held: Literal["joined", "held"] = inputs or given.attrs.get("inputs", "joined")
-        believed = RecordedModel(spec, signals, held, references)
-        return RecordedEstimator(believed, self.kind, self._spec.settings, self._spec.base).run(given, seed)
+        given = recordings_of(recording, "recording")
+        believed = believed_on(model, given, signals, references, inputs)
+        return RecordedEstimator(believed, self.kind, self.resolved, self.folder).run(given[0], seed)
+
+    @property
+    def resolved(self) -> Mapping[str, Any]:
+        """The settings as the packages below take them (internal)."""
+        return self._spec.settings
+
+    @property
+    def folder(self) -> Path:
+        """What files that settings name are relative to (internal)."""
+        return self._spec.base
 
     def __repr__(self) -> str:
         """Return the estimator in a few lines."""
@@ -108,3 +117,22 @@ class Estimator:
 
     def _repr_html_(self) -> str:
         return _show.html(f"Estimator '{self.kind}'", self.settings)
+
+
+def believed_on(
+    model: Model,
+    recordings: Sequence[xr.Dataset],
+    signals: Sequence[str] = (),
+    references: Mapping[str, str] | None = None,
+    inputs: Literal["joined", "held"] | None = None,
+    jobs: int | None = None,
+) -> RecordedModel:
+    """Return what estimators on recordings believe; measured quantities are estimated beside ``signals`` (internal)."""
+    from harness.identification.data import step_of
+    from harness.models.roles import SENSORS
+    from harness.recorded.run import RecordedModel
+
+    spec = model.resolved_for(recordings, step=step_of(recordings[0]))
+    ports = SENSORS.load(spec.sensors).OUTPUTS.values()
+    held: Literal["joined", "held"] = inputs or recordings[0].attrs.get("inputs", "joined")
+    return RecordedModel(spec, [*ports, *signals], held, references, jobs)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from harness.cli.options import (
@@ -35,12 +32,9 @@ from harness.cli.recorded_options import (
     SubstepsOption,
     UnknownOption,
 )
-from harness.common.errors import UserError
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-    from harness.recorded.run import RecordedEstimator, RecordedModel
+    from harness.api.estimator import Estimator
 
 
 def estimate(
@@ -98,91 +92,34 @@ def estimate(
         data, channels, step, unknown_input, process_noise, measurement_noise, inputs, integrator, substeps,
         bank_map or (), jobs,
     )  # fmt: skip
-    chosen = _estimators(estimator)
+    from harness.api.estimates import estimate as estimated
+
+    chosen = [_estimator(text) for text in estimator]
     references = {k: str(v) for k, v in pairs(reference, "--reference").items()}
-    console = Console(stderr=True)
-    with console.status("reading"):
+    with Console(stderr=True).status("reading"):
         recordings = given.recordings()
-        believed = given.believed(recordings, signal or (), references)
-        estimators = [_compiled(believed, name, kind, settings) for name, kind, settings in chosen]
-    runs = _run(believed, estimators, recordings, seed, jobs, console)
-    _report(believed, runs, recordings, out, form, console)
-
-
-def _estimators(given: Sequence[str]) -> list[tuple[str, str, dict[str, Any]]]:
-    """Return name, kind and settings of the estimators asked for.
-
-    Raises:
-        UserError: If one is asked for twice or its settings cannot be read.
-        ModelError: If there is no such estimator.
-    """
-    from harness.estimation.contract import load_estimator
-
-    found: list[tuple[str, str, dict[str, Any]]] = []
-    for text in given:
-        kind, *settings = (part.strip() for part in text.split(","))
-        load_estimator(kind)
-        name = kind.upper() if not settings else f"{kind.upper()} {' '.join(settings)}"
-        if name in [n for n, _, _ in found]:
-            raise UserError(f"--estimator {text}: is asked for twice")
-        found.append((name, kind, pairs(settings, f"--estimator {kind},")))
-    return found
-
-
-def _compiled(model: RecordedModel, name: str, kind: str, settings: dict[str, Any]) -> RecordedEstimator:
-    from harness.recorded.run import RecordedEstimator
-
-    return RecordedEstimator(model, kind, settings, name=name)
-
-
-def _run(
-    model: RecordedModel,
-    estimators: Sequence[RecordedEstimator],
-    recordings: Sequence[xr.Dataset],
-    seed: int,
-    jobs: int | None,
-    console: Console,
-) -> list[xr.Dataset]:
-    """Return the runs by recording, then by estimator."""
-    from harness.recorded.run import name_of
-
-    drives = [model.drive(r, name_of(r)) for r in recordings]
-    tasks = [(i, e) for i in range(len(recordings)) for e in range(len(estimators))]
-    found: dict[tuple[int, int], xr.Dataset] = {}
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress, ThreadPoolExecutor(jobs) as pool:
-        bar = progress.add_task("compiling and estimating", total=len(tasks))
-        futures = {pool.submit(estimators[e].run, recordings[i], seed, drives[i]): (i, e) for i, e in tasks}
-        for future in as_completed(futures):
-            found[futures[future]] = future.result()
-            progress.advance(bar)
-    return [found[task] for task in tasks]
-
-
-def _report(
-    model: RecordedModel,
-    runs: Sequence[xr.Dataset],
-    recordings: Sequence[xr.Dataset],
-    out: Path,
-    form: Literal["csv", "parquet", "nc"],
-    console: Console,
-) -> None:
-    """Write everything, and print the answer, the files and what is odd about the recordings."""
-    from harness.recorded.report import Estimated, answer, document
-    from harness.recorded.run import EXACT
-    from harness.recorded.summary import summary
-    from harness.recorded.write import write_estimates, write_numbers
-    from harness.reporting.document import write
-
-    warnings = [f"{r.attrs['name']}: {w}" for r in recordings for w in r.attrs.get("warnings", [])]
-    found = Estimated(model.spec.vehicle, runs, [summary(r) for r in runs], warnings)
-    with console.status("writing"):
-        files = write_estimates(out / "estimates", runs, form)
-        numbers = write_numbers(out, found.summaries, EXACT)
-        pages = write(document(found, command()), out)
-    for warning in warnings:
-        console.print(Text(f"note: {warning}"), soft_wrap=True)
-    console.print(Text(f"note: {EXACT}"), soft_wrap=True)
-    Console().print(Text(answer(found), style="bold"), soft_wrap=True)
-    for path in (*pages, numbers, *files):
+    found = estimated(
+        given.believed(recordings),
+        recordings,
+        chosen,
+        signals=signal or (),
+        references=references,
+        inputs=inputs,
+        seed=seed,
+        jobs=jobs,
+    )
+    with Console(stderr=True).status("writing the report"):
+        written = found.report(out, command(), form)
+    for note in found.notes:
+        Console(stderr=True).print(Text(f"note: {note}"), soft_wrap=True)
+    Console().print(Text(found.answer, style="bold"), soft_wrap=True)
+    for path in written:
         Console().print(Text(str(path)), soft_wrap=True)
+
+
+def _estimator(text: str) -> Estimator:
+    """Return an estimator that is asked for as ``KIND[,NAME=VALUE...]``."""
+    from harness.api.estimator import Estimator
+
+    kind, *settings = (part.strip() for part in text.split(","))
+    return Estimator(kind, **pairs(settings, f"--estimator {kind},"))

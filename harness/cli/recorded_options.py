@@ -16,7 +16,11 @@ from harness.common.errors import UserError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from harness.recorded.run import Inputs, RecordedModel
+    from harness.api.model import Model
+    from harness.recorded.run import Inputs
+
+BANK = "bank_angle"
+"""Signal that ``--bank-map`` makes."""
 
 DataOption = Annotated[list[Path], typer.Option("--data", "-d", help="Recording; repeatable.")]
 ChannelsOption = Annotated[
@@ -110,26 +114,32 @@ class RecordedOptions:
         named = [r.assign_attrs(name=path.name.split(".")[0]) for r, path in zip(read, self.data, strict=True)]
         return [r.assign_attrs(name=name) for r, name in zip(named, names_of(named), strict=True)]
 
-    def believed(
-        self,
-        recordings: Sequence[xr.Dataset],
-        signals: Sequence[str] = (),
-        references: dict[str, str] | None = None,
-    ) -> RecordedModel:
-        """Return the model that the estimators believe; measured quantities are estimated beside ``signals``."""
-        from harness.config import resolve_single
+    def believed(self, recordings: Sequence[xr.Dataset]) -> Model:
+        """Return the model that the estimators believe, its step that of the first recording.
+
+        Raises:
+            UserError: If it needs the bank of a road that nothing tells.
+        """
         from harness.identification.data import step_of
         from harness.identification.measured_file import FINEST
-        from harness.models.roles import SENSORS
-        from harness.recorded.run import RecordedModel
 
         step = step_of(recordings[0])
         noise = {
             "process": pairs(self.process, "--process-noise"),
             "measurement": pairs(self.measurement, "--measurement-noise"),
         }
-        further = {"step": step, "substeps": self.substeps or math.ceil(step / FINEST - 1e-9), "noise": noise}
-        chosen = model_of(self.model, integrator=self.integrator, unknown_inputs=self.unknown, **further)
-        spec = resolve_single(chosen.table(recordings), "command line", "belief")
-        ports = SENSORS.load(spec.sensors).OUTPUTS.values()
-        return RecordedModel(spec, [*ports, *signals], self.inputs, references, self.jobs)
+        model = model_of(
+            self.model,
+            integrator=self.integrator,
+            substeps=self.substeps or math.ceil(step / FINEST - 1e-9),
+            step=step,
+            unknown_inputs=self.unknown,
+            noise=noise,
+        )
+        lacking = [r.attrs["name"] for r in recordings if BANK in model.inputs and BANK not in r]
+        if lacking:
+            raise UserError(
+                f"--data: {lacking[0]} lacks '{BANK}', which the effect road_bank_measured reads: give at least two "
+                "recordings of the same road with --bank-map, or a channel of it"
+            )
+        return model

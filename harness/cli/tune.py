@@ -128,6 +128,7 @@ def _study(study: str, drives: str, budget: int, repeats: int, out: Path) -> Non
 
 def _recordings(given: RecordedOptions, by: Literal["state", "unit"], out: Path) -> None:
     """Tune on recordings and write the parameter file, its numbers and the report."""
+    from harness.api.estimator import believed_on
     from harness.recorded.tuning import tune_noise
     from harness.recorded.tuning_report import answer, document, write_tuning
     from harness.reporting.document import write
@@ -137,7 +138,7 @@ def _recordings(given: RecordedOptions, by: Literal["state", "unit"], out: Path)
     console = Console(stderr=True)
     with console.status("reading") as status:
         recordings = given.recordings()
-        believed = given.believed(recordings)
+        believed = believed_on(given.believed(recordings), recordings, inputs=given.inputs, jobs=given.jobs)
         status.update("compiling")
         found = tune_noise(believed, recordings, by, status.update)
         status.update("report")

@@ -292,6 +292,7 @@ def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: P
             )
     for name in held.inputs:
         given = {*truth.inputs, *truth.outputs, *truth.states, *truth.ports, *DRIVE_INPUTS, *held.rates, "time"}
+        given |= set(held.otherwise)
         if name not in given:
             problems.add(
                 "belief.vehicle",

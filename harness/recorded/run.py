@@ -53,7 +53,8 @@ class RecordedModel:
         inputs: ``joined``: recorded inputs run straight from sample to sample, as measured ones do; ``held``: they
             stay constant behind each sample, as those of a simulation do.
         references: Signal of the recording by the state or port that it is the reference of. Without it, a signal of
-            the same name that is not measured by the sensors; of a simulated recording the exact one.
+            the same name that is not measured by the sensors and is stated as no other's; of a simulated recording the
+            exact one.
 
     Attributes:
         signals: All that is estimated: states first.
@@ -109,7 +110,8 @@ class RecordedModel:
         """
         model = self.spec.model()
         outputs, found = model.outputs, {}
-        for name in (n for n in self.signals if n not in model.inputs):
+        claimed = set(self.references.values()) - set(self.references)
+        for name in (n for n in self.signals if n not in model.inputs and n not in claimed):
             source = self.references.get(name, name)
             exact = f"{TRUTH}{source}" in recording
             if name in self.references and source not in recording and not exact:

@@ -38,7 +38,7 @@ def simulate_runs(repeats: int, seed: int) -> tuple[CompiledModel, Floats, Float
     options = {"duration": 5.0, "lead_in": 0.5, "speed": "50 km/h", "speed_change": "20 km/h"}
     options |= {"amplitude": "30 deg", "frequency": "0.4 Hz", "fade": 1.0, "lateral_acceleration_limit": 6.0}
     profile = build_drive("sine", options, context)
-    inputs = in_lanes(input_table(profile, model.inputs, model.rates))[:SAMPLES]
+    inputs = in_lanes(input_table(profile, model))[:SAMPLES]
     noise = np.empty((SAMPLES, compiled.nx + compiled.ny, LANES))
     for lane in range(LANES):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(min(lane, repeats - 1),)))

@@ -91,10 +91,8 @@ class Simulator:
         return Batch(truth, y, left[0])
 
 
-def input_table(
-    profile: Profile, names: Sequence[str], rates: Mapping[str, str], elsewhere: Sequence[str] = ()
-) -> Floats:
-    """Return the inputs of a model over a drive, ``(samples, len(names))``; NaN for those that come from elsewhere.
+def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -> Floats:
+    """Return the inputs of a model over a drive, ``(samples, nu)``; NaN for those that come from elsewhere.
 
     The rate of an input is its forward difference, which is what Euler's step needs to keep the kingpin tie;
     an estimator at sample k + 1 knows it, because it knows the input at k and k + 1.
@@ -103,7 +101,9 @@ def input_table(
         UserError: If the drive has no such input.
     """
     step = float(profile.time[1] - profile.time[0])
+    names, rates = model.inputs, model.rates
     known: dict[str, Floats] = {
+        **{name: np.full(len(profile.time), value) for name, value in model.otherwise.items()},
         "steering_wheel_angle": profile.steering_wheel_angle,
         "speed": profile.speed,
         "time": profile.time,
@@ -170,7 +170,7 @@ def simulate_drive(
     wanted = tuple(dict.fromkeys([*model.states, *signals, *SENSORS.load(spec.sensors).OUTPUTS.values()]))
     compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, wanted)
     simulator = Simulator(compiled)
-    table = input_table(profile, model.inputs, model.rates)
+    table = input_table(profile, model)
     samples = len(table)
     noise = np.zeros((samples, compiled.nx + compiled.ny, LANES))
     if seed is not None:

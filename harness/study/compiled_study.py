@@ -70,8 +70,8 @@ class CompiledStudy:
         profile = profile_of(study.plant, study.drives[index])
         plant, belief = study.plant.model(), study.belief.model()
         tables = (
-            input_table(profile, plant.inputs, plant.rates),
-            input_table(profile, belief.inputs, belief.rates, self.supplied),
+            input_table(profile, plant),
+            input_table(profile, belief, self.supplied),
         )
         return DriveInputs(profile, *(in_lanes(table) for table in tables))
 
@@ -109,7 +109,8 @@ def supplied_inputs(plant: Model, belief: Model) -> tuple[str, ...]:
 
     They are what its sensors measure, noise included, or where no sensor does, the plant's exact state or port.
     """
-    driven = {*plant.inputs, *belief.rates, *DRIVE_INPUTS, "time"}
+    published = {*plant.outputs, *plant.states, *plant.ports}
+    driven = {*plant.inputs, *belief.rates, *DRIVE_INPUTS, *(set(belief.otherwise) - published), "time"}
     return tuple(name for name in belief.inputs if name not in driven)
 
 

@@ -56,6 +56,7 @@ class Builder:
         self.parameters: dict[str, Parameter] = {p.name: p for p in vehicle.PARAMETERS}
         self.ports: dict[str, sp.Expr] = {}
         self.rates: dict[str, str] = {}
+        self.otherwise: dict[str, float] = {}
         self.layout = Layout.of(vehicle)
         self._bodies: dict[str, Body] = {}
         self._places: dict[str, list[str]] = {name: [] for name in self.effects}
@@ -108,10 +109,12 @@ class Builder:
         if self._derivatives.get(name) != sp.sympify(expr):
             self.derivative(name, expr)
 
-    def add_input(self, name: str) -> sp.Symbol:
+    def add_input(self, name: str, otherwise: float | None = None) -> sp.Symbol:
         """Add an input that an effect needs, or return it if the model has it already."""
         if name not in self.inputs:
             self.inputs.append(name)
+            if otherwise is not None:
+                self.otherwise[name] = otherwise
         return symbol(name)
 
     def body(self, name: str, body: Body) -> None:
@@ -279,6 +282,7 @@ class Builder:
             outputs=output_expressions,
             valid=dict(self.vehicle.VALID),
             rates=dict(self.rates),
+            otherwise=dict(self.otherwise),
             axles=tuple(self.vehicle.AXLES),
             effects=tuple(self.effects),
             start=self._start(),

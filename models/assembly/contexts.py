@@ -64,7 +64,7 @@ class PartialModel(Protocol):
     def body_named(self, name: str, owner: str) -> Body:
         """Return a body for an effect."""
 
-    def add_input(self, name: str) -> sp.Symbol:
+    def add_input(self, name: str, otherwise: float | None = None) -> sp.Symbol:
         """Add an input that an effect needs."""
 
     def own_state(self, owner: str, name: str, start: float | str | None = None) -> sp.Symbol:
@@ -189,9 +189,15 @@ class EffectContext(_Reader):
         """Return the error of an effect that makes no sense at this site, to be raised."""
         return ModelError(f"{self._owner} does not fit '{self._builder.vehicle_name}': {reason}")
 
-    def input(self, name: str) -> sp.Symbol:
-        """Return an input that this effect adds to the model, if it does not have it yet."""
-        return self._builder.add_input(name)
+    def input(self, name: str, otherwise: float | None = None) -> sp.Symbol:
+        """Return an input that this effect adds to the model, if it does not have it yet.
+
+        Args:
+            name: A signal.
+            otherwise: Its value in a simulated drive that does not state it; without one such a drive is refused. A
+                recording has to hold it in any case.
+        """
+        return self._builder.add_input(name, otherwise)
 
     def state(self, stem: str, shared: bool = False, start: float | str | None = None) -> sp.Symbol:
         """Return one of the effect's own states: of the site's place, or one for all places.

@@ -32,6 +32,7 @@ class Model:
         outputs: Names and expressions of what is measured.
         valid: Largest magnitude of a state for which the equations hold; beyond it a run counts as diverged.
         rates: Inputs that are time derivatives of other inputs, ``{"speed_rate": "speed"}``.
+        otherwise: Value of an effect's input in a simulated drive that does not state it.
         axles: Axle names, front to rear.
         effects: Names of the effects in force, in the order they act.
         start: First value of a state that does not start at zero: a number, or the name of a parameter or of an
@@ -52,6 +53,7 @@ class Model:
     outputs: dict[str, sp.Expr]
     valid: dict[str, float]
     rates: dict[str, str] = field(default_factory=dict)
+    otherwise: dict[str, float] = field(default_factory=dict)
     axles: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
     start: dict[str, float | str] = field(default_factory=dict)

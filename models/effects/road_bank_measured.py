@@ -1,5 +1,7 @@
 """A road whose bank is known over time, from a map along the driven path or from a survey: an input of the model.
 
+A recording has to hold it; the road of a simulated drive is flat.
+
 ``bank_share`` is 1 where the stated bank acts and 0 where it does not; its estimate says whether the recording shows
 that bank at all.
 """
@@ -23,4 +25,4 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Add ``-g sin(lambda_B bank)``."""
-    return value - _gravity.GRAVITY * sp.sin(e.p("bank_share") * e.input("bank_angle"))
+    return value - _gravity.GRAVITY * sp.sin(e.p("bank_share") * e.input("bank_angle", otherwise=0.0))

@@ -148,7 +148,7 @@ def stiffness_error(**settings) -> np.ndarray:
     truth, measured = in_lanes(kept[:, :5]), in_lanes(kept[:, 5:]) + noise
     model = assemble("car_3dof", None, (), "car_lateral")
     belief = compile_model(model, 0.01, "euler", 1, TRUE)
-    inputs = in_lanes(input_table(profile, model.inputs, {}, MEASURED[1:]))
+    inputs = in_lanes(input_table(profile, model, MEASURED[1:]))
     inputs[:, 1] = measured[:, 1]
     p = in_lanes(belief.parameter_vector(dict(PARAMETERS.load("li_2017").VALUES)))
     filter_ = Estimator("st_cdkf", belief, settings)

@@ -134,6 +134,14 @@ def test_from_a_divergence_on_nothing_is_estimated(car, drive):
     assert np.isfinite(run.attrs["log_likelihood"])
 
 
+def test_a_signal_is_the_reference_of_one_quantity_only(car, drive):
+    stated = RecordedModel(car.spec, inputs="held", references={"slip_angle_rear": "yaw_rate"}, jobs=1)
+    assert "yaw_rate" in car.reference(drive)
+    found = stated.reference(drive)
+    assert found["slip_angle_rear"] == "yaw_rate"
+    assert "yaw_rate" not in found
+
+
 def test_a_reference_is_what_the_estimators_do_not_measure(car, drive):
     measured = drive.drop_vars([f"true_{n}" for n in MEASURED])
     assert car.reference(measured) == {}

@@ -122,7 +122,7 @@ def simulate(
     constants = compiled.constants(in_lanes(compiled.parameter_vector(spec.values)))
     noise_x = in_lanes(variances(spec.process_noise, model.states))
     noise_y = in_lanes(variances(spec.measurement_noise, list(model.outputs)))
-    tables = {name: input_table(p, model.inputs, model.rates) for name, p in profiles.items()}
+    tables = {name: input_table(p, model) for name, p in profiles.items()}
     found, names = [], list(profiles)
     for start in range(0, len(names), LANES):
         group = names[start : start + LANES]
