@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -49,6 +50,10 @@ def tune(
     ] = None,
     budget: Annotated[int, typer.Option("--budget", min=1, help="Candidates per estimator of a study.")] = 240,
     repeats: Annotated[int, typer.Option("--repeats", min=1, help="Noise realisations of each drive of a study.")] = 1,
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", help="Estimator of a study, by name; repeatable; all if absent."),
+    ] = None,
     data: Annotated[
         list[Path] | None, typer.Option("--data", "-d", help="Recording; repeatable. Tunes without a truth.")
     ] = None,
@@ -88,10 +93,10 @@ def tune(
             raise UserError(
                 "tune a study (harness tune STUDY --drives ...) or recordings (harness tune --data ... --model ...)"
             )
-        _study(study, drives, budget, repeats, out)
+        _study(study, drives, budget, repeats, only or (), out)
         return
-    if study is not None or drives is not None:
-        raise UserError("--data tunes on recordings; leave out the study and --drives")
+    if study is not None or drives is not None or only:
+        raise UserError("--data tunes on recordings; leave out the study, --drives and --only")
     if model is None:
         raise UserError("--data needs --model: the vehicle of the recordings")
     given = RecordedOptions(
@@ -102,8 +107,8 @@ def tune(
     _recordings(given, by, out)
 
 
-def _study(study: str, drives: str, budget: int, repeats: int, out: Path) -> None:
-    """Tune every estimator of a study that states a covariance."""
+def _study(study: str, drives: str, budget: int, repeats: int, only: Sequence[str], out: Path) -> None:
+    """Tune the estimators of a study that state a covariance."""
     import dataclasses
 
     from rich.table import Table
@@ -112,17 +117,20 @@ def _study(study: str, drives: str, budget: int, repeats: int, out: Path) -> Non
     from harness.study.tune import tune as search
     from harness.study.tune import write_tuning
 
-    loaded = load_study(study_path(study))
+    loaded = load_study(study_path(study), tuned=False)
     training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
     console = Console(stderr=True)
     with console.status("tuning") as status:
-        found = search(training, budget, repeats, lambda name: status.update(f"tuning {name}"))
-    write_tuning(out, training, budget, repeats, found)
+        found = search(training, budget, repeats, lambda name: status.update(f"tuning {name}"), only)
+    write_tuning(out, training, budget, repeats, found, command())
     table = Table("estimator", "process", "unknown inputs", "measurement", "log-likelihood before", "after", box=None)
     for name, tuning in found.items():
         factors = [f"{tuning.factors[group]:.3g}" for group in ("process", "unknown_inputs", "measurement")]
         table.add_row(name, *factors, f"{tuning.before:.1f}", f"{tuning.after:.1f}")
     Console().print(table)
+    for name, tuning in found.items():
+        for group in tuning.at_the_edge:
+            console.print(f"{name}: the factor on {group} lies at the end of the search; state that noise anew")
     typer.echo(out)
 
 

@@ -7,12 +7,13 @@ a folder for each kind of file:
 ``vehicles/ tyres/ effects/ sensors/   components: Python files that are imported when their name is looked up
 parameters/ drives/ estimators/        (``harness.common.components``)
 readers/``
-``studies/``, ``studies/drives/``      studies and sets of drives
+``studies/``, ``studies/drives/``,     studies, sets of drives and tuned noise
+``studies/tuned/``
 ``channels/``                          channel maps
 ``networks/``                          trained networks
 =====================================  ============================================================================
 
-Files of the last three rows are data: they are read, never run.
+Files of the last rows, from the studies on, are data: they are read, never run.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class Kind:
 
 STUDIES = Kind("study", ".toml", "studies", BUNDLED_STUDIES)
 DRIVE_SETS = Kind("set of drives", ".toml", "studies/drives", BUNDLED_STUDIES / "drives")
+TUNINGS = Kind("file of tuned noise", ".toml", "studies/tuned", BUNDLED_STUDIES / "tuned")
 CHANNELS = Kind("channel map", ".toml", "channels", BUNDLED_STUDIES / "channels")
 NETWORKS = Kind("network", ".npz", "networks", BUNDLED_STUDIES.parent / "estimation" / "networks")
 

@@ -24,19 +24,20 @@ from harness.config.report_options import limits, over_time
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
-from harness.config.tuning import tuned
+from harness.config.tuning import with_tuning
 from harness.models.contracts import DRIVE_INPUTS
 from harness.models.drive_options import options_of
 
 _Table = TypeVar("_Table", bound=BaseModel)
 
 
-def load_study(path: str | Path, quick: bool = False) -> Study:
+def load_study(path: str | Path, quick: bool = False, tuned: bool = True) -> Study:
     """Read a study file, check everything in it and return it with all defaults and units resolved.
 
     Args:
         path: The TOML file. Files it names are looked for in its folder first, then in the working directory.
         quick: Return the study shortened, under a name of its own, see ``harness.config.quick``.
+        tuned: Whether its tuning file counts; without it the study may name one that is still to be written.
 
     Raises:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem, each with
@@ -48,6 +49,8 @@ def load_study(path: str | Path, quick: bool = False) -> Study:
     raw = _validated(parse_toml(text, str(path)), StudyFile, problems)
     problems.stop()
     assert raw is not None
+    if not tuned:
+        raw = raw.model_copy(update={"tuning": None})
     if not quick:
         return _resolve(raw, text, path)
     drives = _drives(raw, path.parent, problems)
@@ -95,7 +98,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
     plant = resolve_model(plant_table, problems)
     belief = resolve_model(stated("belief", raw.belief, folder, problems, plant_table), problems)
     drives = _drives(raw, folder, problems)
-    estimators, rule = tuned(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
+    estimators, rule = with_tuning(raw.tuning, estimator_specs(raw.estimator, folder, problems), folder, problems)
     designs: list[DesignSpec] = []
     _refuse_twice([d.name for d in raw.design], "design", "name", problems)
     for i, entry in enumerate(raw.design):

@@ -5,22 +5,32 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from harness.common import registry
+from harness.common import locations, registry
 from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.common.units import to_si
 from harness.config.problems import Problems
 from harness.config.specs import NOISE_GROUPS, EstimatorSpec
 
+_NAMED = 6
+"""Training drives up to which the rule names each."""
 
-def tuned(
+
+def _file(name: str, folder: Path) -> Path:
+    """Return the path of a tuning file, named as a set of drives is: bare, or as a file from the study's folder."""
+    if not name.endswith(".toml"):
+        return locations.find(locations.TUNINGS, name, folder / "tuned")
+    return next((b / name for b in (folder, Path()) if (b / name).is_file()), folder / name)
+
+
+def with_tuning(
     name: str | None, specs: list[EstimatorSpec], folder: Path, problems: Problems
 ) -> tuple[list[EstimatorSpec], str]:
     """Return the estimators with the noise factors of a tuning file, and the rule in words."""
     if name is None:
         return specs, ""
-    path = next((b / name for b in (folder, Path()) if (b / name).is_file()), folder / name)
     try:
+        path = _file(name, folder)
         content = read_toml(path)
     except UserError as error:
         problems.add("tuning", f"{error}; write it by: harness tune")
@@ -30,7 +40,9 @@ def tuned(
             e: {g: to_si(table[g], "", f"factor '{g}' of '{e}'") for g in NOISE_GROUPS}
             for e, table in content["estimator"].items()
         }
-        rule = f"{content['rule']} ({', '.join(content['drives'])}; {int(content['budget'])} candidates each)"
+        drives = content["drives"]
+        of = ", ".join(drives) if len(drives) <= _NAMED else f"{len(drives)} drives"
+        rule = f"{content['rule']} ({of}; {int(content['budget'])} candidates each)"
     except (KeyError, TypeError, ValueError, AttributeError, UserError) as error:
         problems.add("tuning", f"{path} is not a tuning file ({error}); write it anew by: harness tune")
         return specs, ""

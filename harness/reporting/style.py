@@ -91,7 +91,8 @@ _LOOKS = (
 )
 _MORE_HATCHES = ("++", "oo", "**", "//", "..", "\\\\", "--")
 # Estimators that most studies share keep one look across all reports. A name that is not here takes the first
-# look that is free, in the order of the study, so a new estimator needs no entry.
+# look that is free, in the order of the study, so a new estimator needs no entry. A variant of a usual one, named so
+# behind a comma ("EKF, tuned"), has its colour and marker with another hatch.
 _USUAL = {"EKF": 0, "UKF": 1, "CDKF": 2, "STCDKF": 3, "PF": 4, "NARX": 5, "KF": 6}
 
 
@@ -99,10 +100,13 @@ def looks(estimators: Sequence[str]) -> dict[str, Look]:
     """Return the look of each estimator; no two are alike, however many there are."""
     found: dict[str, int] = {}
     for name in estimators:
-        slot = _USUAL.get("".join(c for c in name.upper() if c.isalnum()))
+        usual, comma, _ = name.partition(",")
+        slot = _USUAL.get("".join(c for c in usual.upper() if c.isalnum()))
+        if slot is not None and comma:
+            slot += len(_LOOKS)
         if slot is not None and slot not in found.values():
             found[name] = slot
-    free = (k for k in range(len(_LOOKS) + len(estimators)) if k not in found.values())
+    free = (k for k in range(2 * len(_LOOKS) + len(estimators)) if k not in found.values())
     for name in estimators:
         if name not in found:
             found[name] = next(free)

@@ -11,7 +11,7 @@ candidates run at a time, one per lane).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +21,18 @@ from scipy import optimize
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import toml_text, write_files
-from harness.config import NOISE_GROUPS, DesignSpec, Study
+from harness.common.registry import closest
+from harness.config import NOISE_GROUPS, DesignSpec, EstimatorSpec, Study
 from harness.engine.simd.lanes import LANES
 from harness.study.design import RunParameters, Unit, scale_noise
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 
-DECADES = 2.0
-"""Factors are searched between 10 to the power of minus and plus this."""
+DECADES = 4.0
+"""Factors are searched between 10 to the power of minus and plus this: a variance in another unit is far off."""
+
+_EDGE = 0.05
+"""Decades from an end of the search within which a factor counts as at it."""
 
 _TRAINING_REPEAT = 1_000_000
 """Repeats of training runs are counted from here, so that no scored run shares their noise."""
@@ -48,28 +52,43 @@ class Tuning:
     before: float
     after: float
 
+    @property
+    def at_the_edge(self) -> list[str]:
+        """Groups whose factor lies at an end of the search, so that the best one may lie beyond."""
+        return [g for g, factor in self.factors.items() if abs(np.log10(factor)) > DECADES - _EDGE]
+
 
 def tune(
-    study: Study, budget: int, repeats: int = 1, progress: Callable[[str], None] = lambda _: None
+    study: Study,
+    budget: int,
+    repeats: int = 1,
+    progress: Callable[[str], None] = lambda _: None,
+    only: Sequence[str] = (),
 ) -> dict[str, Tuning]:
-    """Tune every estimator of a study that states a covariance.
+    """Tune the estimators of a study that state a covariance.
 
     Args:
         study: The study; its drives are the training drives.
         budget: Candidates per estimator.
         repeats: Runs of each drive with different noise.
         progress: Called with the name of each estimator before its turn.
+        only: Names of the estimators that are tuned; all by default.
 
     Raises:
-        UserError: If the budget is too small, or no estimator has a likelihood.
+        UserError: If the budget is too small, or an estimator named is not there or has no likelihood, or none has.
     """
     population = 3 * LANES
     if budget < 2 * population:
         raise UserError(f"a budget of {budget} candidates is too small to search three factors; give {2 * population}")
+    chosen = _chosen(study, only)
+    study = dataclasses.replace(study, estimators=chosen)
     nominal = DesignSpec("tuning", (), repeats=repeats)
-    bare = tuple(dataclasses.replace(e, noise={}) for e in study.estimators)
+    bare = tuple(dataclasses.replace(e, noise={}) for e in chosen)
     evaluator = StudyEvaluator(dataclasses.replace(study, designs=(nominal,), history=(), estimators=bare))
-    if not any(e.has_covariance for e in evaluator.compiled.estimators):
+    without = [s.name for s, e in zip(chosen, evaluator.compiled.estimators, strict=True) if not e.has_covariance]
+    if only and without:
+        raise UserError(f"{study.path}: {', '.join(without)} states no likelihood, so there is nothing to tune")
+    if len(without) == len(chosen):
         raise UserError(f"{study.path}: no estimator of this study states a likelihood, so there is nothing to tune")
     runs = [
         (drive, evaluator.simulate(Unit(0, 0, drive, 0, 1), [Case(0, _TRAINING_REPEAT + r)]))
@@ -77,7 +96,7 @@ def tune(
         for r in range(repeats)
     ]
     found = {}
-    for index, spec in enumerate(study.estimators):
+    for index, spec in enumerate(chosen):
         if not evaluator.compiled.estimators[index].has_covariance:
             continue
         progress(spec.name)
@@ -93,6 +112,7 @@ def tune(
             maxiter=budget // population - 1,
             x0=np.zeros(len(NOISE_GROUPS)),
             rng=np.random.default_rng(study.seed),
+            tol=0.0,  # of the size of the losses, which says nothing of a likelihood: all candidates are tried
             polish=False,
             updating="deferred",
             vectorized=True,
@@ -101,6 +121,15 @@ def tune(
         factors = {g: float(10.0**e) for g, e in zip(NOISE_GROUPS, answer.x, strict=True)}
         found[spec.name] = Tuning(factors, before, -float(answer.fun))
     return found
+
+
+def _chosen(study: Study, only: Sequence[str]) -> tuple[EstimatorSpec, ...]:
+    """Return the estimators of these names, all without any name, in the order of the study."""
+    names = [e.name for e in study.estimators]
+    for name in only:
+        if name not in names:
+            raise UserError(f"{study.path}: there is no estimator '{name}'{closest(name, names)}")
+    return tuple(e for e in study.estimators if not only or e.name in only)
 
 
 def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], exponents: Floats) -> list[float]:
@@ -124,8 +153,16 @@ def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], 
     return [float(t) for t in total]
 
 
-def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dict[str, Tuning]) -> None:
+def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dict[str, Tuning], command: str) -> None:
     """Write what was found, with how, as a file that a study names by ``tuning``.
+
+    Args:
+        path: The file.
+        study: What was tuned; its drives are the training drives.
+        budget: Candidates per estimator.
+        repeats: Runs of each drive with different noise.
+        found: By estimator.
+        command: That found it.
 
     Raises:
         UserError: If it cannot be written.
@@ -138,9 +175,8 @@ def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dic
         "seed": study.seed,
         "estimator": {name: {g: tuning.factors[g] for g in NOISE_GROUPS} for name, tuning in found.items()},
     }
-    heading = f"Written by: harness tune {study.path.name} --budget {budget} --repeats {repeats}"
     gains: dict[tuple[str, ...], str] = {
         ("estimator", name): f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after"
         for name, tuning in found.items()
     }
-    write_files(path.parent, {path.name: toml_text(content, heading, gains)})
+    write_files(path.parent, {path.name: toml_text(content, f"Written by: {command}", gains)})

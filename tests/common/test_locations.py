@@ -12,7 +12,7 @@ from harness.recordings.channel_map import load_map
 from support.plugins import forget, project
 from support.small_study import STUDY
 
-KINDS = (locations.STUDIES, locations.DRIVE_SETS, locations.CHANNELS, locations.NETWORKS)
+KINDS = (locations.STUDIES, locations.DRIVE_SETS, locations.TUNINGS, locations.CHANNELS, locations.NETWORKS)
 MAP = 'yaw_rate = { channel = "r", unit = "rad/s" }\n'
 
 

@@ -37,6 +37,9 @@ def models(tmp_path):
     return specs
 
 
+FILTERS = [{"name": "EKF", "kind": "ekf"}, {"name": "EKF, rough", "kind": "ekf", "roughness": 2}]
+
+
 @pytest.fixture
 def studies(tmp_path, models, monkeypatch):
     """The two studies that are run, as resolved."""
@@ -65,6 +68,11 @@ def test_both_studies_have_the_amended_plant_and_differ_in_the_belief_alone(stud
     assert (nominal.seed, nominal.drives) == (amended.seed, amended.drives)
     assert nominal.designs == amended.designs
     assert (amended.designs[0].repeats, len(amended.designs)) == (2, 1)
+
+
+def test_estimators_that_only_their_tuning_tells_apart_are_run_once():
+    kept = stage._table({"estimator": [*FILTERS, {"name": "EKF, tuned", "kind": "ekf"}], "design": [{}]}, ("ekf",), 2)
+    assert kept["estimator"] == FILTERS
 
 
 def test_changes_are_put_inside_the_shortest_drive_in_their_order(studies):

@@ -53,6 +53,10 @@ def test_looks_are_fixed_and_never_alike():
     seven = style.looks(["EKF", "UKF", "CDKF", "ST-CDKF", "PF", "NARX", "KF"])
     assert style.looks(["UKF"])["UKF"] == seven["UKF"]
     assert style.looks(["new", "EKF"])["EKF"] == seven["EKF"]
+    variant = style.looks(["EKF", "UKF", "NARX", "EKF, tuned"])["EKF, tuned"]
+    assert (variant.colour, variant.marker) == (seven["EKF"].colour, seven["EKF"].marker)
+    assert variant.hatch != seven["EKF"].hatch
+    assert variant.dashes != seven["EKF"].dashes
     many = style.looks([f"filter {k}" for k in range(20)])
     drawn = {(look.colour, look.hatch) for look in many.values()}
     assert len(drawn) == 20

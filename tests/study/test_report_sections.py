@@ -121,6 +121,21 @@ def test_two_factors(tmp_path):
     assert "duration" not in dict(facts)
 
 
+def test_tuned_noise_is_told_and_nothing_where_none_is(one_design):
+    analysis = one_design()
+    assert not _tables_of_noise(analysis)
+    factors = {"EKF, tuned": {"process": 0.5, "unknown_inputs": 1200.0, "measurement": 1.0}}
+    analysis.store.attributes["description"] |= {"noise_factors": factors, "tuning": "largest likelihood (35 drives)"}
+    (sheet,) = _tables_of_noise(analysis)
+    assert sheet.header == ["estimator", "process", "unknown inputs", "measurement"]
+    assert sheet.rows == [["EKF, tuned", "0.500", "1200", "1.00"]]
+    assert "largest likelihood (35 drives)" in sheet.caption
+
+
+def _tables_of_noise(analysis):
+    return [b for b in made.blocks(analysis) if isinstance(b, Sheet) and b.caption.startswith("Tuned noise")]
+
+
 def test_of_bands_about_the_same_value_the_narrowest_is_the_believed_one(tmp_path):
     data = synthetic.design(levels=(24.0, 24.0, 24.0), repeats=2)
     factor = {**json.loads(data.attrs["factors"])[0], "lower": [20e3, 24e3, 12e3], "upper": [28e3, 24e3, 36e3]}

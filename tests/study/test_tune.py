@@ -11,7 +11,7 @@ from harness.config import load_drives, load_study
 from harness.study.design import Unit, scale_noise
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
-from harness.study.tune import tune, write_tuning
+from harness.study.tune import Tuning, tune, write_tuning
 from support.small_study import EKF, SEMITRAILER
 
 STUDY = f"""
@@ -40,7 +40,7 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(study):
-    return tune(study, budget=144)
+    return tune(study, budget=288)
 
 
 def test_finds_the_measurement_noise_that_was_there(found):
@@ -50,13 +50,13 @@ def test_finds_the_measurement_noise_that_was_there(found):
 
 
 def test_is_reproducible(study, found):
-    assert tune(study, budget=144) == found
+    assert tune(study, budget=288) == found
 
 
 def test_a_study_takes_the_file_and_its_estimator_the_factors(study, found, tmp_path):
-    write_tuning(tmp_path / "noise.toml", study, 144, 1, found)
+    write_tuning(tmp_path / "noise.toml", study, 288, 1, found, "harness tune tuned --budget 288")
     written = (tmp_path / "noise.toml").read_text()
-    assert written.startswith("# Written by: harness tune ")
+    assert written.startswith("# Written by: harness tune tuned --budget 288\n")
     assert re.search(r"^\[estimator\.EKF\] # log-likelihood \S+ before, \S+ after$", written, re.MULTILINE)
     path = tmp_path / "tuned.toml"
     path.write_text(STUDY.replace("seed = 4", 'seed = 4\ntuning = "noise.toml"'))
@@ -109,6 +109,33 @@ def test_wrong_tuning_files_are_refused(tmp_path, text, message):
     path.write_text(STUDY.replace("seed = 4", 'seed = 4\ntuning = "noise.toml"'))
     with pytest.raises(UserError, match=message):
         load_study(path)
+
+
+def test_only_the_named_are_tuned_and_the_others_keep_their_noise(study, found, tmp_path):
+    second = 'name = "EKF, tuned"\nkind = "ekf"\n[[estimator]]\nname = "network"\nkind = "narx"\n'
+    text = STUDY.replace("[[drive]]", f"[[estimator]]\n{second}[[drive]]", 1).replace(
+        "seed = 4", 'seed = 4\ntuning = "to come.toml"'
+    )
+    (tmp_path / "two.toml").write_text(text)
+    with pytest.raises(UserError, match="harness tune"):
+        load_study(tmp_path / "two.toml")
+    bare = load_study(tmp_path / "two.toml", tuned=False)
+    of_one = tune(bare, 288, only=["EKF, tuned"])
+    assert list(of_one) == ["EKF, tuned"]
+    assert of_one["EKF, tuned"].factors == found["EKF"].factors  # same drives, noise and candidates
+    write_tuning(tmp_path / "to come.toml", bare, 288, 1, of_one, "harness tune two")
+    noise = {e.name: e.noise for e in load_study(tmp_path / "two.toml").estimators}
+    assert noise == {"EKF": {}, "EKF, tuned": found["EKF"].factors, "network": {}}
+    with pytest.raises(UserError, match="there is no estimator 'EKF, tund'; closest: EKF, tuned"):
+        tune(bare, 288, only=["EKF, tund"])
+    with pytest.raises(UserError, match="network states no likelihood"):
+        tune(bare, 288, only=["EKF, tuned", "network"])
+
+
+def test_a_factor_at_the_end_of_the_search_is_named():
+    factors = {"process": 1.0, "unknown_inputs": 9.9e3, "measurement": 1.01e-4}
+    assert Tuning(factors, 0.0, 1.0).at_the_edge == ["unknown_inputs", "measurement"]
+    assert Tuning(dict.fromkeys(factors, 100.0), 0.0, 1.0).at_the_edge == []
 
 
 def test_small_budgets_and_unknown_drives_are_refused(study, tmp_path):

@@ -168,7 +168,7 @@ def _table(content: dict[str, Any], estimators: Sequence[str], repeats: int) -> 
     """Return what is kept of a study file: drives, targets, sensors, its first design, and no values of its own."""
     sides = {"plant": _PLANT, "belief": _BELIEF}
     kept = ("name", "title", "seed", "targets", "drives", "drive")
-    there = [e for e in content["estimator"] if e["kind"] in estimators]
+    there = _different([e for e in content["estimator"] if e["kind"] in estimators])
     more = [{"name": k.upper(), "kind": k} for k in estimators if k not in [e["kind"] for e in there]]
     return {
         **{k: content[k] for k in kept if k in content},
@@ -176,3 +176,9 @@ def _table(content: dict[str, Any], estimators: Sequence[str], repeats: int) -> 
         "estimator": [*there, *more],
         "design": [{**content["design"][0], "repeats": repeats}],
     }
+
+
+def _different(estimators: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return estimators without those that differ from an earlier one in the name alone, as they do by their tuning."""
+    settings = [{k: v for k, v in e.items() if k != "name"} for e in estimators]
+    return [e for i, e in enumerate(estimators) if settings[i] not in settings[:i]]

@@ -44,7 +44,7 @@ READINGS = {
 }
 """Variance per step in rad^2 at the steering wheel, by the angle that the printed 1e-5 is taken for."""
 
-CLOSER = "Ours are closer to the truth, which leaves the network less to gain (docs/campaign.md)."
+CLOSER = "Ours are closer to the truth, which leaves the network less to gain."
 
 
 def _believing(variance: float, table: dict[str, Any]) -> None:

@@ -21,7 +21,8 @@ NOTE = (
 )
 
 CLOSER = (
-    "Our error is small without any change, so that changes show and estimators order otherwise (docs/campaign.md)."
+    "Our errors are smaller without any change, those of the network most, so that changes show and estimators order "
+    "otherwise."
 )
 FILTERS = (EKF, UKF)
 NOISES = ("×10", "×1", "×0.1", "×0.01", "×0.001")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from harness.common.statistics import RESAMPLES
+from harness.config import NOISE_GROUPS
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
 from harness.reporting.style import number, with_unit
@@ -44,6 +45,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         Sheet(["item", "value"], _facts(store), "Configuration of the study and of the run.", left=2),
         *_models(store),
         *_noise(store),
+        *_tuned(store),
         Heading("Drives and targets", 2),
         _drives(store),
         _targets(store),
@@ -160,6 +162,20 @@ def _noise(store: StudyResults) -> list[Block]:
         "noise per step, measurement noise per sample."
     )
     return [Sheet(header, rows, caption, left=3)]
+
+
+def _tuned(store: StudyResults) -> list[Block]:
+    """Return the factors on the noise that tuned estimators believe; nothing where none is tuned."""
+    description = store.attributes.get("description")
+    found = description.get("noise_factors") if isinstance(description, dict) else None
+    if not isinstance(found, dict) or not found:
+        return []
+    rows = [[name, *(number(float(factors.get(g, 1.0))) for g in NOISE_GROUPS)] for name, factors in found.items()]
+    caption = (
+        "Tuned noise: what the variances that are believed are multiplied by, for the estimators named; the others "
+        f"believe them as stated. Rule: {description['tuning']}."
+    )
+    return [Sheet(["estimator", *(words(g) for g in NOISE_GROUPS)], rows, caption)]
 
 
 def flatten(value: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
