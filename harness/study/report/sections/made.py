@@ -168,7 +168,7 @@ def _tuned(store: StudyResults) -> list[Block]:
     """Return the factors on the noise that tuned estimators believe; nothing where none is tuned."""
     description = store.attributes.get("description")
     found = description.get("noise_factors") if isinstance(description, dict) else None
-    if not isinstance(found, dict) or not found:
+    if not isinstance(description, dict) or not isinstance(found, dict) or not found:
         return []
     rows = [[name, *(number(float(factors.get(g, 1.0))) for g in NOISE_GROUPS)] for name, factors in found.items()]
     caption = (
