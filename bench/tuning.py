@@ -135,7 +135,7 @@ def recording_of(spec: ModelSpec, case: Case, seed: int) -> xr.Dataset:
     rng = np.random.default_rng([seed, 7])
     for name in spec.model().outputs if case.missing else ():
         lost = rng.random(recording.sizes["time"]) < case.missing
-        recording[f"measured_{name}"] = recording[f"measured_{name}"].where(~lost)
+        recording[name] = recording[name].where(~lost)
     return recording
 
 
