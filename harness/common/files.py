@@ -108,7 +108,7 @@ def told_as_damaged(path: str | Path, what: str, remedy: str = "export it again"
     except MemoryError:
         raise UserError(f"{path}: is damaged, or needs more memory than there is; {remedy}") from None
     except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:
+        if isinstance(error, OSError) and error.filename is not None:
             raise  # the file itself: no permission, vanished
         said = " ".join(str(error).split())[:200]
         reason = f": {said}" if said else ""

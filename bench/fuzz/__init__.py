@@ -1,0 +1,1 @@
+"""Broken input by the hundred thousand: every outcome is a result or one clear error (``make fuzz``)."""
