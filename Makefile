@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof fuzz bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -110,6 +110,9 @@ attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribut
 
 tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune --data hold the true noise (SETS=18); goes on where it stopped
 	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) --out results/tuning-proof/variances.jsonl
+
+fuzz: $(VENV)/dev.stamp ## read INPUTS=100000 broken files of every kind; each is read or refused in words (exit status 1 if not)
+	$(BIN)/python -m bench.fuzz $(if $(INPUTS),--inputs $(INPUTS)) $(if $(SEED),--seed $(SEED)) --out results/fuzz
 
 bench: $(VENV)/dev.stamp ## print the speed table
 	$(BIN)/python -m bench

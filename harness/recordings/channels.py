@@ -17,6 +17,9 @@ from harness.recordings.clock import Clock, check_clock, spikes, updates
 from harness.recordings.readers import Table
 from harness.recordings.resample import segments
 
+_NO_MEASUREMENT = 1e30
+"""From here on a number is no measurement in any unit: what programs write for a missing one (the largest of its type),
+or a damaged file. Such samples are missing, as NaN and infinite ones are."""
 _BRIDGED = 5
 """Samples that may be missing in a row before it counts as a gap, unless the map states the time."""
 
@@ -124,7 +127,8 @@ def _clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> C
 def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
     """Return a channel in SI units at its own instants."""
     values = column[clock.rows].astype(float)
-    finite = np.isfinite(values)
+    finite = np.abs(values) < _NO_MEASUREMENT
+    values[~finite] = np.nan
     if not finite.any():
         raise UserError(
             f"{channel.where}: channel '{channel.channel}' of {file} holds no number; take it out of the map"

@@ -34,6 +34,16 @@ def test_columns_named_as_signals_need_no_map(tmp_path):
         inputs(recording, ["yaw_rat"])
 
 
+@pytest.mark.parametrize("marker", [np.inf, -np.inf, np.nan, 3.4028235e38, -1.7976931348623157e308])
+def test_what_no_sensor_measures_is_missing(tmp_path, marker):
+    """Programs write the largest number of a type where a sample is missing; joined, it overflows."""
+    columns = drive(TIME)
+    columns["yaw_rate"][[40, 41]] = marker
+    recording = load_recording(stored(tmp_path, columns)[0])
+    assert recording["yaw_rate"].attrs["missing"] == 2
+    assert np.abs(recording["yaw_rate"]).max() < 10.0
+
+
 def test_unit_sign_factor_offset_and_curve(tmp_path):
     truth = drive(TIME)
     columns = {
