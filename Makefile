@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof fuzz bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof fuzz bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -56,6 +56,9 @@ $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
 
 reproduce-box: $(VENV)/run.stamp ## which findings of Ziaukas 2023 survive what it does not publish (an hour; goes on where it stopped)
 	$(BIN)/python -m harness.reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box --page docs/unpublished.md
+
+reproduce-nearest: $(VENV)/run.stamp ## the studies of Ziaukas 2023 at the nearest point of that box, with both networks (a minute)
+	$(BIN)/python -m harness.reproductions.box.nearest $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-nearest --page docs/unpublished.md
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive fast-sine --out results/realtime

@@ -8,11 +8,13 @@ import pytest
 from harness.campaign.evidence import Evidence
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
+from harness.models.roles import PARAMETERS
 from harness.reproductions.box import analysis, search, studies
 from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, distance, told
-from harness.reproductions.box.factors import FACTORS, settings
+from harness.reproductions.box.factors import FACTORS, as_printed, onto_choices, place_of, settings
 from harness.reproductions.box.plausibility import plausibility
 from harness.reproductions.box.points import SCORES, Folder, Point, lag, ripple, sequence
+from harness.reproductions.box.totals import total_indices
 
 CENTRE = np.full(len(FACTORS), 0.5)
 BANDS = {
@@ -41,7 +43,7 @@ def point(number=0, place=CENTRE, factors=None, lost=None) -> Point:
         }
     for study, band, runs in lost or ():
         scores[f"{study}/max_error"][BANDS[study].index(band)].reshape(-1, 3, 2)[:runs] = 3.0
-    return Point(number, place, BANDS, scores, list("abcdef"), 0.7, 0.01)
+    return Point(number, place, settings(place), BANDS, scores, list("abcdef"), 0.7, 0.01)
 
 
 def test_a_factor_takes_its_ends_and_fills_a_logarithm_evenly():
@@ -63,6 +65,26 @@ def test_every_corner_is_a_study_with_six_drives(place):
     assert study.belief.process_noise["steering_wheel_angle"] == pytest.approx(
         settings(place)["steering_variance"] * settings(place)["noise_intensity"]
     )
+
+
+def test_every_value_has_its_place():
+    rng = np.random.default_rng(4)
+    at = settings(rng.random(len(FACTORS)))
+    again = settings(place_of(at))
+    assert again == pytest.approx(at, rel=1e-12)
+    printed = as_printed(at)
+    assert [f"{v:.3g}" for v in printed.values()] == [f"{v:.3g}" for v in at.values()]
+    assert settings(place_of(printed)) == pytest.approx(printed, rel=1e-12)
+
+
+def test_what_the_default_set_takes_for_the_steering_does_not_move_the_box(monkeypatch):
+    at = settings(CENTRE)
+    before = studies.study_at(at)
+    monkeypatch.setitem(PARAMETERS.load(studies.SET).PROCESS_NOISE, "steering_wheel_angle", 1.0)
+    after = studies.study_at(at)
+    assert after.belief.process_noise == before.belief.process_noise
+    plant = {k: v for k, v in before.plant.process_noise.items() if k != "steering_wheel_angle"}
+    assert {k: after.plant.process_noise[k] for k in plant} == plant  # the true steering is the drive's, without noise
 
 
 def test_both_readings_of_the_steering_noise_lie_in_the_box():
@@ -108,13 +130,55 @@ def test_a_margin_is_positive_inside_and_counts_the_worst_number():
     assert analysis.margin([one(1.0), one(2.0)]) == pytest.approx(np.log2(1.25 / 2.0))
 
 
-def test_what_decides_a_finding_is_found():
+def test_what_decides_a_finding_is_found(monkeypatch):
+    monkeypatch.setattr(analysis, "total_indices", lambda *_: None)  # of fourteen findings; tested below
     places = sequence(64)
     points = [point(k, p, {("mass", "8 t"): 1 + 4 * p[7], ("mass", "32 t"): 4.0}) for k, p in enumerate(places)]
     found = analysis.survivals(points, [told(p) for p in points])[5]
     assert found.share.lower < np.mean(places[:, 7] > 0.125) < found.share.upper
     assert found.hinge is not None
     assert found.hinge.strongest(1) == [7]
+
+
+def ishigami(x):
+    z = np.pi * (2 * x - 1)
+    return np.sin(z[:, 0]) + 7 * np.sin(z[:, 1]) ** 2 + 0.1 * z[:, 2] ** 4 * np.sin(z[:, 0])
+
+
+def test_total_indices_of_a_known_function_lie_in_their_intervals():
+    places = sequence(256)[:, :4]
+    found = total_indices(places, ishigami(places), 1)
+    truth = np.array([0.5576, 0.4424, 0.2437, 0.0])  # Ishigami and Homma 1990
+    assert (found.lower - 0.01 <= truth).all()
+    assert (truth <= found.upper + 0.01).all()
+    assert (found.upper - found.lower < 0.15).all()
+    assert found.explained > 0.9
+
+
+def test_a_total_index_counts_what_two_factors_do_together():
+    places = sequence(128)[:, :6]
+    together = (places[:, 0] - 0.5) * (places[:, 1] - 0.5) + 0.02 * np.random.default_rng(3).standard_normal(128)
+    found = total_indices(places, together, 1)
+    variance = 1 / 144 + 0.02**2
+    assert found.lower[0] < 1 / 144 / variance < found.upper[0]
+    assert found.lower[1] < 1 / 144 / variance < found.upper[1]
+    assert found.value[2:].max() < 0.1
+
+
+def test_a_factor_with_choices_counts_by_its_choice():
+    places = onto_choices(sequence(64))
+    column = [f.name for f in FACTORS].index("finer_plant")
+    assert set(places[:, column]) == {0.25, 0.75}
+    assert (places[:, 0] == sequence(64)[:, 0]).all()
+    found = total_indices(sequence(64), (sequence(64)[:, column] >= 0.5) + 0.1 * sequence(64)[:, 0], 1, onto_choices)
+    assert int(np.argmax(found.value)) == column
+    assert found.lower[column] > 0.9
+
+
+def test_noise_has_no_total_index():
+    found = total_indices(sequence(64)[:, :5], np.random.default_rng(0).standard_normal(64), 1)
+    assert found.explained < 0.3
+    assert (found.lower < 0.1).all()
 
 
 def test_findings_that_never_hold_together_are_named_and_the_richest_point_is_found():

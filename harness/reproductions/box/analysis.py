@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import joblib
 import numpy as np
 from SALib.analyze import delta
 
@@ -12,11 +13,15 @@ from harness.campaign.evidence import Evidence, share
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 from harness.reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told, of_network
-from harness.reproductions.box.factors import FACTORS
+from harness.reproductions.box.factors import FACTORS, onto_choices
 from harness.reproductions.box.plausibility import plausibility
 from harness.reproductions.box.points import SEED, Point
+from harness.reproductions.box.totals import Totals, total_indices
 
 EVERYWHERE, NOWHERE = 0.9, 0.1
+IDLE = 0.02
+"""Total index up to which a factor is not named: that of a smooth surrogate is never quite zero."""
+
 LARGEST_MARGIN = 3.0
 """Powers of two; beyond it a margin says no more."""
 
@@ -43,15 +48,22 @@ class Hinge:
         first: First-order index of each factor, ``(factors,)``: the share of the variance of the margin that the factor
             alone explains, from given data (Plischke, Borgonovo and Smith 2013).
         error: Half-width of its 95 % interval.
+        total: Total indices from the same data.
     """
 
     first: Floats
     error: Floats
+    total: Totals
 
     def strongest(self, count: int = 2) -> list[int]:
         """Return the factors with the largest first-order index whose interval excludes zero, strongest first."""
         order = np.argsort(-self.first)
         return [int(k) for k in order[:count] if self.first[k] - self.error[k] > 0.0]
+
+    def strongest_in_total(self, count: int = 2) -> list[int]:
+        """Return the factors with the largest total index whose interval begins above ``IDLE``, strongest first."""
+        order = np.argsort(-self.total.value)
+        return [int(k) for k in order[:count] if self.total.lower[k] > IDLE]
 
 
 @dataclass(frozen=True)
@@ -76,24 +88,19 @@ class Survival:
         return "nearly nowhere" if self.share.upper <= NOWHERE else "in part"
 
 
-def survivals(points: Sequence[Point], says: Sequence[Told]) -> list[Survival]:
+def survivals(points: Sequence[Point], says: Sequence[Told], jobs: int = 1) -> list[Survival]:
     """Return where each finding of ``IN_BOX`` holds, from the points of the sequence.
 
     The shares have exact binomial intervals, which are wide for a Sobol sequence.
     """
     places = np.array([p.place for p in points])
     every, filters = (np.array([s.holds(network) for s in says]) for network in (True, False))
-    found = []
-    for k in range(len(IN_BOX)):
-        margins = np.array([margin(_of_filters(s.findings[k])) for s in says])
-        found.append(
-            Survival(
-                share(int(every[:, k].sum()), len(says)),
-                share(int(filters[:, k].sum()), len(says)),
-                _hinge(places, margins),
-            )
-        )
-    return found
+    margins = [np.array([margin(_of_filters(s.findings[k])) for s in says]) for k in range(len(IN_BOX))]
+    hinges = joblib.Parallel(jobs)(joblib.delayed(_hinge)(places, one) for one in margins)
+    return [
+        Survival(share(int(every[:, k].sum()), len(says)), share(int(filters[:, k].sum()), len(says)), hinges[k])
+        for k in range(len(IN_BOX))
+    ]
 
 
 RARE = 0.1
@@ -142,4 +149,5 @@ def _hinge(places: Floats, margins: Floats) -> Hinge | None:
         return None
     problem = {"num_vars": len(FACTORS), "names": [f.name for f in FACTORS], "bounds": [[0.0, 1.0]] * len(FACTORS)}
     found = delta.analyze(problem, places, margins, method="sobol", seed=SEED)
-    return Hinge(*(np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf")))
+    first, error = (np.asarray(found[key], dtype=float) for key in ("S1", "S1_conf"))
+    return Hinge(first, error, total_indices(places, margins, SEED, onto_choices))

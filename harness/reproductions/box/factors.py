@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,14 @@ class BoxFactor:
         if self.log:
             return float(self.lower * np.exp(place * np.log(self.upper / self.lower)))
         return float(self.lower + place * (self.upper - self.lower))
+
+    def place(self, value: float) -> float:
+        """Return the place in the unit interval that has a value."""
+        if self.choices:
+            return (self.choices.index(value) + 0.5) / len(self.choices)
+        if self.log:
+            return float(np.log(value / self.lower) / np.log(self.upper / self.lower))
+        return (value - self.lower) / (self.upper - self.lower)
 
 
 def _choice(name: str, words: str, unit: str, choices: tuple[float, ...], published: str) -> BoxFactor:
@@ -117,3 +126,22 @@ FACTORS: tuple[BoxFactor, ...] = (
 def settings(place: Floats) -> dict[str, float]:
     """Return the values of all factors at a place in the unit box, ``(len(FACTORS),)``."""
     return {f.name: f.value(float(p)) for f, p in zip(FACTORS, place, strict=True)}
+
+
+def place_of(at: Mapping[str, float]) -> Floats:
+    """Return the place in the unit box that has some values, ``(len(FACTORS),)``."""
+    return np.array([f.place(at[f.name]) for f in FACTORS])
+
+
+def onto_choices(places: Floats) -> Floats:
+    """Return places, ``(points, len(FACTORS))``, in the middle of their choice where a factor has choices."""
+    found = np.array(places, dtype=float)
+    for k, f in enumerate(FACTORS):
+        if f.choices:
+            found[:, k] = [f.place(f.value(p)) for p in found[:, k]]
+    return found
+
+
+def as_printed(at: Mapping[str, float]) -> dict[str, float]:
+    """Return values with the three digits that tables print, so that whoever reads one can go there."""
+    return {name: float(f"{value:.3g}") for name, value in at.items()}

@@ -50,10 +50,20 @@ def shares(found: Sequence[Survival]) -> bytes:
         return style.svg(fig)
 
 
-def medians(nearest: Point, others: Sequence[tuple[str, Point]] = ()) -> bytes:
-    """Draw the box plots of the ideal case at the nearest point beside the published medians (Bild 5.6)."""
+def medians(nearest: Point, trained: Point) -> bytes:
+    """Draw the box plots of the ideal case beside the published medians (Bild 5.6).
+
+    Args:
+        nearest: With the network of the project.
+        trained: The same point with the network that was trained there.
+    """
     looks = style.looks([EKF, UKF, NARX])
-    shown = [("nearest point", nearest), *others]
+    shown = (
+        ("EKF", EKF, nearest),
+        ("UKF", UKF, nearest),
+        ("network\nof the project", NARX, nearest),
+        ("network\ntrained there", NARX, trained),
+    )
     with style.drawing():
         fig = style.figure(5.2)
         for axes, target, label in zip(
@@ -62,20 +72,14 @@ def medians(nearest: Point, others: Sequence[tuple[str, Point]] = ()) -> bytes:
             ("force of axle 21 in kN", "articulation angle in °"),
             strict=True,
         ):
-            place, ticks, names = 0.0, [], []
-            for name, point in shown:
-                for estimator in (EKF, UKF, NARX):
-                    errors = PointResults(point).errors("ideal", None, estimator, target)
-                    box = axes.boxplot(errors[np.isfinite(errors)], positions=[place], widths=0.6, patch_artist=True,
-                                       whis=(0, 100), medianprops={"color": "black"})  # fmt: skip
-                    look = looks[estimator]
-                    box["boxes"][0].set(facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
-                    axes.plot(place, MEDIANS[estimator, target], "D", color="black", ms=6, zorder=5)
-                    ticks.append(place)
-                    names.append(f"{estimator}\n{name}" if estimator == UKF else estimator)
-                    place += 1.0
-                place += 0.7
-            axes.set_xticks(ticks, names)
+            for place, (_, estimator, point) in enumerate(shown):
+                errors = PointResults(point).errors("ideal", None, estimator, target)
+                box = axes.boxplot(errors[np.isfinite(errors)], positions=[place], widths=0.5, patch_artist=True,
+                                   whis=(0, 100), medianprops={"color": "black"})  # fmt: skip
+                look = looks[estimator]
+                box["boxes"][0].set(facecolor=look.tint, edgecolor=look.line, hatch=look.hatch)
+                axes.plot(place, MEDIANS[estimator, target], "D", color="black", ms=6, zorder=5)
+            axes.set_xticks(range(len(shown)), [name for name, _, _ in shown])
             axes.tick_params(axis="x", length=0)
             axes.set_ylabel(f"RMSE of the {label}")
             axes.set_ylim(bottom=0)

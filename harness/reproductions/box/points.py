@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import write_files
 from harness.reproductions.box import studies
-from harness.reproductions.box.factors import FACTORS, settings
+from harness.reproductions.box.factors import FACTORS, place_of, settings
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
@@ -38,6 +38,7 @@ class Point:
     Attributes:
         number: From 0; those of the Sobol sequence first.
         place: In the unit box, ``(len(FACTORS),)``.
+        at: Values by factor.
         bands: Labels of the levels by design.
         scores: By ``<design>/<score>``: ``rmse`` and ``max_error`` ``(band, drive, sample, repeat, estimator,
             target)`` in SI units, ``status`` without the last axis.
@@ -48,16 +49,12 @@ class Point:
 
     number: int
     place: Floats
+    at: dict[str, float]
     bands: dict[str, list[str]]
     scores: dict[str, NDArray[Any]]
     drives: list[str]
     delay: float
     ripple: float
-
-    @property
-    def at(self) -> dict[str, float]:
-        """Values by factor."""
-        return settings(self.place)
 
 
 def sequence(count: int) -> Floats:
@@ -65,9 +62,9 @@ def sequence(count: int) -> Floats:
     return np.asarray(qmc.Sobol(len(FACTORS), rng=np.random.default_rng(SEED)).random(count))
 
 
-def evaluate(number: int, place: Floats, jobs: int, network: str = studies.NETWORK) -> Point:
-    """Run the studies of a point with a network, by name or file."""
-    study = studies.study_at(settings(place), network)
+def evaluate(number: int, at: Mapping[str, float], jobs: int, network: str = studies.NETWORK) -> Point:
+    """Run the studies of the point with some values by factor, with a network by name or file."""
+    study = studies.study_at(at, network)
     evaluator = StudyEvaluator(study)
     for kernel in range(evaluator.kernels):
         evaluator.warm_up(kernel)
@@ -86,7 +83,7 @@ def evaluate(number: int, place: Floats, jobs: int, network: str = studies.NETWO
             scores[f"{design.name}/{score}"] = np.array(rows, dtype=np.int8 if score == "status" else np.float32)
     delay, ripple = steering_delay(evaluator)
     bands = {d.name: list(d.band_labels) for d in study.designs}
-    return Point(number, place, bands, scores, [d.name for d in study.drives], delay, ripple)
+    return Point(number, place_of(at), dict(at), bands, scores, [d.name for d in study.drives], delay, ripple)
 
 
 def where(unit: Any, design: int, band: int, drive: int) -> bool:
@@ -157,7 +154,7 @@ class Folder:
                     f"{path}: made by other code or in another box; give another folder, or delete {self.path}"
                 )
             drives, delay = list(map(str, content["drives"])), float(content["delay"])
-            return Point(number, place, bands, scores, drives, delay, float(content["ripple"]))
+            return Point(number, place, settings(place), bands, scores, drives, delay, float(content["ripple"]))
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise UserError(f"{path}: cannot be read ({error}); delete it, it is computed again") from None
 
@@ -182,7 +179,7 @@ class Folder:
         for number, place in enumerate(places, start=first):
             point = self.get(number, place)
             if point is None:
-                point = evaluate(number, place, jobs)
+                point = replace(evaluate(number, settings(place), jobs), place=place)
                 self.put(point)
                 tell(f"point {number + 1} of {first + len(places)}")
             yield point

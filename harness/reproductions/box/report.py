@@ -22,14 +22,14 @@ from harness.reporting.document import (
     strong,
 )
 from harness.reporting.style import number, percent
-from harness.reproductions.box import figures
+from harness.reproductions.box import figures, nearest
 from harness.reproductions.box.analysis import Survival
-from harness.reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told, told
+from harness.reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told
 from harness.reproductions.box.factors import FACTORS
-from harness.reproductions.box.plausibility import AXLES, Plausibility
+from harness.reproductions.box.nearest import Nearest
 from harness.reproductions.box.points import Point
 from harness.reproductions.box.search import score
-from harness.reproductions.box.studies import REPEATS
+from harness.reproductions.box.tables import NUMBER_HEADER, number_rows
 from harness.reproductions.published.page import table
 
 
@@ -44,11 +44,10 @@ class Found:
         searched: How many points the search added.
         nearest: The point nearest to the dissertation.
         told: What it says.
-        plausibility: Of its vehicle.
         richest: The point with most findings, see ``analysis.most_findings``.
         richest_told: What it says.
         exclusions: See ``analysis.exclusions``.
-        retrained: The nearest point with a network that was trained there; ``None`` if none was.
+        nearest_told: The nearest point with its factors as printed, with the project's network and one trained there.
         command: That made it.
     """
 
@@ -58,11 +57,10 @@ class Found:
     searched: int
     nearest: Point
     told: Told
-    plausibility: Plausibility
     richest: Point
     richest_told: Told
     exclusions: Sequence[tuple[int, int, float]]
-    retrained: Point | None
+    nearest_told: Nearest
     command: str
 
 
@@ -73,7 +71,8 @@ def document(found: Found) -> Document:
         [
             Section(lambda: _answer(found), "Answer"),
             Section(lambda: _findings(found), "Where each finding holds, and on what it hinges"),
-            Section(lambda: _nearest(found), "The point nearest to the dissertation"),
+            Section(lambda: nearest.blocks(found.nearest_told), "The point nearest to the dissertation"),
+            Section(lambda: _richest(found), "Where most findings hold"),
             Section(lambda: _steering(found), "Which steering noise?"),
             Section(lambda: _box(found), "The box"),
         ],
@@ -123,6 +122,18 @@ def hinges(survival: Survival) -> str:
     return listed(named) if named else "no single factor"
 
 
+def hinges_in_total(survival: Survival) -> str:
+    """Say which factors have most part in a finding: those of the largest total index, with its interval."""
+    if survival.hinge is None:
+        return "the same everywhere"
+    total = survival.hinge.total
+    named = [
+        f"{FACTORS[k].words} {number(total.value[k], 2)} ({number(total.lower[k], 2)} to {number(total.upper[k], 2)})"
+        for k in survival.hinge.strongest_in_total()
+    ]
+    return f"{listed(named) if named else 'no single factor'}; {percent(max(total.explained, 0.0))} explained"
+
+
 def finding_rows(found: Found) -> list[list[str]]:
     """Return the rows of the table of findings."""
     rows = []
@@ -130,7 +141,8 @@ def finding_rows(found: Found) -> list[list[str]]:
         shares = [
             f"{percent(s.value)} ({percent(s.lower)} to {percent(s.upper)})" for s in (survival.share, survival.filters)
         ]
-        rows.append([str(k), claim.text, claim.place, *shares, hinges(survival), "yes" if holds else "no"])
+        rows.append([str(k), claim.text, claim.place, *shares, hinges(survival), hinges_in_total(survival),
+                     "yes" if holds else "no"])  # fmt: skip
     return rows
 
 
@@ -141,6 +153,7 @@ FINDING_HEADER = (
     "share",
     "without the network",
     "hinges on (first-order index)",
+    "together with others (total index)",
     "at the nearest",
 )
 
@@ -149,7 +162,8 @@ def _findings(found: Found) -> list[Block]:
     caption = (
         "Share of the box with its 95 % interval. Hinges on: factors whose first-order index, from the same points "
         "(given data), is above zero with its 95 % interval; the output is how far the worst of a finding's numbers, "
-        "the network's left out, lies inside its region."
+        "the network's left out, lies inside its region. Together with others: factors with the largest total "
+        "index of a Gaussian process fitted to the same points, with what that explains of points left out."
     )
     return [
         Heading("Where each finding holds, and on what it hinges"),
@@ -157,56 +171,11 @@ def _findings(found: Found) -> list[Block]:
     ]
 
 
-def number_rows(says: Told) -> list[list[str]]:
-    """Return the rows of the table of numbers at a point."""
-    rows = []
-    for published, ours, off in zip(PUBLISHED, says.numbers, says.distances(), strict=True):
-        interval = "–" if ours.lower == ours.upper else f"{number(ours.lower)} to {number(ours.upper)}"
-        rows.append([published.words, published.place, number(published.theirs), number(ours.value), interval,
-                     number(2**off, 2)])  # fmt: skip
-    return rows
-
-
-FACTOR_HEADER = ("factor", "value", "unit", "from", "to")
-
-
-def factor_rows(point: Point) -> list[list[str]]:
-    """Return the rows of the table of a point's factors."""
-    return [[f.words, number(point.at[f.name]), f.unit, number(f.value(0.0)), number(f.value(1.0))] for f in FACTORS]
-
-
-NUMBER_HEADER = ("number", "place", "theirs", "ours", "95 % interval", "factor")
-
-
-def _vehicle(p: Plausibility) -> str:
-    """Say whether the vehicle could be a real one."""
-    loads = listed([f"{number(load / 1000 / 9.81)} t" for load in p.loads])
-    return (
-        f"Axles {', '.join(AXLES)} carry {loads}; the tractor {'under' if p.understeer > 0 else 'over'}steers by "
-        f"{number(1000 * abs(p.understeer))} mrad per m/s²; the straight run at 80 km/h is "
-        f"{'stable' if p.slowest < 0 else 'unstable'} (largest real part {number(p.slowest)} 1/s)."
-    )
-
-
-def _nearest(found: Found) -> list[Block]:
+def _richest(found: Found) -> list[Block]:
     return [
-        Heading("The point nearest to the dissertation"),
-        Prose(plain(_vehicle(found.plausibility))),
-        Drawing(
-            lambda: figures.medians(
-                found.nearest, [] if found.retrained is None else [("network retrained", found.retrained)]
-            ),
-            f"Ideal case at the nearest point, six drives, {REPEATS} runs each. Diamonds: medians of Bild 5.6.",
-            "box plots of the ideal case beside the published medians",
-        ),
-        Sheet(NUMBER_HEADER, number_rows(found.told), "Numbers of chapter 5 and ours at the nearest point.", left=2),
-        *_retrained(found),
-        Sheet(NUMBER_HEADER, number_rows(found.richest_told), "The same at the point with most findings.", left=2),
-        Sheet(
-            FACTOR_HEADER,
-            factor_rows(found.nearest),
-            f"The nearest point, of {len(found.points) + found.searched}.",
-        ),
+        Heading("Where most findings hold"),
+        Prose(plain(richest_in_words(found))),
+        Sheet(NUMBER_HEADER, number_rows(found.richest_told), "Numbers of chapter 5 and ours there.", left=2),
     ]
 
 
@@ -226,44 +195,14 @@ def richest_in_words(found: Found) -> str:
     return f"{text} Findings that hold together more rarely than their shares alone would give, as a ratio: {pairs}."
 
 
-def _retrained(found: Found) -> list[Block]:
-    if found.retrained is None:
-        return []
-    return [
-        Prose(plain(retrained_in_words(found))),
-        Sheet(NUMBER_HEADER, number_rows(told(found.retrained)), "The same with the network trained there.", left=2),
-    ]
-
-
-def retrained_in_words(found: Found) -> str:
-    """Say what a network that was trained at the nearest point changes; nothing if none was."""
-    if found.retrained is None:
-        return ""
-    says = told(found.retrained)
-    kept = sum(says.holds())
-    return (
-        f"With a network trained at this point {kept} of {len(IN_BOX)} findings hold; the root mean square distance of "
-        f"the numbers is a factor of {number(2 ** says.off(), 2)}."
-    )
-
-
 def markdown(found: Found) -> str:
-    """Return the tables of the page: findings, numbers and factors of the nearest point."""
+    """Return the tables of the page, those of the nearest point apart."""
     return "\n\n".join(
         [
             f"Written by `{found.command}`: {len(found.points)} points of the sequence and {found.searched} of the "
             "search.",
             "## Where each finding holds",
             table(FINDING_HEADER, finding_rows(found)),
-            "## The nearest point",
-            _vehicle(found.plausibility),
-            table(NUMBER_HEADER, number_rows(found.told)),
-            *(
-                []
-                if found.retrained is None
-                else [retrained_in_words(found), table(NUMBER_HEADER, number_rows(told(found.retrained)))]
-            ),
-            table(FACTOR_HEADER, factor_rows(found.nearest)),
             "## Where most findings hold",
             richest_in_words(found),
             table(NUMBER_HEADER, number_rows(found.richest_told)),
