@@ -22,6 +22,9 @@ EVERYWHERE, NOWHERE = 0.9, 0.1
 IDLE = 0.02
 """Total index up to which a factor is not named: that of a smooth surrogate is never quite zero."""
 
+EXPLAINED = 0.5
+"""Share of the variance at points left out that a surrogate must explain for its total indices to be told."""
+
 LARGEST_MARGIN = 3.0
 """Powers of two; beyond it a margin says no more."""
 
@@ -61,7 +64,12 @@ class Hinge:
         return [int(k) for k in order[:count] if self.first[k] - self.error[k] > 0.0]
 
     def strongest_in_total(self, count: int = 2) -> list[int]:
-        """Return the factors with the largest total index whose interval begins above ``IDLE``, strongest first."""
+        """Return the factors with the largest total index whose interval begins above ``IDLE``, strongest first.
+
+        None where the surrogate explains less than ``EXPLAINED``: its indices are then of a fit to what may be chance.
+        """
+        if self.total.explained < EXPLAINED:
+            return []
         order = np.argsort(-self.total.value)
         return [int(k) for k in order[:count] if self.total.lower[k] > IDLE]
 

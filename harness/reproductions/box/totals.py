@@ -73,33 +73,34 @@ def total_indices(places: Floats, outputs: Floats, seed: int, onto: Callable[[Fl
     """
     x, y = onto(places), (outputs - np.mean(outputs)) / np.std(outputs)
     rng = np.random.default_rng(seed)
-    count = x.shape[1]
-    drawn = qmc.Sobol(2 * count, rng=rng).random(BASE)
-    first, second = onto(drawn[:, :count]), onto(drawn[:, count:])
-    whole = _likeliest(x, y, [np.log([*[start] * count, 0.1]) for start in STARTS])
-    found = [_of_process(x, y, whole, first, second, rng)]
+    whole = _likeliest(x, y, [np.log([*[start] * x.shape[1], 0.1]) for start in STARTS])
+    found = [_of_process(x, y, whole, onto, rng)]
     for _ in range(PARTS):
         part = rng.permutation(len(x))[: round(PART * len(x))]
-        found.append(_of_process(x[part], y[part], _likeliest(x[part], y[part], [whole]), first, second, rng))
+        found.append(_of_process(x[part], y[part], _likeliest(x[part], y[part], [whole]), onto, rng))
     lower, value, upper = np.quantile(np.concatenate(found, axis=1), [0.025, 0.5, 0.975], axis=1)
     return Totals(value, lower, upper, _explained(x, y, whole))
 
 
-def _of_process(x: Floats, y: Floats, theta: Floats, first: Floats, second: Floats, rng: np.random.Generator) -> Floats:
+def _of_process(
+    x: Floats, y: Floats, theta: Floats, onto: Callable[[Floats], Floats], rng: np.random.Generator
+) -> Floats:
     """Return the total indices of realisations of a process given data, ``(factors, REALISATIONS)``.
 
     Args:
         x: Places of the data, ``(points, factors)``.
         y: Outputs, ``(points,)``.
         theta: Logarithms of lengths and noise.
-        first: Base sample, ``(BASE, factors)``.
-        second: The sample that a factor is taken from.
-        rng: Draws the realisations.
+        onto: As in ``total_indices``.
+        rng: Draws the realisations and the base sample.
     """
+    count = x.shape[1]
+    drawn = qmc.Sobol(2 * count, rng=rng).random(BASE)
+    first, second = onto(drawn[:, :count]), onto(drawn[:, count:])
     lengths, noise = np.exp(theta[:-1]), float(np.exp(theta[-1]))
     factor = linalg.cho_factor(_correlation(x, x, lengths) + noise * np.eye(len(x)), lower=True)
     variance = float(y @ linalg.cho_solve(factor, y)) / len(y)
-    frequencies = rng.standard_normal((x.shape[1], FEATURES)) / lengths[:, None]
+    frequencies = rng.standard_normal((count, FEATURES)) / lengths[:, None]
     phases = rng.uniform(0.0, 2 * np.pi, FEATURES)
     amplitudes = rng.standard_normal((FEATURES, REALISATIONS)) * np.sqrt(2.0 * variance / FEATURES)
     noises = np.sqrt(noise * variance) * rng.standard_normal((len(x), REALISATIONS))
@@ -111,8 +112,8 @@ def _of_process(x: Floats, y: Floats, theta: Floats, first: Floats, second: Floa
 
     base = realisations(first)
     total = base.var(axis=0) + noise * variance
-    found = np.empty((x.shape[1], REALISATIONS))
-    for k in range(x.shape[1]):
+    found = np.empty((count, REALISATIONS))
+    for k in range(count):
         other = first.copy()
         other[:, k] = second[:, k]
         found[k] = 0.5 * np.mean((base - realisations(other)) ** 2, axis=0) / total  # Jansen 1999
