@@ -1,13 +1,10 @@
 """The campaign: ratios with intervals against closed forms, verdicts, and the findings on studies of known errors."""
 
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
-import zarr
 from scipy import stats
 
 from harness.campaign import write_campaign
@@ -17,61 +14,18 @@ from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians
 from harness.campaign.results import Results
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
-from harness.realtime.measure import PACES
-from harness.realtime.outcome import write as write_times
-from support.joint_study import scores, study_of
+from support.campaign_folder import EVERYONE, write_studies
 from support.synthetic import design, write
 
-LABELS = {
-    "ideal": ["nominal"],
-    "process-noise": ["×10", "×1", "×0.001"],
-    "mass": ["8 t", "24 t", "32 t"],
-    "cog": ["-2 m", "0 m", "+2 m"],
-    "friction": ["0.5", "0.6", "0.9", "1.1"],
-    "tyre": ["±0 %", "±10 %", "±20 %", "±30 %"],
-}
-EVERYONE = ("EKF", "UKF", "NARX")
-FORCE, ANGLE = "lateral_force_axle_21", "articulation_angle"
-
-
-def _write_times(folder: Path) -> None:
-    """A step of the UKF takes 3 times as long as one of the EKF, one of the network half as long."""
-    median = np.array([1.0, 3.0, 0.5])[None, :, None]
-    ratio = np.broadcast_to(median * np.array([1.0, 0.9, 1.1]), (2, 3, 3))
-    times = xr.Dataset(
-        {
-            "step_time": (("pace", "estimator", "time"), np.ones((2, 3, 100))),
-            "ratio": (("pace", "estimator", "end"), ratio),
-        },
-        coords={
-            "pace": np.array(PACES, dtype=object),
-            "estimator": np.array(EVERYONE, dtype=object),
-            "time": 0.01 * np.arange(100),
-        },
-        attrs={"cycle": 0.01},
-    )
-    write_times(times, folder)
+FORCE = "lateral_force_axle_21"
 
 
 @pytest.fixture
 def campaign(tmp_path: Path):
-    """Return a function that writes the six studies, each level with the error and the losses one asks for."""
+    """Return a function that writes the studies, each level with the error and the losses one asks for."""
 
     def make(growth: dict[tuple[str, str, str], float] | None = None, lost: tuple[str, str, int] | None = None):
-        for study, labels in LABELS.items():
-            data = design(estimators=EVERYONE, levels=[24.0] * len(labels), repeats=4, seed=3)
-            data["rmse"] = xr.zeros_like(data["rmse"]) + data["rmse"][{"band": 0, "estimator": 0}]
-            data = data.assign_coords(band_label=("band", np.array(labels, dtype=object)))
-            for (of, label, target), factor in (growth or {}).items():
-                if of == study:
-                    place = {"band": labels.index(label), "target": list(data["target"].values).index(target)}
-                    data["rmse"][place] = data["rmse"][place] * factor
-            if lost is not None and lost[0] == study:
-                data["status"][{"band": labels.index(lost[1]), "repeat": slice(0, lost[2])}] = 1
-            write(tmp_path / study, {"level": data})
-        write(tmp_path / "joint", scores(study_of(tmp_path)))
-        zarr.open_group(tmp_path / "joint" / "scores.zarr").attrs["limits"] = json.dumps({ANGLE: np.deg2rad(2.0)})
-        _write_times(tmp_path / "realtime")
+        write_studies(tmp_path, growth, lost)
         return Results(tmp_path)
 
     return make

@@ -1,0 +1,1 @@
+"""Faults on purpose, and whether the same command then still gives the same bits; ``make faults``."""
