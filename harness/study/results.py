@@ -28,6 +28,12 @@ FATES = {
 }
 _RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
 
+_HELD = 256e6
+"""Bytes of a design's scores up to which all are read at once; of a larger one each array when it is asked for."""
+
+_KEPT = 2
+"""Scores without target that a design keeps in memory: those asked for last."""
+
 
 @dataclass(frozen=True)
 class Factor:
@@ -110,6 +116,7 @@ class Design:
     factors: list[Factor]
     state_dimension: int
     output_dimension: int
+    _kept: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def status(self) -> NDArray[np.int8]:
@@ -122,16 +129,25 @@ class Design:
         return self._per_target("rmse")
 
     def _per_target(self, name: str) -> NDArray[np.float64]:
-        values = self.data[name].transpose("target", *_RUN_DIMS).values.astype(float)
-        values = values * np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
-        return np.where(self.status == OK, values, np.nan)
+        values = np.array(self.data[name].transpose("target", *_RUN_DIMS).values, dtype=float)
+        values *= np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
+        values[:, self.status != OK] = np.nan
+        return values
 
     def per_run(self, name: str) -> NDArray[np.float64]:
         """Return a score without target, shape as ``status``; NaN unless the run is ok or if not stored."""
+        if name not in self._kept:
+            while len(self._kept) >= _KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[name] = self._per_run(name)
+        return self._kept[name]
+
+    def _per_run(self, name: str) -> NDArray[np.float64]:
         if name not in self.data:
             return np.full(self.status.shape, np.nan)
-        values = self.data[name].transpose(*_RUN_DIMS).values.astype(float)
-        return np.where(self.status == OK, values, np.nan)
+        values = np.array(self.data[name].transpose(*_RUN_DIMS).values, dtype=float)
+        values[self.status != OK] = np.nan
+        return values
 
     @cached_property
     def strata(self) -> NDArray[np.int64]:
@@ -235,7 +251,9 @@ class StudyResults:
 
 
 def _design(path: Path, name: str) -> Design:
-    data = xr.open_zarr(path, group=name, chunks=None, consolidated=False).load()
+    data = xr.open_dataset(path, engine="zarr", group=name, consolidated=False, cache=False)
+    if data.nbytes <= _HELD:
+        data = data.load()
     units = data.get("target_unit")
     names = [str(t) for t in data["target"].values]
     labels = data["band_label"] if "band_label" in data else data["band"]

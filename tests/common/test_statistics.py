@@ -178,3 +178,28 @@ def test_the_interval_of_a_ratio_covers_the_true_one():
         found = statistics.median_ratio(first, 0.5 * second, resamples=400, seed=k)
         hits += found.lower <= 0.5 <= found.upper
     assert 184 <= hits <= 199  # 95 % of 200; a percentile interval of a median is a little wide
+
+
+def test_interval_of_a_large_sample_is_the_one_that_would_be_drawn(monkeypatch):
+    rng = np.random.default_rng(3)
+    sizes = (30_000, 50_000, 41_000)
+    values = np.concatenate([rng.lognormal(m, s, n) for m, s, n in zip((0, 0.5, 3), (1, 0.3, 2), sizes, strict=True)])
+    strata = np.repeat(np.arange(3), sizes)
+    order = rng.permutation(values.size)
+    values, strata = values[order], strata[order]
+    computed = statistics.median_interval(values, strata)
+    monkeypatch.setattr(statistics, "LARGE", values.size)
+    drawn = statistics.median_interval(values, strata, seed=1)
+    assert computed.value == drawn.value
+    width = drawn.upper - drawn.lower
+    assert computed.lower == pytest.approx(drawn.lower, abs=0.1 * width)
+    assert computed.upper == pytest.approx(drawn.upper, abs=0.1 * width)
+    pooled = statistics.median_interval(values)  # without strata more varies
+    assert pooled.upper - pooled.lower > 1.02 * (computed.upper - computed.lower)
+
+
+def test_interval_of_a_large_sample_of_few_values_stays_within_it():
+    assert statistics.median_interval(np.full(200_001, 2.0)) == (2.0, 2.0, 2.0)
+    values = np.repeat([1.0, 2.0], [100_001, 100_000])
+    found = statistics.median_interval(values)
+    assert (found.lower, found.value, found.upper) == (1.0, 1.0, 2.0)

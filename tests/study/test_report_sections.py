@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from harness.models.quantities import quantity
 from harness.reporting import style
 from harness.reporting.document import Heading, Picture, Prose, Sheet
+from harness.study.report import write_report
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import answer_in_short
 from harness.study.report.sections import (
@@ -233,3 +235,13 @@ def test_the_gain_of_a_measured_state_is_told(one_design):
     assert "follows the measured articulation angle" in weights.blocks(analysis)[1].markup
     caption = [b for b in history.blocks(analysis) if isinstance(b, Picture)]
     assert len(caption) == 1
+
+
+def test_a_design_too_large_to_be_held_gives_the_same_report(small, tmp_path, monkeypatch):
+    folder = shutil.copytree(small, tmp_path / "copy")
+    held = write_report(Analysis(read(folder)))[0].read_text(encoding="utf-8")
+    monkeypatch.setattr("harness.study.results._HELD", 0)
+    large = read(folder)
+    assert not large.designs[0].data["rmse"].variable._in_memory
+    assert write_report(Analysis(large))[0].read_text(encoding="utf-8") == held
+    assert len(large.designs[0]._kept) <= 2

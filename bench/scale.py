@@ -1,0 +1,117 @@
+"""How a store of millions of runs is read: time and memory of its report; ``python -m bench.scale --runs 10000000``.
+
+The store is as a study leaves it, but its units are copies of a few that were computed, so that it is made in
+minutes. The report is written by a process of its own, whose peak of memory is that of ``harness report``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import zarr
+from rich.console import Console
+
+from harness.config import load_study
+from harness.study import checksums
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
+from harness.study.histories import histories
+from harness.study.store import STORE, Store, place_of
+
+STUDY = """
+name = "scale"
+targets = ["lateral_velocity"]
+[plant]
+vehicle = "car"
+parameters = "govindarajan_2018"
+tyre = "magic_formula"
+sensors = "car_series"
+[[drive]]
+name = "sine"
+kind = "sine"
+amplitude = "20 deg"
+duration = "5 s"
+[[drive]]
+name = "slow"
+kind = "sine"
+amplitude = "10 deg"
+duration = "5 s"
+[[estimator]]
+kind = "ekf"
+[[design]]
+name = "loads"
+samples = {samples}
+repeats = 5
+sobol_any_n = true
+factor = [{{ parameter = "mass", levels = ["1.4 t", "1.7 t"], band = "5 %" }}]
+"""
+
+COMPUTED = 8
+"""Units that are computed; the others are links to their files."""
+
+REPORT = """
+import sys
+from harness.common.process import peak_memory_mib
+from harness.study.report import analyse, headline, write_report
+analysis = analyse(sys.argv[1])
+print(headline(analysis), write_report(analysis), "peak", peak_memory_mib(), "MiB")
+"""
+
+
+def make(folder: Path, runs: int) -> Path:
+    """Write a store of so many runs and return its folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (folder / "scale.toml").write_text(STUDY.format(samples=runs // 20), encoding="utf-8")
+    study = load_study(folder / "scale.toml")
+    evaluator = StudyEvaluator(study)
+    store = Store(study, evaluator, folder)
+    root, design = folder / STORE, study.designs[0]
+    about = dict(zarr.open_group(str(root), path=checksums.GROUP, mode="r")[design.name].attrs)
+    done: list[list[Path]] = []
+    for unit in units(study, design):
+        place = place_of(study, unit)
+        files = [root / f for f in (*checksums.chunk_files(about, place).values(), checksums.row_file(place))]
+        if len(done) < COMPUTED:
+            store.write(unit, evaluator.evaluate(unit))
+            done.append(files)
+            continue
+        for here, there in zip(files, done[unit.first % len(done)], strict=True):
+            if there.exists():
+                here.parent.mkdir(parents=True, exist_ok=True)
+                os.link(there, here)
+    store.write_histories(histories(evaluator))
+    store.consolidate()
+    return folder
+
+
+def main() -> None:
+    """Make a store, write its report, and say what that took."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=10_000_000)
+    parser.add_argument("--out", type=Path, default=Path("results/scale"))
+    parser.add_argument("--keep", action="store_true", help="use the store that is there")
+    given = parser.parse_args()
+    console = Console()
+    if not given.keep:
+        make(given.out, given.runs)
+    begin = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", REPORT, str(given.out)], capture_output=True, text=True, check=False)
+    seconds = time.perf_counter() - begin
+    peak = re.search(r"peak (\d+) MiB", done.stdout)
+    if peak is None:
+        raise SystemExit(done.stderr[-2000:])
+    console.print(
+        f"{given.runs:,} runs: report in {seconds:.0f} s, at most {int(peak.group(1)):,} MiB", highlight=False
+    )
+
+
+if __name__ == "__main__":
+    main()
