@@ -91,7 +91,7 @@ proof: $(VENV)/dev.stamp ## run the tests that take long: the cluster, the blind
 wheel: $(VENV)/dev.stamp ## build sdist and wheel, install the wheel in a fresh environment, try it in an empty folder
 	$(BIN)/python -m pytest -m wheel tests/package
 
-notebooks: $(VENV)/docs.stamp ## run the notebooks of the tutorial
+notebooks: $(VENV)/docs.stamp ## run the notebooks of the tutorial, and the commands that README and docs show
 	$(BIN)/python -m pytest -m notebooks tests/package
 
 docs: $(VENV)/docs.stamp ## write the documentation as a site to site/, strictly, with the notebooks run

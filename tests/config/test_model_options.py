@@ -1,6 +1,5 @@
 """Options become the same model in every command, and a parameter file keeps what it states."""
 
-import re
 import shlex
 from pathlib import Path
 
@@ -171,48 +170,3 @@ def test_what_follows_needs_no_option():
     }
     alone = completed(ModelOptions("scalar_example"))[0]
     assert (alone["sensors"], "tyre" in alone) == ("example", False)
-
-
-def readme_lines():
-    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    lines = [line.split("#")[0].strip() for block in blocks for line in block.splitlines()]
-    return [line for line in lines if line.startswith("harness ")]
-
-
-BEGINNINGS = (
-    "harness.study.run.run_study",
-    "harness.study.cluster.connected",
-    "harness.realtime.measure.contestants",
-    "harness.campaign.write_campaign",
-    "harness.api.results.open_results",
-)
-
-
-@pytest.mark.parametrize("line", readme_lines())
-def test_every_command_of_the_readme_works_as_written(line, folder, begun, monkeypatch):
-    """Up to where the work begins; ``check`` and ``list`` do theirs."""
-    from scipy.io import savemat
-
-    def stop(*_, **__):
-        raise Reached
-
-    for place in BEGINNINGS:
-        monkeypatch.setattr(place, stop)
-    (folder / "studies").symlink_to(ROOT / "studies")
-    (folder / "results" / "mass").mkdir(parents=True)
-    lap = pd.read_csv("lap.csv")
-    savemat("lap.mat", {"t": lap["time"].to_numpy(), "v": lap["speed"].to_numpy(), "w": lap["yaw_rate"].to_numpy()})
-    unit = {"speed": '{ channel = "v", unit = "m/s" }', "yaw_rate": '{ channel = "w", unit = "rad/s" }'}
-    (folder / "map.toml").write_text(
-        'time = { channel = "t", unit = "s" }\n' + "".join(f"{k} = {v}\n" for k, v in unit.items())
-    )
-    (folder / "fit").mkdir()
-    (folder / "fit" / "parameters.toml").write_text((folder / "amended.toml").read_text())
-    done = run(line.removeprefix("harness "))
-    assert done.exit_code == 0 or "Reached" in done.output, done.output
-
-
-def test_the_readme_names_every_command_that_this_test_is_for():
-    assert {line.split()[1] for line in readme_lines()} >= {
-        "run", "realtime", "campaign", "report", "list", "simulate", "observability", "check", "identify", "trace",
-    }  # fmt: skip

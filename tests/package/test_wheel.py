@@ -1,21 +1,26 @@
 """The package as users get it: built, installed in a fresh environment, used from a folder that holds nothing of ours.
 
-The environment borrows the dependencies of the one that runs the tests; the harness in it is the wheel's.
+The environment borrows the dependencies of the one that runs the tests; the harness in it is the wheel's. Where
+``HARNESS_SECOND_PYTHON`` names an interpreter of another version with the packages of requirements.lock, all is tried
+on it as well.
 """
 
 import os
 import subprocess
 import sys
-import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
 
+import pandas as pd
 import pytest
+
+from support.plugins import example, project
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "raise SystemExit('{} of the user was imported')\n"
 BIN = "Scripts" if os.name == "nt" else "bin"
+PYTHONS = [sys.executable, *filter(None, [os.environ.get("HARNESS_SECOND_PYTHON")])]
 
 pytestmark = pytest.mark.wheel
 
@@ -38,23 +43,23 @@ def built(tmp_path_factory):
     return next(folder.glob("*.tar.gz")), next(folder.glob("*.whl"))
 
 
-@pytest.fixture(scope="session")
-def fresh(built, tmp_path_factory):
+@pytest.fixture(scope="session", params=PYTHONS, ids=lambda path: "the-same" if path == sys.executable else "second")
+def fresh(built, tmp_path_factory, request):
     """An environment with the wheel; its folder of programs."""
     folder = tmp_path_factory.mktemp("fresh")
-    run(sys.executable, "-m", "venv", "--without-pip", folder / "venv", cwd=folder)
+    run(request.param, "-m", "venv", "--without-pip", folder / "venv", cwd=folder)
     programs = folder / "venv" / BIN
     python = programs / "python"
     pip = (sys.executable, "-m", "pip", "--python", python)
     run(*pip, "install", "--quiet", "--no-index", "--no-deps", built[1], cwd=folder)
-    here = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder).strip()
-    borrowed = dict.fromkeys(sysconfig.get_path(kind) for kind in ("purelib", "platlib"))
-    (Path(here) / "dependencies.pth").write_text("\n".join(borrowed), encoding="utf-8")
+    paths = "import sysconfig; print(*(sysconfig.get_path(p) for p in ('purelib', 'platlib')), sep=chr(10))"
+    here, borrowed = (run(p, "-c", paths, cwd=folder).split("\n")[:2] for p in (python, request.param))
+    (Path(here[0]) / "dependencies.pth").write_text("\n".join(dict.fromkeys(borrowed)), encoding="utf-8")
     return programs
 
 
 @pytest.fixture(scope="module")
-def empty(tmp_path_factory):
+def empty(fresh, tmp_path_factory):
     """A folder of the user, with modules that must not be touched."""
     folder = tmp_path_factory.mktemp("user")
     for name in ("models", "tests", "support", "bench", "studies"):
@@ -107,3 +112,48 @@ def test_a_wrong_word_gets_one_line(harness):
     said = harness("run", "mas", expect=2)
     assert "closest: mass" in said
     assert "Traceback" not in said
+
+
+CAR = ("--parameters", "blanco_2021", "--tyre", "linear", "--sensors", "car_navigation")
+WEAVE = ("--drive", "random_sequence", "--option", "duration=25 s", "--option", "speed=20 m/s", "--option",
+         "amplitude=3 deg", "--option", "lateral_acceleration_limit=9")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def logs(fresh, empty):
+    """Three logs of a car whose steering lags, generated in the user's folder."""
+    lag = ("--effect", "steering_lag", "--set", "steering_lag=0.12")
+    for seed in (1, 2, 3):
+        out = ("--seed", seed, "--option", f"seed={seed}", "--out", f"log{seed}.csv")
+        run(fresh / "harness", "simulate", "car", *CAR, *lag, *WEAVE, *out, cwd=empty)
+    return ["log1.csv", "log2.csv", "log3.csv"]
+
+
+def test_estimators_run_on_a_generated_log(harness, logs, empty):
+    said = harness("estimate", "--model", "car", *CAR, "--data", logs[0], "-e", "ekf", "-e", "ukf", "--out", "est")
+    assert "of NIS in its 95 % band" in said
+    table = pd.read_csv(empty / "est" / "estimates" / "log1-UKF.csv")
+    assert table["lateral_velocity_std"].gt(0).iloc[1:].all()
+    assert (empty / "est" / "report.pdf").stat().st_size > 10_000
+
+
+def test_a_trace_finds_the_lag_that_nobody_told_it_of(harness, logs, empty):
+    drives = ("--train", logs[0], "--train", logs[1], "--test", logs[2])
+    said = harness("trace", "--model", "car", *CAR, *drives, "--estimators", "ekf", "--out", "trace")
+    assert "steering" in said
+    assert "steering_lag" in (empty / "trace" / "amended.toml").read_text(encoding="utf-8")
+
+
+def test_a_vehicle_effect_and_estimator_of_the_user_in_a_study(fresh, empty):
+    """Files touched to add a vehicle: its own, axle names and signals included."""
+    package = Path(run(fresh / "python", "-c", "import harness; print(*harness.__path__)", cwd=empty).strip())
+    before = {p: p.stat().st_mtime_ns for p in package.rglob("*.*") if "__pycache__" not in p.parts}
+    lab = project(empty / "lab", example())
+    (lab / "models.py").write_text(HOSTILE.format("models"), encoding="utf-8")
+    run(fresh / "harness", "new", "estimator", "forgetful", cwd=lab)
+    listed = run(fresh / "harness", "list", "vehicles", cwd=lab)
+    assert "rigid_truck" in listed
+    run(fresh / "harness", "run", "worn-tag", "--quick", cwd=lab)
+    page = (lab / "results" / "worn-tag-quick" / "report.html").read_text(encoding="utf-8")
+    assert "forgets" in page
+    assert {p: p.stat().st_mtime_ns for p in package.rglob("*.*") if "__pycache__" not in p.parts} == before
