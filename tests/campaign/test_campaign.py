@@ -24,11 +24,25 @@ FORCE = "lateral_force_axle_21"
 def campaign(tmp_path: Path):
     """Return a function that writes the studies, each level with the error and the losses one asks for."""
 
-    def make(growth: dict[tuple[str, str, str], float] | None = None, lost: tuple[str, str, int] | None = None):
-        write_studies(tmp_path, growth, lost)
+    def make(
+        growth: dict[tuple[str, str, str], float] | None = None,
+        lost: tuple[str, str, int] | None = None,
+        further: dict[str, float] | None = None,
+    ):
+        write_studies(tmp_path, growth, lost, further)
         return Results(tmp_path)
 
     return make
+
+
+def test_a_tuned_filter_beside_the_others_is_not_judged(campaign):
+    growth = {("mass", "8 t", FORCE): 3.0, ("tyre", "±10 %", FORCE): 1.05}
+    values = []
+    for factor in (1.0, 0.2):
+        found = findings(campaign(growth, further={"EKF, tuned": factor}))
+        values.append([e.value for f in found for e in f.evidence])
+    assert len(values[0]) > len(CLAIMS)
+    assert values[0] == values[1]
 
 
 def verdict_on(found, place: str) -> Verdict:

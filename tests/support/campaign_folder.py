@@ -43,12 +43,18 @@ def _write_times(folder: Path) -> None:
     write_times(times, folder)
 
 
-def write_studies(folder: Path, growth=None, lost=None) -> None:
-    """Write the six studies and the joint one, each level with the error and the losses one asks for."""
+def write_studies(folder: Path, growth=None, lost=None, further=None) -> None:
+    """Write the six studies and the joint one, each level with the error and the losses one asks for.
+
+    Further estimators, by name, have the error of the others times a factor.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    names = [*EVERYONE[:2], *(further or {}), *EVERYONE[2:]]
     for study, labels in LABELS.items():
-        data = design(estimators=EVERYONE, levels=[24.0] * len(labels), repeats=4, seed=3)
+        data = design(estimators=names, levels=[24.0] * len(labels), repeats=4, seed=3)
         data["rmse"] = xr.zeros_like(data["rmse"]) + data["rmse"][{"band": 0, "estimator": 0}]
+        for name, factor in (further or {}).items():
+            data["rmse"][{"estimator": names.index(name)}] *= factor
         data = data.assign_coords(band_label=("band", np.array(labels, dtype=object)))
         for (of, label, target), factor in (growth or {}).items():
             if of == study:
