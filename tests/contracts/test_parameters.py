@@ -21,6 +21,15 @@ def test_our_sets_are_named_author_year_and_variants_by_a_word_more(name):
     assert re.fullmatch(r"[a-z0-9_]+_\d{4}[a-z]?(_[a-z]+)*", name)
 
 
+def test_the_readings_of_the_steering_noise_differ_in_it_alone():
+    wheel, road = PARAMETERS.load("ziaukas_2023"), PARAMETERS.load("ziaukas_2023_road_wheels")
+    ratio = {s: road.PROCESS_NOISE[s] / v for s, v in wheel.PROCESS_NOISE.items()}
+    assert ratio.pop("steering_wheel_angle") == pytest.approx(23**2)
+    assert set(ratio.values()) == {1.0}
+    assert (road.VALUES, road.MEASUREMENT_NOISE) == (wheel.VALUES, wheel.MEASUREMENT_NOISE)
+    assert (road.VEHICLE, road.NOISE_STEP) == (wheel.VEHICLE, wheel.NOISE_STEP)
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
