@@ -71,6 +71,7 @@ def _medians(stored: Stored, variance: float) -> list[Evidence]:
 
     def build(table: dict[str, Any]) -> None:
         table["estimator"] = [e for e in table["estimator"] if e["name"] == EKF]
+        table.pop("tuning", None)  # of an estimator that is not asked here
         table["design"] = [{"name": "ideal", "repeats": RUNS}]
         table.pop("history", None)
         _believing(variance, table)
