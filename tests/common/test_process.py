@@ -12,6 +12,7 @@ WITHOUT_UNIX = """
 import importlib, os, pkgutil, sys, time
 for name in ("resource", "fcntl", "pwd", "grp", "termios", "posix_ipc"):
     sys.modules[name] = None
+sys.modules.setdefault("msvcrt", type(sys)("msvcrt"))  # which is where those are not
 for name in ("fork", "getloadavg", "sched_setaffinity", "sched_getaffinity", "getuid", "nice"):
     delattr(os, name)
 del time.CLOCK_MONOTONIC
