@@ -127,7 +127,7 @@ def jobs(folder: Path) -> dict[str, Job]:
         "campaign": ("campaign", str(folder / "studies"), "--out"),
         "identify": ("identify", *car, "--data", train, "--test", test, "--free", "stiffness_peak_front", "--out"),
         "trace": ("trace", *car, "--train", train, "--test", test, "--estimators", "", "--jobs", "2", "--out"),
-        "tune": ("tune", str(folder / "faults.toml"), "--drives", str(folder / "training.toml"), "--budget", "40",
+        "tune": ("tune", str(folder / "faults.toml"), "--drives", str(folder / "training.toml"), "--budget", "48",
                  "--out"),
     }  # fmt: skip
     found = {}
