@@ -187,9 +187,9 @@ class Estimates:
     @property
     def notes(self) -> list[str]:
         """What is irregular about the recordings, and what the estimates leave out."""
-        from harness.recorded.run import EXACT
+        from harness.recorded.run import SMOOTHED
 
-        return [*self._found.warnings, EXACT]
+        return [*self._found.warnings, SMOOTHED]
 
     def report(
         self,
@@ -211,13 +211,13 @@ class Estimates:
             UserError: If the folder cannot be written to.
         """
         from harness.recorded.report import document
-        from harness.recorded.run import EXACT
+        from harness.recorded.run import SMOOTHED
         from harness.recorded.write import write_estimates, write_numbers
         from harness.reporting.document import write
 
         folder = Path(folder)
         files = write_estimates(folder / "estimates", self._found.runs, form)
-        numbers = write_numbers(folder, self._found.summaries, EXACT)
+        numbers = write_numbers(folder, self._found.summaries, SMOOTHED)
         return [*write(document(self._found, command), folder), numbers, *files]
 
     def _facts(self) -> dict[str, Any]:

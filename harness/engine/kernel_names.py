@@ -36,8 +36,10 @@ from harness.engine.simd.lanes import (
     sqrt,
 )
 from harness.engine.simd.linalg import (
+    add_input_errors,
     central_differences,
     cholesky,
+    correlated_update,
     cross_covariance,
     deviations,
     mahalanobis,
@@ -49,9 +51,10 @@ from harness.engine.simd.linalg import (
 from harness.engine.simd.random import next_words, normal_pair, uniform
 
 __all__ = [
-    "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "SEEN_STATES", "Belief", "Info", "StandIn", "State",
-    "absolute",
-    "any_of", "atan", "central_differences", "cholesky", "cos", "cross_covariance", "deviations", "exp", "floor",
+    "INPUT_ERRORS", "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "SEEN_STATES", "Belief", "Info",
+    "StandIn", "State",
+    "absolute", "add_input_errors", "any_of", "atan", "central_differences", "cholesky", "correlated_update", "cos",
+    "cross_covariance", "deviations", "exp", "floor",
     "gather", "get", "is_nan", "log", "mahalanobis", "maximum", "minimum", "next_covariance", "next_jacobian",
     "next_state", "next_words", "normal_pair", "outer_sum", "output", "output_jacobian", "put", "scalar_updates",
     "select", "sigma_mean", "sigma_update", "sign", "signals", "signals_jacobian", "sin", "splat", "sqrt", "tan",
@@ -97,12 +100,15 @@ class Belief(NamedTuple):
         process_noise: Variances per step, shape ``(nx, LANES)``.
         measurement_noise: Variances per sample, shape ``(ny, LANES)``.
         tuning: The estimator's own numbers, shape ``(nt,)``.
+        input_errors: What the errors of the inputs do at this sample to the state and, behind it, the outputs: of ``m``
+            independent ones of unit variance ``(nx + ny, m, LANES)``. Not read where inputs are exact.
     """
 
     constants: Any
     process_noise: Any
     measurement_noise: Any
     tuning: Any
+    input_errors: Any = None
 
 
 class Info(NamedTuple):
@@ -123,6 +129,10 @@ class Info(NamedTuple):
     log_likelihood: Any
     seen: Any
     repairs: Any
+
+
+INPUT_ERRORS: Any = StandIn("INPUT_ERRORS")
+"""Whether the estimator is told what the errors of its inputs do (``Belief.input_errors``), fixed when compiled."""
 
 
 def _of_model(name: str) -> Any:

@@ -58,8 +58,7 @@ from harness.common.errors import UserError
 from harness.config.roles import ESTIMATORS
 from harness.engine import time_loops
 from harness.engine.compile import CompiledModel, load_source, paste
-from harness.engine.kernel_names import Belief, Info, State
-from harness.engine.kernel_source import Kernel
+from harness.engine.kernel_names import INPUT_ERRORS, Belief, Info, State
 from harness.engine.simd.lanes import LANES
 
 NEES_EVERY = 10
@@ -257,9 +256,15 @@ class Estimator:
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 
 
-def kernels_of(file: SimpleNamespace) -> dict[Any, Kernel]:
-    """Return the kernels of an estimator's file by what stands for them in the loops over time."""
+def kernels_of(file: SimpleNamespace, input_errors: bool = False) -> dict[Any, Any]:
+    """Return the kernels of an estimator's file by what stands for them in the loops over time.
+
+    Args:
+        file: From ``load_estimator``.
+        input_errors: Whether it is told what the errors of its inputs do (``Belief.input_errors``).
+    """
     return {
+        INPUT_ERRORS: int(input_errors),
         time_loops.workspace: file.workspace,
         time_loops.step: file.step,
         time_loops.write_covariance: file.write_covariance,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,7 @@ import xarray as xr
 from harness import recordings
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.identification.measured_inputs import Between, InputErrors, inputs_of
 from harness.models.assembly.assemble import Model, symbol
 
 SHORTEST = 20
@@ -25,11 +26,14 @@ class Drive:
         name: In reports.
         time: s ``(samples,)``, equidistant from 0.
         inputs: ``(samples, nu)``, finite.
-        between: Inputs during the step behind each sample ``(samples, nu)``: those of the sample, held as in a
-            simulation; ``joined`` takes the mean of both ends.
+        between: Inputs during the step behind each sample ``(samples, nu)``.
         measurements: ``(samples, ny)``, NaN where missing.
         first_mean: First state ``(nx,)``: a measured one as measured, others as the vehicle's ``START``, else zero.
-        first_variance: Its variances ``(nx,)``; ``Innovations.drive`` knows them.
+        first_variance: Its variances ``(nx,)``; ``FilteredModel.drive`` knows them.
+        input_errors: What is not known of the inputs.
+        effects: What their errors do to the next state and, behind it, the outputs: of ``m`` independent ones of unit
+            variance at each sample ``(samples, nx + ny, m)``, which ``FilteredModel.drive`` knows; none if exact.
+        spread: Variances of the outputs of a free run that come of them ``(samples, ny)``; zero if they are exact.
     """
 
     name: str
@@ -39,6 +43,9 @@ class Drive:
     measurements: Floats
     first_mean: Floats
     first_variance: Floats
+    input_errors: InputErrors
+    effects: Floats
+    spread: Floats
 
 
 def step_of(recording: xr.Dataset) -> float:
@@ -62,13 +69,14 @@ def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
             )
 
 
-def drive_from(recording: xr.Dataset, model: Model, name: str) -> Drive:
-    """Return a recording in terms of a model; the rate of an input is its forward difference, as in a simulation.
+def drive_from(recording: xr.Dataset, model: Model, name: str, between: Between = "held") -> Drive:
+    """Return a recording in terms of a model.
 
     Args:
         recording: From ``harness.recordings.load_recording`` or ``harness.simulation.simulate.simulate_drive``.
         model: Its inputs and outputs are looked for.
         name: Of the recording, for errors and reports.
+        between: How inputs go on behind a sample.
 
     Raises:
         UserError: If a signal is missing or holds no number, or the recording is too short.
@@ -76,38 +84,17 @@ def drive_from(recording: xr.Dataset, model: Model, name: str) -> Drive:
     time = recording["time"].to_numpy().astype(float)
     if len(time) < SHORTEST:
         raise UserError(f"{name}: has {len(time)} samples; a fit needs at least {SHORTEST}")
-    table = np.empty((len(time), len(model.inputs)))
-    for i, signal in enumerate(model.inputs):
-        if signal == "time":
-            table[:, i] = time - time[0]
-            continue
-        values = recordings.inputs(recording, [model.rates.get(signal, signal)])[:, 0]
-        if signal in model.rates:
-            difference = np.diff(values) / step_of(recording)
-            values = np.append(difference, difference[-1:])
-        table[:, i] = values
+    inputs = inputs_of(recording, model, step_of(recording), between)
     found = np.ascontiguousarray(recordings.measurements(recording, list(model.outputs)), dtype=float)
     for output, column in zip(model.outputs, found.T, strict=True):
         if not np.isfinite(column).any():
             raise UserError(f"{name}: '{output}' holds no number; choose sensors without it")
     found[~np.isfinite(found)] = np.nan
     first = _first_mean(model, recording, found)
-    return Drive(name, time - time[0], table, table, found, first, np.zeros_like(first))
-
-
-def joined(drive: Drive, model: Model) -> Drive:
-    """Return a recording whose inputs run straight from sample to sample, as measured ones do.
-
-    Held inputs would come half a sample late, which a fit takes for a lag of the steering. A rate is constant over the
-    step behind a sample; at the sample itself it is the mean of both sides.
-    """
-    between, inputs = drive.inputs.copy(), drive.inputs.copy()
-    for i, name in enumerate(model.inputs):
-        if name in model.rates:
-            inputs[1:, i] = 0.5 * (drive.inputs[:-1, i] + drive.inputs[1:, i])
-        else:
-            between[:-1, i] = 0.5 * (drive.inputs[:-1, i] + drive.inputs[1:, i])
-    return replace(drive, inputs=inputs, between=between)
+    exact = np.zeros((len(time), len(first) + found.shape[1], 0)), np.zeros_like(found)
+    return Drive(
+        name, time - time[0], inputs.at, inputs.between, found, first, np.zeros_like(first), inputs.errors, *exact
+    )
 
 
 def started_by(model: Model) -> dict[int, int]:

@@ -27,6 +27,8 @@ from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification import time_loops
 from harness.identification.data import Drive, drive_from, started_by, step_of
+from harness.identification.input_effects import InputEffects
+from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model
 
 _Task = TypeVar("_Task")
@@ -165,6 +167,7 @@ class FilteredModel(ABC):
         self._limits = np.array([model.valid.get(name, np.inf) for name in model.states])
         starts = started_by(model)
         self._started, self._starts = list(starts), list(starts.values())
+        self._effects = InputEffects(self.duals)
         self._remembered: dict[tuple[object, ...], tuple[Drive, FilterRun]] = {}
 
     @abstractmethod
@@ -204,12 +207,17 @@ class FilteredModel(ABC):
         directions[[self._rows[n] for n in names], range(len(names))] = 1.0
         return directions
 
-    def drive(self, recording: xr.Dataset, name: str) -> Drive:
-        """Return a recording in terms of this model, with the spread of the first state.
+    def drive(self, recording: xr.Dataset, name: str, between: Between = "held") -> Drive:
+        """Return a recording in terms of this model, with the spread of the first state and what its inputs' errors do.
 
         How far the first state may lie from its mean is taken from a free run of the model at hand over the inputs of
         the recording: the mean square of each state, and its process noise. A state that a parameter starts has no
-        spread but its noise.
+        spread but its noise. The effect of the errors is linearised along a pass of the filter with the model at hand.
+
+        Args:
+            recording: From ``harness.recordings.load_recording`` or ``harness.simulation.simulate.simulate_drive``.
+            name: Of the recording, for errors and reports.
+            between: How inputs go on behind a sample.
 
         Raises:
             UserError: If a signal is missing or the step is not the model's.
@@ -219,16 +227,23 @@ class FilteredModel(ABC):
                 f"{name}: its samples are {step_of(recording):g} s apart, those of the model {self.spec.step:g} s; "
                 "all recordings need the same step"
             )
-        drive = self._read(recording, name)
+        drive = drive_from(recording, self.model, name, between)
         states = self.free_run(drive, self.stated()).states[:, : self.nx]
         variance = np.mean((states - states[0]) ** 2, axis=0)
         variance[[i for i in self._started if i < self.nx]] = 0.0
         process = np.array([self.spec.process_noise[s] for s in self.nominal.states])
-        return replace(drive, first_variance=variance + process)
+        return self._with_effects(replace(drive, first_variance=variance + process))
 
-    def _read(self, recording: xr.Dataset, name: str) -> Drive:
-        """Return a recording as a drive without the spread of its first state."""
-        return drive_from(recording, self.model, name)
+    def _with_effects(self, drive: Drive) -> Drive:
+        """Return a drive with what the errors of its inputs do to the corrected states and to the outputs."""
+        if not drive.input_errors.rows:
+            return drive
+        stated, values = Candidates.of(self.spec), self.stated()
+        kept = self.run(drive, replace(stated, values=values[:, None]))
+        states = kept.state
+        states[0] = self.first_state(drive, values)
+        effects, spread = self._effects.along(drive, states, values, self.nx)
+        return replace(drive, effects=effects, spread=spread)
 
     def log_likelihoods(self, drives: Sequence[Drive], candidates: Each) -> Floats:
         """Return the log-likelihood of all recordings for each candidate ``(n,)``; minus infinity if it diverges."""

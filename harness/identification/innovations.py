@@ -45,7 +45,7 @@ class Innovations(FilteredModel):
         self.tuning = np.array(file.tuning(file.Settings(), self.compiled.nx, self.compiled.ny), dtype=float)
 
         def loop(compiled: CompiledModel, note: Callable[..., None], *more: Callable[..., None]) -> ModuleType:
-            given = {**kernels_of(file), time_loops.note: note}
+            given = {**kernels_of(file, input_errors=True), time_loops.note: note}
             source = paste(compiled, f"innovations_{kind}", [time_loops.innovate, *more], given)
             return load_source(f"innovations_{kind}", source)
 
@@ -100,12 +100,14 @@ class Innovations(FilteredModel):
         variance = np.zeros((compiled.nx, compiled.lanes))
         variance[:, :LANES] = drive.first_variance[:, None]
         constants = compiled.constants(candidates.values)
-        belief = Belief(constants, candidates.process, candidates.measurement, self.tuning)
+        errors = np.zeros((*drive.effects.shape[1:], compiled.lanes))
+        belief = Belief(constants, candidates.process, candidates.measurement, self.tuning, errors)
         memory = np.zeros((0, compiled.lanes))
         module.innovate(
             drive.inputs,
             drive.between,
             drive.measurements,
+            drive.effects,
             belief,
             self._first(drive, candidates.values),
             variance,

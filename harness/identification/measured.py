@@ -20,7 +20,7 @@ from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.config.schema import Name
 from harness.identification.contract import Problem, load_method, settings_of
-from harness.identification.data import Drive, joined
+from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
 from harness.identification.judgement import rms
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
@@ -55,8 +55,7 @@ def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None
     say("compiling")
     innovations = Innovations(from_slopes(published, before), jobs=jobs)
     drives = [
-        joined(innovations.drive(r, name), innovations.model)
-        for r, name in zip(train + test, names_of(train + test), strict=True)
+        innovations.drive(r, name, "joined") for r, name in zip(train + test, names_of(train + test), strict=True)
     ]
     fitted, held_out = tuple(drives[: len(train)]), tuple(drives[len(train) :])
     problem, method = Problem(innovations, fitted, free), load_method(study.raw.method)

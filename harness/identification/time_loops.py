@@ -17,8 +17,10 @@ from harness.engine.kernel_names import (
     Info,
     StandIn,
     State,
+    add_input_errors,
     cholesky,
     get,
+    next_covariance,
     next_state,
     output,
     output_jacobian,
@@ -31,13 +33,14 @@ from harness.engine.simd.dual import tangent_of, value_of
 from harness.engine.time_loops import outside, step, workspace
 
 
-def innovate(u, between, y, belief, x0, P0, memory0, limits, total, notes):
+def innovate(u, between, y, errors, belief, x0, P0, memory0, limits, total, notes):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
         u: Inputs ``(samples, nu)``.
         between: Inputs during the step behind each sample ``(samples, nu)``.
         y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
+        errors: What the errors of the inputs do ``(samples, nx + ny, m)``; at each sample written to ``belief``.
         belief: ``harness.engine.kernel_names.Belief``.
         x0: First mean ``(nx, LANES)``.
         P0: First variances ``(nx, LANES)``.
@@ -62,6 +65,7 @@ def innovate(u, between, y, belief, x0, P0, memory0, limits, total, notes):
         fill(between[k - 1], u_before)
         fill(u[k], u_now)
         fill(y[k], y_now)
+        fill_table(errors[k], belief.input_errors)
         step(before, u_before, u_now, y_now, belief, work, after, info)
         note(before, after, u_before, u_now, y_now, belief, info, scratch, k, notes)
         before, after = after, before
@@ -76,6 +80,13 @@ def fill(values, numbers):
         put(values[i], numbers, i)
 
 
+def fill_table(values, numbers):
+    """Write a plain matrix, the same for all lanes."""
+    for i in range(numbers.shape[0]):
+        for j in range(numbers.shape[1]):
+            put(values[i, j], numbers, i, j)
+
+
 def scratchpad():
     """Return the scratch arrays of ``note``."""
     return (
@@ -86,6 +97,7 @@ def scratchpad():
         np.empty((NY, NX, LANES)),
         np.empty((NW, LANES)),
         np.zeros((NY, NY, plain.LANES)),
+        np.zeros((NX, NX, LANES)),
     )
 
 
@@ -103,12 +115,18 @@ def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
 
     The gain is that of a filter linearised at its prediction.
     """
-    S, factor, x_prior, predicted, H, w, _ = scratch
+    S, factor, x_prior, predicted, H, w, _, P_prior = scratch
     if notes[0].shape[0] > 0:
         next_state(before.mean, u_before, belief.constants, x_prior, w)
         output_jacobian(x_prior, u, belief.constants, predicted, H)
-        R = belief.measurement_noise
+        R, errors = belief.measurement_noise, belief.input_errors
         keep_first_lane(info, y, H, after.covariance, R, S, factor, after.mean, k, notes)
+        if errors.shape[1] > 0:
+            next_covariance(before.mean, u_before, belief.constants, before.covariance, x_prior, P_prior, w)
+            for i in range(NX):
+                put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
+            add_input_errors(P_prior, errors)
+            keep_gain(P_prior, H, errors, y, k, notes)
 
 
 def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
@@ -144,6 +162,31 @@ def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
         state[k, i] = x[i, 0]
 
 
+def keep_gain(P_prior, H, errors, y, k, notes):
+    """Overwrite the kept gain by that of measurements that see the same errors of the inputs as the prediction.
+
+    It is the covariance of outputs and state ``P H' + G D'`` times the inverse of the innovations' covariance, of
+    which the whitening holds the root. The formula of ``keep_first_lane`` holds for independent noise only.
+    """
+    whitening, gain = notes[3], notes[4]
+    for i in range(NX):
+        for a in range(NY):
+            gain[k, i, a] = 0.0
+        for b in range(NY):
+            total = 0.0
+            for a in range(b + 1):
+                covariance = 0.0
+                for j in range(NX):
+                    covariance += P_prior[i, j, 0] * H[a, j, 0]
+                for c in range(errors.shape[1]):
+                    covariance += errors[i, c, 0] * errors[NX + a, c, 0]
+                if not np.isnan(y[a, 0]):
+                    total += covariance * whitening[k, b, a]
+            for a in range(b + 1):
+                if not np.isnan(y[a, 0]) and not np.isnan(y[b, 0]):
+                    gain[k, i, a] += total * whitening[k, b, a]
+
+
 def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
     """Keep the derivatives of a sample from which the Fisher information follows; over dual numbers only.
 
@@ -153,7 +196,7 @@ def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
     ``L^-1 de`` and the lower triangle of ``G``, its diagonal over the root of 2, so that the information is the sum
     of products of the rows. Rows of missing measurements are zero.
     """
-    S, factor, _, _, _, _, ratio = scratch
+    S, factor, _, _, _, _, ratio, _ = scratch
     factorise(info, y, S, factor)
     row = NY
     for a in range(NY):

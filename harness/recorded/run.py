@@ -2,7 +2,7 @@
 
 A recording holds inputs and measurements as time went by; nobody knows the true state. What an estimator says is judged
 by its innovations, and where the recording holds a *reference* of a state or port (a signal that the estimator does not
-measure), by its error. Inputs are taken for exact, so what their noise does to the estimate is in no covariance.
+measure), by its error. Recorded inputs are smoothed; what is not known of them is in the covariance.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from harness.config import ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator, kernels_of, load_estimator
-from harness.identification.data import Drive, joined
+from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
@@ -32,11 +32,11 @@ from harness.simulation.simulate import in_lanes, variances
 
 Inputs = Literal["joined", "held"]
 
-EXACT = (
-    "Inputs are taken for exact: what the noise of the recorded inputs does to the estimate is in none of the stated "
-    "standard deviations, and appears in the innovations."
+SMOOTHED = (
+    "Recorded inputs and their rates are those given all samples of the recording, later ones as well; what is not "
+    "known of them is in the stated standard deviations. In a vehicle an estimator knows the past only."
 )
-"""What has to be said of every estimate, as long as it is so."""
+"""What has to be said of every estimate on a recording."""
 
 WANDERING = 10.0
 """s; an unknown input begins as far from zero as its random walk gets in this time."""
@@ -92,15 +92,14 @@ class RecordedModel:
         Raises:
             UserError: If a signal is missing, an input has a gap, or the step is not the model's.
         """
-        drive, spec = self.filtered.drive(recording, name), self.spec
+        drive, spec = self.filtered.drive(recording, name, self.inputs), self.spec
         model, variance = spec.model(), drive.first_variance.copy()
         for i, state in enumerate(model.states):
             if state in model.start_variance:
                 variance[i] = model.start_variance[state]
             elif state in spec.unknown_inputs:
                 variance[i] = spec.process_noise[state] * max(1.0, WANDERING / spec.step)
-        drive = replace(drive, first_variance=variance)
-        return joined(drive, self.filtered.model) if self.inputs == "joined" else drive
+        return replace(drive, first_variance=variance)
 
     def reference(self, recording: xr.Dataset) -> dict[str, str]:
         """Return the signal of a recording that is the reference of each estimated one, where there is any.
@@ -173,7 +172,7 @@ class RecordedEstimator:
         self.model, self.kind, self.settings, self.name = model, kind, dict(settings or {}), name or kind
         self._estimator = Estimator(kind, model.compiled, self.settings, folder)
         stem = f"estimate_recording_{kind}"
-        source = paste(model.compiled, stem, [time_loops.estimate_recording], kernels_of(load_estimator(kind)))
+        source = paste(model.compiled, stem, [time_loops.estimate_recording], kernels_of(load_estimator(kind), True))
         self._loop = load_source(stem, source).estimate_recording
 
     def run(self, recording: xr.Dataset, seed: int = 0, drive: Drive | None = None) -> xr.Dataset:
@@ -227,6 +226,7 @@ class RecordedEstimator:
             in_lanes(variances(spec.process_noise, model.states)),
             in_lanes(variances(spec.measurement_noise, list(model.outputs))),
         )
+        belief = belief._replace(input_errors=np.zeros((*drive.effects.shape[1:], LANES)))
         first_mean = self.model.filtered.first_state(drive, self.model.filtered.stated())
         first = estimator.init(first_mean, drive.first_variance, [np.random.SeedSequence(seed)] * LANES)
         limits = np.array([model.valid.get(n, np.inf) for n in model.states])
@@ -234,6 +234,7 @@ class RecordedEstimator:
             drive.inputs,
             drive.between,
             drive.measurements,
+            drive.effects,
             belief,
             first,
             limits,
@@ -284,7 +285,7 @@ class RecordedEstimator:
             "repairs": int(np.nansum(kept.facts[:, 3])),
             "updates": int(np.isfinite(drive.measurements[1:until]).any(axis=1).sum()),
             "inputs": self.model.inputs,
-            "comment": EXACT,
+            "comment": SMOOTHED,
         }
         return data
 

@@ -22,13 +22,14 @@ from harness.engine.kernel_names import (
 from harness.engine.time_loops import outside, step, workspace, write_covariance
 
 
-def estimate_recording(u, between, y, belief, first, limits, rows, kept):
+def estimate_recording(u, between, y, errors, belief, first, limits, rows, kept):
     """Run the estimator over a recording and keep what it says of every sample.
 
     Args:
         u: Inputs ``(samples, nu)``.
         between: Inputs during the step behind each sample ``(samples, nu)``.
         y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
+        errors: What the errors of the inputs do ``(samples, nx + ny, m)``; at each sample written to ``belief``.
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State`` before the first step.
         limits: Largest magnitude of each state ``(nx,)``.
@@ -53,6 +54,8 @@ def estimate_recording(u, between, y, belief, first, limits, rows, kept):
         fill_lanes(between[k - 1], u_before)
         fill_lanes(u[k], u_now)
         fill_lanes(y[k], y_now)
+        for i in range(errors.shape[1]):
+            fill_lanes(errors[k, i], belief.input_errors[i])
         step(before, u_before, u_now, y_now, belief, work, after, info)
         before, after = after, before
         write_covariance(before, work)

@@ -14,7 +14,7 @@ from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
 from harness.models.quantities import listed, quantity, words
 from harness.recorded.consistency import Consistency
-from harness.recorded.run import EXACT
+from harness.recorded.run import SMOOTHED
 from harness.recorded.tuning import NoiseTuning, Variance
 from harness.reporting import style
 from harness.reporting.document import (
@@ -101,7 +101,7 @@ def record(found: NoiseTuning) -> dict[str, Any]:
             for b, a in zip(found.before, found.after, strict=True)
         ],
         "notes": list(found.notes),
-        "comment": EXACT,
+        "comment": SMOOTHED,
     }
 
 
@@ -160,7 +160,7 @@ def _answer(found: NoiseTuning) -> list[Block]:
                 )
             )
         )
-    return [*blocks, Prose(plain(EXACT))]
+    return [*blocks, Prose(plain(SMOOTHED))]
 
 
 def _variances(found: NoiseTuning) -> list[Block]:

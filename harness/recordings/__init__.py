@@ -2,11 +2,12 @@
 
 The parts: ``channel_map`` reads the map, ``channels`` finds the channels, ``clock`` checks their samples, ``resample``
 brings them onto one time base, ``lever_arm`` to one reference point, ``derived_signals`` computes what is not measured,
+``kinematic_smoother`` takes the noise from a signal and finds its rate,
 ``redundancy`` and ``consistency`` compare what must agree, ``axle_curves`` prepares the tyre curve, ``check`` reports.
 """
 
 from __future__ import annotations
 
-from harness.recordings.load import inputs, load_recording, measurements
+from harness.recordings.load import inputs, load_recording, measurements, updated
 
-__all__ = ["inputs", "load_recording", "measurements"]
+__all__ = ["inputs", "load_recording", "measurements", "updated"]

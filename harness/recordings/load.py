@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.models.signals import TRUTH, signal_attributes
@@ -93,9 +93,9 @@ def recording_of(
             raw = raw_of[name]
             delay, spread = delays.get(name, (raw.channel.delay, 0.0))
             attributes |= _about(raw, delay, spread, mapping)
-            updated = updated_on_grid(raw.time - delay, grid)
-            if raw.held > 1 and not updated.all():
-                recording.coords[f"updated_{name}"] = ("time", updated)
+            new = updated_on_grid(raw.time - delay, grid)
+            if raw.held > 1 and not new.all():
+                recording.coords[f"updated_{name}"] = ("time", new)
         recording[name] = ("time", values, attributes)
     recording.attrs = {
         "title": mapping.title,
@@ -120,9 +120,8 @@ def measurements(recording: xr.Dataset, names: Sequence[str]) -> Floats:
     """
     columns = []
     for name in names:
-        values = _signal(recording, name)
-        updated = recording.coords.get(f"updated_{name}")
-        columns.append(values if updated is None else np.where(updated.values, values, np.nan))
+        values, new = _signal(recording, name), updated(recording, name)
+        columns.append(values if new is None else np.where(new, values, np.nan))
     return np.stack(columns, axis=1)
 
 
@@ -144,6 +143,12 @@ def inputs(recording: xr.Dataset, names: Sequence[str]) -> Floats:
             )
         columns.append(values)
     return np.stack(columns, axis=1)
+
+
+def updated(recording: xr.Dataset, name: str) -> Mask | None:
+    """Return which samples of a signal were measured ``(samples,)``, where not all were."""
+    found = recording.coords.get(f"updated_{name}")
+    return None if found is None else np.asarray(found.values, dtype=bool)
 
 
 def _signal(recording: xr.Dataset, name: str) -> Floats:

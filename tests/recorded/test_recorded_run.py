@@ -84,7 +84,7 @@ def test_variables_carry_their_units_and_what_belongs_to_them(car, drive):
     assert run["innovation_yaw_rate"].attrs["units"] == "rad/s"
     assert run.attrs["estimator"] == "mine"
     assert run.attrs["settings"] == "alpha=0.5"
-    assert "taken for exact" in run.attrs["comment"]
+    assert "given all samples" in run.attrs["comment"]
 
 
 def test_a_particle_filter_follows_its_seed():

@@ -18,8 +18,9 @@ from harness.config import ModelSpec
 from harness.diagnosis.model import time_loops
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
-from harness.identification.data import Drive, joined
+from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates, FilteredModel
+from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
@@ -73,9 +74,9 @@ class AugmentedModel(FilteredModel):
                 values[i] = p.grid[0] if p.grid else p.upper if p.per_drive else p.lower
         return values
 
-    def _read(self, recording: xr.Dataset, name: str) -> Drive:
-        """Return a recording as a drive whose inputs run straight between samples."""
-        return joined(super()._read(recording, name), self.model)
+    def drive(self, recording: xr.Dataset, name: str, between: Between = "joined") -> Drive:
+        """Return a recording in terms of this model; its inputs run straight between samples."""
+        return super().drive(recording, name, between)
 
     def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
         self._loop.filter_whole(
@@ -83,6 +84,7 @@ class AugmentedModel(FilteredModel):
             drive.between,
             self._inputs,
             drive.measurements,
+            drive.effects,
             self.compiled.constants(candidates.values),
             self._nominal.constants(np.ascontiguousarray(candidates.values[self._nominal_rows])),
             candidates.process,

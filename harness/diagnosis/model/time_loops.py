@@ -19,6 +19,8 @@ from harness.engine.kernel_names import (
     SEEN_STATES,
     Info,
     StandIn,
+    add_input_errors,
+    correlated_update,
     get,
     next_covariance,
     output_jacobian,
@@ -27,13 +29,15 @@ from harness.engine.kernel_names import (
     select,
     splat,
 )
-from harness.identification.time_loops import fill, keep_first_lane
+from harness.identification.time_loops import fill, fill_table, keep_first_lane, keep_gain
 
 NX_WHOLE: Any = StandIn("NX_WHOLE")
 NW_WHOLE: Any = StandIn("NW_WHOLE")
 
 
-def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0, P0, limited, limits, total, notes):
+def filter_whole(
+    u, between, nominal, y, errors, constants, nominal_constants, Q, R, x0, P0, limited, limits, total, notes
+):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
@@ -41,6 +45,8 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
         between: The same during the step behind each sample.
         nominal: Columns of ``u`` that are the inputs of the nominal model.
         y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
+        errors: What the errors of the inputs do to the next state of the nominal model and its outputs
+            ``(samples, nx + ny, m)``; none if they are exact.
         constants: Of the augmented model ``(nc, LANES)``.
         nominal_constants: Of the nominal model.
         Q: Process-noise variances per step ``(nx, LANES)``.
@@ -61,6 +67,8 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
     row = np.zeros((4, LANES))
     info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
     u_now, u_nominal, y_now = np.empty((nu, LANES)), np.empty((len(nominal), LANES)), np.empty((NY, LANES))
+    errors_now = np.zeros((NX + NY, errors.shape[2], LANES))
+    V, lower = np.zeros((NY, NX, LANES)), np.zeros((NY, NY, LANES))
     for i in range(NX_WHOLE):
         put(get(x0, i), x, i)
     for i in range(NX):
@@ -79,11 +87,20 @@ def filter_whole(u, between, nominal, y, constants, nominal_constants, Q, R, x0,
         output_jacobian(x_prior[:NX], u_nominal, nominal_constants, unused, H)
         output_whole(x_prior, u_now, constants, predicted)
         fill(y[k], y_now)
-        scalar_updates(x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, x[:NX], P, scratch, info)
+        if errors.shape[2] > 0:
+            fill_table(errors[k], errors_now)
+            add_input_errors(P_prior, errors_now)
+            correlated_update(
+                x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, errors_now, x[:NX], P, V, lower, info
+            )
+        else:
+            scalar_updates(x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, x[:NX], P, scratch, info)
         for i in range(NX, NX_WHOLE):
             put(get(x_prior, i), x, i)
         if notes[0].shape[0] > 0:
             keep_first_lane(info, y_now, H, P, R, S, factor, x, k, notes)
+            if errors.shape[2] > 0:
+                keep_gain(P_prior, H, errors_now, y_now, k, notes)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
         put(select((beyond(x, limited, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)

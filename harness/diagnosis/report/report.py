@@ -76,16 +76,17 @@ def document(
 
 def _errors(outcome: Outcome) -> list[Block]:
     before, after, rows = outcome.trace.before, outcome.after, []
-    noise = outcome.trace.held_out.variances**0.5
+    floor = outcome.trace.held_out.floor
     for a, name in enumerate(outcome.trace.fitting.augmented.model.outputs):
         q = quantity(name)
-        numbers = (noise[a], before.error[a], after.error[a])
+        numbers = (floor[a], before.error[a], after.error[a])
         rows.append([q.words, q.unit, *(style.number(q.scale * v) for v in numbers)])
     caption = (
         "Simulation error (root mean square) on the held-out drives, out of sample. Before: the nominal model, its own "
-        "parameters refitted. After: the amended one. No model is expected to fall below the sensor noise."
+        "parameters refitted. After: the amended one. No model is expected to fall below the floor: the noise of the "
+        "sensor and what is not known of the recorded inputs."
     )
-    return [Sheet(["output", "unit", "sensor noise", "before", "after"], rows, caption, left=2)]
+    return [Sheet(["output", "unit", "floor", "before", "after"], rows, caption, left=2)]
 
 
 def _estimators(outcome: Outcome) -> list[Block]:

@@ -142,9 +142,10 @@ def _improvements(outcome: Outcome) -> list[str]:
     fall = _fall(trace.before.error, after_all)
     foretold = trace.added or outcome.where.unmodelled is not None  # no simulation predicts a random process
     for a in np.argsort(-np.where(np.isfinite(fall), fall, np.inf))[:2] if foretold else ():
-        q, noise = quantity(outputs[a]), math.sqrt(trace.held_out.variances[a])
-        before, after, floor = (style.number(q.scale * v) for v in (trace.before.error[a], after_all[a], noise))
-        found.append(f"simulation, {q.words}: RMSE {before} to {after} {q.unit} (sensor noise {floor})")
+        q = quantity(outputs[a])
+        errors = trace.before.error[a], after_all[a], trace.held_out.floor[a]
+        before, after, floor = (style.number(q.scale * v) for v in errors)
+        found.append(f"simulation, {q.words}: RMSE {before} to {after} {q.unit} (floor {floor})")
     for e in outcome.estimators:
         gained = _fall(e.before, e.after)
         a = int(np.argmax(np.where(np.isfinite(e.after) & ~np.isnan(gained), gained, -np.inf)))

@@ -169,7 +169,10 @@ def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candida
     found = []
     for drive in drives:
         unseen = replace(
-            drive, measurements=np.full_like(drive.measurements, np.nan), first_variance=np.zeros(len(process))
+            drive,
+            measurements=np.full_like(drive.measurements, np.nan),
+            first_variance=np.zeros(len(process)),
+            effects=drive.effects[:, :, :0],
         )
         found.append(filters.run(unseen, alone).deviation[1:] ** 2 - held.measurement[:, 0])
     return float(np.sum(np.concatenate(found).mean(axis=0) / variances))
@@ -204,4 +207,9 @@ def _own(drive: Drive, augmented: AugmentedModel, filters: Innovations) -> Drive
     nominal = {s: i for i, s in enumerate(augmented.nominal.states)}
     variance = [drive.first_variance[nominal[s]] if s in nominal else filters.spec.process_noise[s] for s in states]
     inputs, between = drive.inputs[:, columns], drive.between[:, columns]
-    return replace(drive, inputs=inputs, between=between, first_mean=mean, first_variance=np.array(variance))
+    effects = np.zeros((len(inputs), len(states) + len(filters.model.outputs), drive.effects.shape[2]))
+    effects[:, [states.index(s) for s in nominal]] = drive.effects[:, : len(nominal)]
+    effects[:, len(states) :] = drive.effects[:, len(nominal) :]
+    return replace(
+        drive, inputs=inputs, between=between, first_mean=mean, first_variance=np.array(variance), effects=effects
+    )

@@ -18,7 +18,7 @@ from harness.config import ModelSpec
 from harness.diagnosis.fitting.fit import Point
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.identification.data import Drive, joined
+from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 
@@ -84,7 +84,7 @@ def _errors(trace: Trace, spec: ModelSpec, point: Point, recordings: Sequence[xr
         known = dict(zip(augmented.names, point.values[:, i], strict=True))
         values = np.array([[known[n] if n in known else spec.values[n]] for n in filters.model.parameter_names])
         held = replace(Candidates.of(filters.spec), values=values)
-        own = joined(filters.drive(recording, drive.name), filters.model)
+        own = filters.drive(recording, drive.name, "joined")
         squares.append(augmented.share(partial(_unseen, filters, own, held), range(len(held.measurement))))
     return np.array([np.sqrt(np.nanmean(np.concatenate(parts))) for parts in zip(*squares, strict=True)])
 

@@ -16,7 +16,7 @@ from harness.identification.data import Drive
 from harness.identification.judgement import DriveJudgement, judged_on
 
 EXCESS = 0.05
-"""Mean square of the simulation error over the sensors' noise, less one, below which nothing is left to explain."""
+"""Mean square of the simulation error over its floor, less one, below which nothing is left to explain."""
 
 LITTLE = 0.01
 """Share of the excess of the model without additions below which nothing is left to explain either."""
@@ -29,8 +29,8 @@ class Judgement:
     Attributes:
         log_likelihood: Of all of them; half the logarithm of the samples less for each change time fitted there.
         error: Root mean square of measurement less free run ``(ny,)``.
-        normalised_excess_mses: Mean square of that over the variance of the sensor's noise, less one, not negative
-        ``(ny,)``.
+        normalised_excess_mses: Mean square of that over its floor, less one, not negative ``(ny,)``. The floor is the
+            variance of the sensor's noise and of what the errors of the inputs do to a free run.
         drives: The same drive by drive; empty for what is no model of its own.
         point: Values with which it was judged; change times are those of the held-out drives.
     """
@@ -48,9 +48,9 @@ class Judgement:
 
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
-    """Whether the simulation error of a model is within the sensor noise, or a hundredth of another model's.
+    """Whether the simulation error of a model is within its floor, or a hundredth of another model's.
 
-    Where the free run of the other model leaves its range, only the sensor noise counts.
+    Where the free run of the other model leaves its range, only the floor counts.
     """
     little = LITTLE * before.normalised_excess_mse if np.isfinite(before.normalised_excess_mse) else 0.0
     return after.normalised_excess_mse <= max(EXCESS, little)
@@ -63,11 +63,15 @@ class HeldOut:
         augmented: The model.
         drives: The recordings.
         variances: Variance of the white noise of each output ``(ny,)``.
+
+    Attributes:
+        floor: Root mean square of the simulation error of a perfect model ``(ny,)``.
     """
 
     def __init__(self, augmented: AugmentedModel, drives: Sequence[Drive], variances: Floats) -> None:
         self.augmented, self.drives, self.variances = augmented, tuple(drives), variances
         self.fitting = Fitting(augmented, drives, variances)
+        self.floor = np.sqrt(floors(self.drives, variances).mean(axis=0))
 
     def judge(self, added: Sequence[Hypothesis], point: Point) -> Judgement:
         """Return how a model does; only the change times are fitted to these drives."""
@@ -99,6 +103,8 @@ class HeldOut:
 def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, Floats]:
     """Return error and excesses of a free run, as ``Judgement`` has them.
 
+    Every sample counts by its own floor, because the errors of inputs matter more while they change.
+
     Args:
         drives: The recordings.
         free: Outputs of the free run, by drive ``(samples, ny)``.
@@ -107,5 +113,11 @@ def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], variances:
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
     with np.errstate(invalid="ignore"):
         square = np.nanmean(errors**2, axis=0)
+        normalised = np.nanmean(errors**2 / floors(drives, variances), axis=0)
     strays = any(np.isnan(f).any() for f in free)
-    return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(square / variances - 1.0, 0.0)
+    return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(normalised - 1.0, 0.0)
+
+
+def floors(drives: Sequence[Drive], variances: Floats) -> Floats:
+    """Return what is left of the simulation error of a perfect model: its variances ``(samples of all drives, ny)``."""
+    return np.concatenate([variances + d.spread for d in drives])

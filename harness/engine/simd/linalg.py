@@ -114,6 +114,89 @@ def scalar_updates(x_prior, P_prior, predicted, H, seen, y, r, x, P, work, info)
 
 
 @_jit
+def add_input_errors(P, errors):
+    """Add ``G G'`` to a predicted covariance: what the errors of the inputs do to the state.
+
+    Args:
+        P: Predicted covariance ``(nx, nx, LANES)``.
+        errors: Effect of independent errors of unit variance on the next state, and behind it on its outputs
+            ``(nx + ny, m, LANES)``.
+    """
+    for i in range(P.shape[0]):
+        for j in range(i + 1):
+            total = get(P, i, j)
+            for c in range(errors.shape[1]):
+                total = total + get(errors, i, c) * get(errors, j, c)
+            put(total, P, i, j)
+            put(total, P, j, i)
+
+
+@_jit
+def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, V, factor, info):
+    """Correct a prior with measurements that see the same errors of the inputs as the prior.
+
+    With ``G`` and ``D`` the effect of the errors on state and outputs, the measurement noise is ``R + D D'`` and its
+    covariance with the state ``S = G D'``, so that the gain is ``(P H' + S) (H P H' + H S + S' H' + R + D D')^-1``
+    (Simon 2006, 7.1).
+
+    Args:
+        x_prior: Predicted state ``(nx, LANES)``.
+        P_prior: Its covariance, with ``G G'`` in it ``(nx, nx, LANES)``.
+        predicted: Predicted measurements ``(ny, LANES)``.
+        H: Output Jacobian at the prediction ``(ny, nx, LANES)``.
+        seen: As in ``scalar_updates``.
+        y: Measurements ``(ny, LANES)``, NaN where missing.
+        r: Variances of their own noise ``(ny, LANES)``.
+        errors: As in ``add_input_errors``.
+        x: Corrected state, written.
+        P: Corrected covariance, written, symmetric.
+        V: Scratch ``(ny, nx, LANES)``; the covariance of outputs and state over the factor's transpose.
+        factor: Scratch ``(ny, ny, LANES)``; lower Cholesky factor of the innovation covariance.
+        info: ``harness.engine.kernel_names.Info``, written but for ``repairs``.
+    """
+    n, m, count = x.shape[0], y.shape[0], errors.shape[1]
+    S = info.innovation_covariance
+    for a in range(m):
+        put(get(y, a) - get(predicted, a), info.innovation, a)
+        _times_row(P_prior, H, seen, a, V[a])
+    for a in range(m):
+        for b in range(a + 1):
+            measured = (get(y, a) == get(y, a)) & (get(y, b) == get(y, b))
+            total = get(r, a) if a == b else splat(0.0)
+            for c in range(seen.shape[1]):
+                j = seen[b, c]
+                if j < 0:
+                    break
+                total = total + get(V, a, j) * get(H, b, j)
+            for c in range(count):
+                d, f = get(errors, n + a, c), get(errors, n + b, c)
+                total = total + d * f + d * _dot(H, seen, b, errors, c) + f * _dot(H, seen, a, errors, c)
+            total = select(measured, total, 1.0 if a == b else 0.0)
+            put(total, S, a, b)
+            put(total, S, b, a)
+    for a in range(m):
+        for i in range(n):
+            total = get(V, a, i)
+            for c in range(count):
+                total = total + get(errors, i, c) * get(errors, n + a, c)
+            put(select(get(y, a) == get(y, a), total, 0.0), V, a, i)
+    repaired = cholesky(S, factor, m)
+    return _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired)
+
+
+@_jit
+def _dot(H, seen, a, errors, c):
+    """Return the product of one row of H with the state's part of a column of errors."""
+    total = splat(0.0)
+    for k in range(seen.shape[1]):
+        j = seen[a, k]
+        if j < 0:
+            break
+        total = total + get(H, a, j) * get(errors, j, c)
+    return total
+
+
+@_jit
 def _times_row(P, H, seen, a, product):
     """Write ``P h'`` for one measurement row h over its non-zero entries."""
     for i in range(P.shape[0]):

@@ -14,7 +14,6 @@ from harness.engine.kernel_names import (
     NX,
     NY,
     OUTPUTS_ARE_LINEAR,
-    SEEN_STATES,
     central_differences,
     cholesky,
     cross_covariance,
@@ -22,10 +21,10 @@ from harness.engine.kernel_names import (
     outer_sum,
     output_jacobian,
     put,
-    scalar_updates,
     sigma_mean,
     sigma_update,
 )
+from harness.estimation.methods._input_errors import correct, output_noise, spread_inputs
 from harness.estimation.methods._sigma_points import observe, propagate
 from harness.estimation.methods._sigma_points import workspace as workspace
 
@@ -53,16 +52,17 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
 def step(before, u_before, u, y, belief, work, after, info):
     """Predict with central differences (13 to 15) and correct with the measurement (23 to 34)."""
     w, x_prior, P_prior, factor, point, images, predicted, H, scratch = work
-    constants, r, tuned = belief.constants, belief.measurement_noise, belief.tuning
+    constants, r, tuned = belief.constants, output_noise(belief), belief.tuning
     h, w0m, wim, first, second = tuned[0], tuned[1], tuned[2], tuned[3], tuned[4]
     repaired = cholesky(before.covariance, factor, NX)
     propagate(before.mean, factor, h, u_before, constants, point, images, w)
     sigma_mean(images, w0m, wim, x_prior, NX)
     central_differences(images, first, second, NX)
     outer_sum(images, 0.0, 1.0, belief.process_noise, P_prior, NX)
+    spread_inputs(P_prior, belief)
     if OUTPUTS_ARE_LINEAR:
         output_jacobian(x_prior, u, constants, predicted, H)
-        scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
+        correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info)
     else:
         repaired = maximum(repaired, cholesky(P_prior, factor, NX))
         observe(x_prior, factor, h, u, constants, point, images)

@@ -9,14 +9,13 @@ from harness.engine.kernel_names import (
     NW,
     NX,
     NY,
-    SEEN_STATES,
     get,
     next_covariance,
     output_jacobian,
     put,
-    scalar_updates,
     splat,
 )
+from harness.estimation.methods._input_errors import correct, spread_inputs
 
 KALMAN_TYPE = True
 
@@ -39,18 +38,7 @@ def step(before, u_before, u, y, belief, work, after, info):
     next_covariance(before.mean, u_before, belief.constants, before.covariance, x_prior, P_prior, w)
     for i in range(NX):
         put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
+    spread_inputs(P_prior, belief)
     output_jacobian(x_prior, u, belief.constants, predicted, H)
-    scalar_updates(
-        x_prior,
-        P_prior,
-        predicted,
-        H,
-        SEEN_STATES,
-        y,
-        belief.measurement_noise,
-        after.mean,
-        after.covariance,
-        scratch,
-        info,
-    )
+    correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info)
     put(splat(0.0), info.repairs, 0)

@@ -15,15 +15,14 @@ from harness.engine.kernel_names import (
     NW,
     NX,
     NY,
-    SEEN_STATES,
     get,
     next_covariance,
     next_jacobian,
     output_jacobian,
     put,
-    scalar_updates,
     splat,
 )
+from harness.estimation.methods._input_errors import correct, spread_inputs
 
 KALMAN_TYPE = True
 LINEAR = True
@@ -46,15 +45,16 @@ def workspace():
 def step(before, u_before, u, y, belief, work, after, info):
     """Predict one sample ahead and correct with the measurement (prediction and filter step of the lecture)."""
     straight, w, x_prior, P_prior, A, predicted, H, scratch = work
-    constants, r = belief.constants, belief.measurement_noise
+    constants = belief.constants
     next_covariance(straight, u_before, constants, before.covariance, x_prior, P_prior, w)
     next_jacobian(straight, u_before, constants, x_prior, A, w)
     add_product(A, before.mean, NX, x_prior)
     for i in range(NX):
         put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
+    spread_inputs(P_prior, belief)
     output_jacobian(straight, u, constants, predicted, H)
     add_product(H, x_prior, NY, predicted)
-    scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
+    correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info)
     put(splat(0.0), info.repairs, 0)
 
 

@@ -42,6 +42,7 @@ from harness.engine.kernel_names import (
     sqrt,
 )
 from harness.engine.simd.random import WORDS, generator_words
+from harness.estimation.methods._input_errors import output_noise, state_noise
 from harness.estimation.methods._resampling import SCHEMES, redraw
 from harness.estimation.methods._weighing import (
     describe,
@@ -192,11 +193,12 @@ def step(before, u_before, u, y, belief, work, after, info):
         scheme = int(belief.tuning[0])
         s0, s1 = redraw(scheme, redrawn, weights_before, before.memory[2:3], log_weights, weights, s0, s1)
     share = belief.tuning[2] if moved and not fresh else 0.0
-    spread_noise(belief.process_noise, source, redrawn, share, deviation)
+    spread_noise(state_noise(belief), source, redrawn, share, deviation)
     equal = get(redrawn, 0) > 0.0
     total = select(equal, 1.0 * count, total)
     even = -np.log(1.0 * count)
-    constant = measure(y, belief.measurement_noise, outputs, products[0])
+    noise = output_noise(belief)
+    constant = measure(y, noise, outputs, products[0])
     best = splat(-np.inf)
     for n in range(count):
         if fresh:
@@ -212,7 +214,7 @@ def step(before, u_before, u, y, belief, work, after, info):
         value = weigh(n == 0, value, select(equal, 1.0, get(weights_before, n)), outputs, products[0])
         put(value, log_weights, n)
         best = maximum(best, value)
-    failed = describe(y, belief.measurement_noise, total, outputs, products[0], products[1], info)
+    failed = describe(y, noise, total, outputs, products[0], products[1], info)
     total, squares = sum_up(cloud, log_weights, weights, best, after.mean)
     if any_of(alive & ~finite(after.mean)):
         best = drop_broken(cloud, log_weights)

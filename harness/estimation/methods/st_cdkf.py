@@ -21,7 +21,6 @@ from harness.engine.kernel_names import (
     NX,
     NY,
     OUTPUTS_ARE_LINEAR,
-    SEEN_STATES,
     any_of,
     central_differences,
     cholesky,
@@ -31,12 +30,12 @@ from harness.engine.kernel_names import (
     outer_sum,
     output_jacobian,
     put,
-    scalar_updates,
     select,
     sigma_mean,
     sigma_update,
     splat,
 )
+from harness.estimation.methods._input_errors import correct, output_noise, spread_inputs
 from harness.estimation.methods._sigma_points import observe, propagate
 
 
@@ -91,21 +90,21 @@ def workspace():
 def step(before, u_before, u, y, belief, work, after, info):
     """Predict (13 to 15), fade (16 to 22) and correct (28 to 34)."""
     w, x_prior, spread, P_prior, factor, point, images, predicted, H, scratch, no_noise = work
-    constants, q, r, tuned = belief.constants, belief.process_noise, belief.measurement_noise, belief.tuning
+    constants, r, tuned = belief.constants, output_noise(belief), belief.tuning
     h, w0m, wim, first, second, fading = tuned[0], tuned[1], tuned[2], tuned[3], tuned[4], tuned[5] > 0.5
     repaired = cholesky(before.covariance, factor, NX)
     propagate(before.mean, factor, h, u_before, constants, point, images, w)
     sigma_mean(images, w0m, wim, x_prior, NX)
     central_differences(images, first, second, NX)
     outer_sum(images, 0.0, 1.0, no_noise, spread, NX)
-    inflate(spread, splat(1.0), q, P_prior)
+    inflate(spread, splat(1.0), belief, P_prior)
     for i in range(NY):
         put(get(before.memory, i), after.memory, i)
     if OUTPUTS_ARE_LINEAR:
         output_jacobian(x_prior, u, constants, predicted, H)
         if fading:
-            inflate(spread, fading_factor(spread, H, predicted, y, belief, after.memory), q, P_prior)
-        scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
+            inflate(spread, fading_factor(spread, H, predicted, y, belief, after.memory), belief, P_prior)
+        correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info)
     else:
         repaired = maximum(repaired, cholesky(P_prior, factor, NX))
         observe(x_prior, factor, h, u, constants, point, images)
@@ -114,7 +113,7 @@ def step(before, u_before, u, y, belief, work, after, info):
             statistical_slopes(factor, images, 0.5 / h, H)
             fade = fading_factor(spread, H, predicted, y, belief, after.memory)
             if any_of(fade > 1.0):
-                inflate(spread, fade, q, P_prior)
+                inflate(spread, fade, belief, P_prior)
                 repaired = maximum(repaired, cholesky(P_prior, factor, NX))
                 observe(x_prior, factor, h, u, constants, point, images)
         cross_covariance(factor, images, wim * h, H, NX, NY)
@@ -126,12 +125,14 @@ def step(before, u_before, u, y, belief, work, after, info):
     put(repaired, info.repairs, 0)
 
 
-def inflate(spread, fade, q, P):
+def inflate(spread, fade, belief, P):
     """Write ``fade S + Q`` (16)."""
+    q = belief.process_noise
     for i in range(NX):
         for j in range(NX):
             value = fade * get(spread, i, j)
             put(value + get(q, i) if i == j else value, P, i, j)
+    spread_inputs(P, belief)
 
 
 def statistical_slopes(factor, images, weight, H):

@@ -13,7 +13,6 @@ from harness.engine.kernel_names import (
     NX,
     NY,
     OUTPUTS_ARE_LINEAR,
-    SEEN_STATES,
     cholesky,
     cross_covariance,
     deviations,
@@ -21,10 +20,10 @@ from harness.engine.kernel_names import (
     outer_sum,
     output_jacobian,
     put,
-    scalar_updates,
     sigma_mean,
     sigma_update,
 )
+from harness.estimation.methods._input_errors import correct, output_noise, spread_inputs
 from harness.estimation.methods._sigma_points import observe, propagate
 from harness.estimation.methods._sigma_points import workspace as workspace
 
@@ -54,16 +53,17 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
 def step(before, u_before, u, y, belief, work, after, info):
     """Predict with sigma points (2.22 to 2.24) and correct with the measurement (2.25 to 2.31)."""
     w, x_prior, P_prior, factor, point, images, predicted, H, scratch = work
-    constants, r = belief.constants, belief.measurement_noise
+    constants, r = belief.constants, output_noise(belief)
     distance, w0m, w0c, wi = belief.tuning[0], belief.tuning[1], belief.tuning[2], belief.tuning[3]
     repaired = cholesky(before.covariance, factor, NX)
     propagate(before.mean, factor, distance, u_before, constants, point, images, w)
     sigma_mean(images, w0m, wi, x_prior, NX)
     deviations(images, x_prior, NX)
     outer_sum(images, w0c, wi, belief.process_noise, P_prior, NX)
+    spread_inputs(P_prior, belief)
     if OUTPUTS_ARE_LINEAR:
         output_jacobian(x_prior, u, constants, predicted, H)
-        scalar_updates(x_prior, P_prior, predicted, H, SEEN_STATES, y, r, after.mean, after.covariance, scratch, info)
+        correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info)
     else:
         repaired = maximum(repaired, cholesky(P_prior, factor, NX))
         observe(x_prior, factor, distance, u, constants, point, images)
