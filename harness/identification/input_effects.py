@@ -66,8 +66,9 @@ class InputEffects:
             nx: Number of states, the first ones, that are wanted.
         """
         errors, count = drive.input_errors, len(self._duals.model.states)
+        rows = [errors.rows[a] for a in errors.visible]
         unit = np.eye(count + drive.inputs.shape[1])
-        moved = unit[:, [*range(nx), *(count + i for i in errors.rows)]]
+        moved = unit[:, [*range(nx), *(count + i for i in rows)]]
         ahead, outputs = self._tangents(drive, states, values, moved, nx)
         A, H = ahead[:, :, :nx], outputs[:, :, :nx]
         G, D = ahead[:, :, nx:], outputs[:, :, nx:]
@@ -101,6 +102,7 @@ class InputEffects:
         The errors of a smoothed input are a Markov process, whose transition the smoother knows.
         """
         errors = drive.input_errors
+        G, D = (_among(part, errors.visible, len(errors.rows)) for part in (G, D))
         lasting, P = errors.transition, errors.covariance
         n, m = A.shape[1], P.shape[1]
         joint, spread = np.zeros((n + m, n + m)), np.empty((len(A), H.shape[1]))
@@ -113,3 +115,10 @@ class InputEffects:
                 joint[n:, n:] = P[k]
             spread[k] = np.einsum("ai,ij,aj->a", seen[k], joint, seen[k])
         return spread
+
+
+def _among(columns: Floats, places: list[int], count: int) -> Floats:
+    """Return columns ``(samples, rows, n)`` at their places among others that are zero ``(samples, rows, count)``."""
+    found = np.zeros((*columns.shape[:2], count))
+    found[:, :, places] = columns
+    return found

@@ -29,7 +29,8 @@ class InputErrors:
     """What is not known of the inputs of a recording.
 
     Attributes:
-        rows: Inputs of the model that are not exact ``(m,)``: signals and, as inputs of their own, their rates.
+        rows: Inputs of the model that are not exact, signals and, as inputs of their own, their rates ``(m,)``; -1 for
+            a rate that is no input, by which the errors of the signal last.
         covariance: Of their errors at each sample ``(samples, m, m)``.
         lagged: Covariance of the errors at a sample with those at the one before ``(samples, m, m)``.
     """
@@ -39,9 +40,14 @@ class InputErrors:
     lagged: Floats
 
     @property
+    def visible(self) -> list[int]:
+        """Return the numbers of the errors that are those of inputs."""
+        return [a for a, row in enumerate(self.rows) if row >= 0]
+
+    @property
     def roots(self) -> Floats:
-        """Return a root ``L`` with ``L L' = P`` of the covariance at each sample ``(samples, m, m)``."""
-        values, vectors = np.linalg.eigh(self.covariance)
+        """Return a root ``L`` with ``L L' = P`` of the covariance of the visible errors ``(samples, v, v)``."""
+        values, vectors = np.linalg.eigh(self.covariance[:, self.visible][:, :, self.visible])
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
     @property
@@ -124,18 +130,16 @@ def _halfway(values: Floats) -> Floats:
 
 def _errors(model: Model, known: dict[str, Smoothed]) -> InputErrors:
     """Return the joint covariance of all inputs that are not exact; different signals err independently."""
-    places = [
-        (i, model.rates.get(n, n), int(n in model.rates))
-        for i, n in enumerate(model.inputs)
-        if model.rates.get(n, n) in known and known[model.rates.get(n, n)].noise > 0
-    ]
-    if not places:
+    uncertain = {n: f for n, f in known.items() if f.noise > 0}
+    if not uncertain:
         return EXACT
-    samples = len(next(iter(known.values())).value)
-    covariance, lagged = (np.zeros((samples, len(places), len(places))) for _ in range(2))
-    for a, (_, signal, row) in enumerate(places):
-        for b, (_, other, column) in enumerate(places):
-            if signal == other:
-                covariance[:, a, b] = known[signal].covariance[:, row, column]
-                lagged[:, a, b] = known[signal].lagged[:, row, column]
-    return InputErrors(tuple(i for i, _, _ in places), covariance, lagged)
+    rates = {source: rate for rate, source in model.rates.items() if rate in model.inputs}
+    samples, sizes = len(next(iter(known.values())).value), [f.order + 1 for f in uncertain.values()]
+    covariance, lagged = (np.zeros((samples, sum(sizes), sum(sizes))) for _ in range(2))
+    rows: list[int] = []
+    for (name, found), size in zip(uncertain.items(), sizes, strict=True):
+        here = slice(len(rows), len(rows) + size)
+        covariance[:, here, here], lagged[:, here, here] = found.covariance, found.lagged
+        inputs = [name, rates.get(name, ""), ""][:size]
+        rows += [model.inputs.index(n) if n in model.inputs else -1 for n in inputs]
+    return InputErrors(tuple(rows), covariance, lagged)

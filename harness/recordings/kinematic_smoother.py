@@ -51,8 +51,8 @@ class Smoothed:
     Attributes:
         value: ``(samples,)``.
         rate: Its derivative in time ``(samples,)``.
-        covariance: Of the errors of both ``(samples, 2, 2)``.
-        lagged: Covariance of the errors of both with those of the sample before ``(samples, 2, 2)``; 0 at the first.
+        covariance: Of the errors of both and, where it wanders, of the second rate ``(samples, n, n)``, n of 2 or 3.
+        lagged: Covariance of these errors with those of the sample before ``(samples, n, n)``; 0 at the first.
         second_rate: Derivative of the rate, where that is what wanders; else NaN ``(samples,)``.
         noise: Standard deviation of the noise of a sample, resolution included.
         resolution: Step of which all readings are multiples; 0 if there is none.
@@ -199,8 +199,8 @@ class _Search:
         return Smoothed(
             means[:, 0].copy(),
             means[:, 1].copy(),
-            covariances[:, :2, :2].copy(),
-            lagged[:, :2, :2].copy(),
+            covariances,
+            lagged,
             second,
             float(np.sqrt(noise)),
             self.resolution,

@@ -183,7 +183,7 @@ def test_both_ends_are_as_good_as_they_say():
         for k in (0, -1):
             truth = np.array([u[:2000][k], rate[:2000][k]])
             got = np.array([found.value[k], found.rate[k]])
-            errors.append((got - truth) / np.sqrt(np.diag(found.covariance[k])))
+            errors.append((got - truth) / np.sqrt(np.diag(found.covariance[k])[:2]))
     assert np.mean(np.abs(errors) < 2) > 0.85
 
 
