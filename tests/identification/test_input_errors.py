@@ -21,8 +21,8 @@ LARGE = {"speed": 0.1, "steering_wheel_angle": 0.02}
 
 
 @njit
-def update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, V, factor, info):
-    put(correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, V, factor, info), info.repairs, 0)
+def update(arguments, repairs):
+    put(correlated_update(*arguments), repairs, 0)
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +66,11 @@ def test_correlated_update_is_the_dense_solution(missing):
     row = np.zeros((4, LANES))
     info = Info(np.zeros((m, LANES)), np.zeros((m, m, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
     after, covariance = np.empty((n, LANES)), np.empty((n, n, LANES))
-    update(
+    arguments = (
         in_lanes(x), P, in_lanes(predicted), in_lanes(H), seen, in_lanes(y), in_lanes(r), errors, after, covariance,
-        np.empty((m, n, LANES)), np.zeros((m, m, LANES)), info,
+        (np.empty((m, n, LANES)), np.zeros((m, m, LANES))), info,
     )  # fmt: skip
+    update(arguments, info.repairs)
     kept = np.isfinite(y)
     h, d = H[kept], D[kept]
     cross = prior @ h.T + G @ d.T

@@ -91,8 +91,7 @@ class AugmentedModel(FilteredModel):
             candidates.measurement,
             self._first(drive, candidates.values),
             np.repeat(drive.first_variance[:, None], LANES, axis=1),
-            self._limited,
-            self._limits[self._limited],
+            (self._limited, self._limits[self._limited]),
             total,
             notes,
         )

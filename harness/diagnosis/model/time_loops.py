@@ -35,9 +35,7 @@ NX_WHOLE: Any = StandIn("NX_WHOLE")
 NW_WHOLE: Any = StandIn("NW_WHOLE")
 
 
-def filter_whole(
-    u, between, nominal, y, errors, constants, nominal_constants, Q, R, x0, P0, limited, limits, total, notes
-):
+def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q, R, x0, P0, valid, total, notes):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
@@ -53,8 +51,7 @@ def filter_whole(
         R: Measurement-noise variances ``(ny, LANES)``.
         x0: First mean of the augmented model ``(nx, LANES)``.
         P0: First variances of the nominal model ``(nx, LANES)``.
-        limited: States of the augmented model that have a limit.
-        limits: Their largest magnitudes.
+        valid: States of the augmented model that have a limit, and their largest magnitudes.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
         notes: What ``keep_first_lane`` writes to; of no samples if nothing is kept.
     """
@@ -68,7 +65,7 @@ def filter_whole(
     info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
     u_now, u_nominal, y_now = np.empty((nu, LANES)), np.empty((len(nominal), LANES)), np.empty((NY, LANES))
     errors_now = np.zeros((NX + NY, errors.shape[2], LANES))
-    V, lower = np.zeros((NY, NX, LANES)), np.zeros((NY, NY, LANES))
+    work = np.zeros((NY, NX, LANES)), np.zeros((NY, NY, LANES))
     for i in range(NX_WHOLE):
         put(get(x0, i), x, i)
     for i in range(NX):
@@ -91,7 +88,7 @@ def filter_whole(
             fill_table(errors[k], errors_now)
             add_input_errors(P_prior, errors_now)
             correlated_update(
-                x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, errors_now, x[:NX], P, V, lower, info
+                x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, errors_now, x[:NX], P, work, info
             )
         else:
             scalar_updates(x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, x[:NX], P, scratch, info)
@@ -103,7 +100,7 @@ def filter_whole(
                 keep_gain(P_prior, H, errors_now, y_now, k, notes)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
-        put(select((beyond(x, limited, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
+        put(select((beyond(x, valid[0], valid[1]) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
 
 
 def choose(u, rows, chosen):

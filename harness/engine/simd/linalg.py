@@ -132,7 +132,7 @@ def add_input_errors(P, errors):
 
 
 @_jit
-def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, V, factor, info):
+def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, work, info):
     """Correct a prior with measurements that see the same errors of the inputs as the prior.
 
     With ``G`` and ``D`` the effect of the errors on state and outputs, the measurement noise is ``R + D D'`` and its
@@ -150,11 +150,11 @@ def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, 
         errors: As in ``add_input_errors``.
         x: Corrected state, written.
         P: Corrected covariance, written, symmetric.
-        V: Scratch ``(ny, nx, LANES)``; the covariance of outputs and state over the factor's transpose.
-        factor: Scratch ``(ny, ny, LANES)``; lower Cholesky factor of the innovation covariance.
+        work: Scratch ``(ny, nx, LANES)`` and ``(ny, ny, LANES)``.
         info: ``harness.engine.kernel_names.Info``, written but for ``repairs``.
     """
     n, m, count = x.shape[0], y.shape[0], errors.shape[1]
+    V, factor = work
     S = info.innovation_covariance
     for a in range(m):
         put(get(y, a) - get(predicted, a), info.innovation, a)

@@ -31,7 +31,7 @@ def correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info):
     """Correct a prior with measurements whose slope is known; the arguments are those of ``scalar_updates``."""
     if INPUT_ERRORS:  # noqa: SIM102 - where this is 0, nothing of the branch is compiled
         if belief.input_errors.shape[1] > 0:
-            slopes, factor = np.empty((NY, NX, LANES)), np.zeros((NY, NY, LANES))
+            work = np.empty((NY, NX, LANES)), np.zeros((NY, NY, LANES))
             correlated_update(
                 x_prior,
                 P_prior,
@@ -43,8 +43,7 @@ def correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info):
                 belief.input_errors,
                 after.mean,
                 after.covariance,
-                slopes,
-                factor,
+                work,
                 info,
             )
             return
