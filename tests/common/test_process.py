@@ -9,7 +9,7 @@ from harness.common import process
 ROOT = Path(__file__).parents[2]
 
 WITHOUT_UNIX = """
-import importlib, os, pkgutil, sys, time
+import importlib, os, pkgutil, subprocess, sys, time  # the library tells Windows by msvcrt
 for name in ("resource", "fcntl", "pwd", "grp", "termios", "posix_ipc"):
     sys.modules[name] = None
 sys.modules.setdefault("msvcrt", type(sys)("msvcrt"))  # which is where those are not
