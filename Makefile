@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs tuning-proof fuzz faults scale bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs check-proof tuning-proof fuzz faults scale bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -110,6 +110,9 @@ attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what w
 
 attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
 	$(BIN)/python -m bench.attribution.renew results/attribution$(if $(QUALITY),-$(QUALITY))/attribution.json
+
+check-proof: $(VENV)/dev.stamp ## plant faults in recordings and count what harness check names and mends (SEEDS=1000:1010)
+	$(BIN)/python -m bench.recording_faults $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) --out results/check-proof
 
 tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune --data hold the true noise (SETS=18); goes on where it stopped
 	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) --out results/tuning-proof/variances.jsonl

@@ -195,6 +195,8 @@ _ROWS += [  # the exercises of KIT 2015
 _ROWS += [  # what positioning systems add to a measured drive
     Signal("position_x", "x", "m", "m", "earth", "position, east of the origin where the heading is from east"),
     Signal("position_y", "y", "m", "m", "earth", "position, north of the origin where the heading is from east"),
+    Signal("latitude", r"\varphi", "rad", "deg", "earth", "geodetic latitude (WGS 84), north positive"),
+    Signal("longitude", r"\lambda", "rad", "deg", "earth", "longitude (WGS 84), east positive"),
     Signal("yaw_acceleration", r"\ddot\psi", "rad/s^2", "deg/s^2", "vehicle", "yaw acceleration"),
 ]
 _ROWS += [  # a car

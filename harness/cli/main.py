@@ -235,7 +235,8 @@ def check(
 
     What does the file hold, where are its gaps, and do its signals agree with each other?
     """
-    from harness.recordings.check import check_recording, print_findings, write_check
+    from harness.recordings.check import check_recording
+    from harness.recordings.check_report import print_findings, write_check
 
     findings = check_recording(file, channels, parameters)
     console = _wide_console()

@@ -52,6 +52,8 @@ class ClockTable(Table):
 
     channel: Name = Field(description="column of the time")
     unit: Name = Field(description="its unit")
+    factor: Number = Field(default=1.0, gt=0, description="s that pass while the clock counts one: of one that drifts")
+    offset: Quantity = Field(default=0.0, description="added to its stamps")
 
 
 class ChannelTable(Table):
@@ -166,13 +168,14 @@ class ChannelMap:
     """A channel map with units resolved; see the tables above for the meaning of the fields.
 
     Attributes:
-        clocks: Scale to s by the column of the clock, in order of preference.
+        clocks: Scale to s, factor of the time that has passed, and offset in s by the column of the clock, in order of
+            preference.
         step, rate, stop, largest_gap: NaN where not stated.
         derive: Signals to compute, and the window in s.
     """
 
     channels: tuple[Channel, ...]
-    clocks: dict[str, float] = field(default_factory=dict)
+    clocks: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     points: dict[str, Point] = field(default_factory=dict)
     step: float = np.nan
     rate: float = np.nan
@@ -196,7 +199,7 @@ def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
         UserError: If the file cannot be read or anything in it is wrong: one line per problem with file, key and
             remedy. Blank units are refused: a number without a unit is a guess.
     """
-    where, content = _content(source)
+    where, content = _name_of(source), map_content(source)
     problems = Problems(where)
     raw = _validate({k: v for k, v in content.items() if k in MapFile.model_fields}, MapFile, problems, "")
     entries = {k: v for k, v in content.items() if k not in MapFile.model_fields}
@@ -218,14 +221,23 @@ def load_map(source: str | Path | Mapping[str, Any]) -> ChannelMap:
     return found
 
 
-def _content(source: str | Path | Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
-    """Return what messages call a map, and what it holds."""
-    if isinstance(source, Mapping):
-        return "channels", source
+def map_content(source: str | Path | Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what a channel map holds, unresolved.
+
+    Raises:
+        UserError: If the file cannot be read.
+    """
+    return source if isinstance(source, Mapping) else read_toml(_file(source))
+
+
+def _name_of(source: str | Path | Mapping[str, Any]) -> str:
+    """Return what messages call a map."""
+    return "channels" if isinstance(source, Mapping) else str(_file(source))
+
+
+def _file(source: str | Path) -> Path:
     path = Path(source)
-    if not path.suffix and not path.is_file():
-        path = locations.find(locations.CHANNELS, str(path))
-    return str(path), read_toml(path)
+    return path if path.suffix or path.is_file() else locations.find(locations.CHANNELS, str(path))
 
 
 def _validate(content: Any, table: type[Any], problems: Problems, key: str) -> Any:
@@ -309,7 +321,14 @@ def _resolve(raw: MapFile, channels: list[Channel], file: str) -> ChannelMap:
             raise UserError(f"{file}: derive.signals: '{name}' is measured as well; keep one of the two")
     return ChannelMap(
         channels=tuple(channels),
-        clocks={c.channel: scale(c.unit, "s", f"{file}: time.unit") for c in raw.time},
+        clocks={
+            c.channel: (
+                scale(c.unit, "s", f"{file}: time.unit"),
+                c.factor,
+                to_si(c.offset, "s", f"{file}: time.offset"),
+            )
+            for c in raw.time
+        },
         points=points,
         step=number("recording", "step", setting.step, "s"),
         rate=number("recording", "rate", setting.rate, "Hz"),

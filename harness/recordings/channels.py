@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,6 +36,7 @@ class Raw:
         held: Rows of the file that one sample stands for (1: nothing is repeated).
         gaps: Stretches without samples longer than that, start and end in s.
         missing: Rows of the file without a value.
+        impossible: Rows whose value is infinite or beyond any measurement; they count as missing.
         spikes: Instants in s of single-sample spikes.
     """
 
@@ -46,6 +47,7 @@ class Raw:
     held: int
     gaps: list[tuple[float, float]]
     missing: int
+    impossible: int
     spikes: Floats
 
 
@@ -74,7 +76,7 @@ def plain_map(tables: list[Table], file: str) -> ChannelMap:
             f"{file}: no column has the name of a signal (harness list signals), so a channel map is needed; "
             f"the file holds {', '.join(columns)}"
         )
-    return ChannelMap(tuple(channels), {"time": 1.0})
+    return ChannelMap(tuple(channels), {"time": (1.0, 1.0, 0.0)})
 
 
 def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[Raw], Clock]:
@@ -104,7 +106,10 @@ def _clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> C
     rows = len(next(iter(table.columns.values())))
     named = next((c for c in channels.clocks if c in table.columns), table.clock)
     if named is not None:
-        clock = check_clock(table.columns[named] * channels.clocks.get(named, 1.0), f"{file}: '{named}'")
+        seconds, factor, offset = channels.clocks.get(named, (1.0, 1.0, 0.0))
+        clock = check_clock(table.columns[named] * seconds, f"{file}: '{named}'")
+        stamps = clock.time[0] + factor * (clock.time - clock.time[0]) + offset
+        clock = replace(clock, time=stamps, step=factor * clock.step)
     elif np.isfinite(channels.rate):
         clock = Clock(np.arange(rows) / channels.rate, np.arange(rows), 1 / channels.rate, ())
     else:
@@ -127,8 +132,9 @@ def _clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> C
 def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
     """Return a channel in SI units at its own instants."""
     values = column[clock.rows].astype(float)
-    finite = np.abs(values) < _NO_MEASUREMENT
-    values[~finite] = np.nan
+    impossible = np.abs(values) >= _NO_MEASUREMENT
+    values[impossible] = np.nan
+    finite = np.isfinite(values)
     if not finite.any():
         raise UserError(
             f"{channel.where}: channel '{channel.channel}' of {file} holds no number; take it out of the map"
@@ -153,6 +159,7 @@ def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, f
         held=held,
         gaps=gaps,
         missing=int((~finite).sum()),
+        impossible=int(impossible.sum()),
         spikes=time_of_spikes,
     )
 

@@ -1,35 +1,51 @@
-"""``harness check``: what a recording holds, whether its signals agree, and pictures of both."""
+"""``harness check``: read a recording, examine it, and prove the lines that mend its map."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
+from harness.common.errors import UserError
 from harness.config.parameter_set import load_set
-from harness.models.quantities import print_unit, quantity, words
-from harness.models.signals import TRUTH
-from harness.recordings import check_figures
-from harness.recordings.axle_curves import Axle, axles_of, signals_of
-from harness.recordings.consistency import Agreement, check, in_report_unit
-from harness.recordings.load import load_recording
-from harness.reporting.document import (
-    Block,
-    Bullets,
-    Document,
-    Heading,
-    Prose,
-    Section,
-    Sheet,
-    plain,
-    write,
-)
-from harness.reporting.style import number
+from harness.recordings import readers, remedy
+from harness.recordings.axle_curves import Axle, axles_of
+from harness.recordings.channel_map import ESTIMATE, load_map, map_content
+from harness.recordings.channels import plain_map
+from harness.recordings.consistency import DISAGREES, DelayUnknown, verdicts
+from harness.recordings.examine import Examination, Finding, examine
+from harness.recordings.load import recording_of
+from harness.recordings.pair_fit import Agreement
+from harness.recordings.readers import Table
+
+__all__ = ["Findings", "Remedy", "check_recording", "check_tables"]
+
+_ROUNDS = 2
+"""Times that a mended map is examined again: a large fault hides a small one."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A channel map that mends what was found, and what it comes to.
+
+    Attributes:
+        content: The whole map.
+        lines: Its lines that are others than before.
+        fits: Comparisons of the recording as the mended map reads it.
+    """
+
+    content: dict[str, Any]
+    lines: tuple[str, ...]
+    fits: tuple[Agreement, ...]
+
+    @property
+    def passes(self) -> bool:
+        """Whether nothing disagrees any more."""
+        return all(f.verdict != DISAGREES for f in self.fits)
 
 
 @dataclass(frozen=True)
@@ -38,21 +54,37 @@ class Findings:
 
     Attributes:
         recording: As ``load_recording`` returns it.
-        fits: Comparisons of signals with what the others make of them.
+        examination: Comparisons of its signals, and what explains them.
+        found: What is wrong, the largest first.
+        remedy: The lines that mend the map; None if there is nothing to mend.
         axles: Lateral force over load against slip angle, if the parameters of the car were given.
     """
 
     recording: xr.Dataset
-    fits: list[Agreement]
-    axles: list[Axle]
+    examination: Examination
+    found: tuple[Finding, ...]
+    remedy: Remedy | None = None
+    axles: list[Axle] = field(default_factory=list)
+
+    @property
+    def fits(self) -> tuple[Agreement, ...]:
+        """Comparisons of signals with what the others make of them."""
+        return self.examination.fits
+
+    @property
+    def summary(self) -> str:
+        """How many comparisons agree, do not, or could not be judged."""
+        return verdicts(self.fits)
 
     @property
     def warnings(self) -> list[str]:
         """All irregularities, with the evidence."""
-        return [*self.recording.attrs["warnings"], *(finding for fit in self.fits for finding in fit.findings)]
+        return [*self.recording.attrs["warnings"], *(str(f) for f in self.found)]
 
 
-def check_recording(file: str | Path, channels: Path | None = None, parameters: str | None = None) -> Findings:
+def check_recording(
+    file: str | Path, channels: str | Path | Mapping[str, Any] | None = None, parameters: str | None = None
+) -> Findings:
     """Read a recording and compare its signals with each other.
 
     Args:
@@ -64,165 +96,93 @@ def check_recording(file: str | Path, channels: Path | None = None, parameters: 
         UserError: If anything cannot be read, or the axle curves lack a signal or parameter.
         ModelError: If there is no such parameter set.
     """
-    recording = load_recording(file, channels)
-    axles = []
-    if parameters is not None:
-        values = load_set(parameters, Path(), "--parameters").values
-        axles = axles_of([recording], values, f"--parameters {parameters}")
-    return Findings(recording, agreement(recording), axles)
+    content = None
+    if channels is not None:
+        load_map(channels)  # names the file in its messages
+        content = map_content(channels)
+    found = check_tables(readers.read_tables(file), str(file), content)
+    if parameters is None:
+        return found
+    values = load_set(parameters, Path(), "--parameters").values
+    axles = axles_of([found.recording], values, f"--parameters {parameters}")
+    return Findings(found.recording, found.examination, found.found, found.remedy, axles)
 
 
-def agreement(recording: xr.Dataset) -> list[Agreement]:
-    """Compare the signals of a recording with what kinematics makes of the others; derived ones need no check."""
-    signals = signals_of(recording)
-    derived = [n for n in signals if recording[n].attrs["derived"]]
-    return check(signals, float(recording["time"][1] - recording["time"][0]), derived)
+def check_tables(tables: list[Table], file: str, content: Mapping[str, Any] | None = None) -> Findings:
+    """Compare the signals of what a reader returned with each other.
 
-
-def _overview(recording: xr.Dataset) -> str:
-    """Say in one sentence what was read."""
-    time = recording["time"].values
-    step = float(time[1] - time[0])
-    return f"{len(recording.data_vars)} signals over {time[-1]:.2f} s at {1 / step:.6g} Hz, {len(time)} samples"
-
-
-CONTENT = ("signal", "channel", "unit", "new at", "smallest", "largest", "missing", "longest gap", "delay")
-
-
-def content_rows(recording: xr.Dataset) -> list[list[str]]:
-    """Return a row per signal, in the units of reports, in the order of ``CONTENT``."""
-    rows = []
-    for name, signal in recording.data_vars.items():
-        shown = quantity(str(name).removeprefix(TRUTH))
-        values, about = signal.values * shown.scale, signal.attrs
-        known = values[np.isfinite(values)]
-        delay = f"{number(about.get('delay', 0.0) * 1e3)} ms" if about.get("delay") else "–"
-        if about.get("delay_std"):
-            delay = f"{about['delay'] * 1e3:.1f} ± {about['delay_std'] * 1e3:.1f} ms"
-        rows.append(
-            [
-                words(str(name)),
-                str(about.get("channel", "derived")),
-                shown.unit or "–",
-                f"{about['rate']:.4g} Hz",
-                number(known.min()) if known.size else "–",
-                number(known.max()) if known.size else "–",
-                f"{100 * (1 - known.size / values.size):.2f} %",
-                f"{about['longest_gap']:.3g} s" if about.get("gaps") else "–",
-                delay,
-            ]
-        )
-    return rows
-
-
-AGREEMENT = ("signal", "against", "slope", "offset", "delay", "lever arm", "R²")
-
-
-def agreement_rows(fits: list[Agreement]) -> list[list[str]]:
-    """Return a row per comparison in the order of ``AGREEMENT``; values with one standard error."""
-    rows = []
-    for fit in fits:
-        offset, unit = in_report_unit(fit, fit.offset)
-        spread, _ = in_report_unit(fit, fit.offset_std)
-        exact = fit.relation.exact
-        rows.append(
-            [
-                words(fit.relation.signal),
-                fit.relation.formula,
-                "positive" if fit.relation.sign_only and fit.slope > 0 else f"{fit.slope:.3f} ± {fit.slope_std:.3f}",
-                f"{number(offset, 2)} ± {number(spread, 1)} {print_unit(unit)}" if exact else "–",
-                f"{round(fit.delay * 1e3)} ± {fit.delay_std * 1e3:.0f} ms" if exact else "–",
-                f"{fit.arm:.2f} ± {fit.arm_std:.2f} m" if np.isfinite(fit.arm) else "–",
-                f"{fit.explained:.3f}",
-            ]
-        )
-    return rows
-
-
-def print_findings(findings: Findings, console: Console) -> None:
-    """Print what the recording holds, how its signals agree, and every warning."""
-    attrs = findings.recording.attrs
-    console.print(Text(f"{attrs['title'] or attrs['file']}: {_overview(findings.recording)}", style="bold"))
-    tables = ((CONTENT, content_rows(findings.recording)), (AGREEMENT, agreement_rows(findings.fits)))
-    for header, rows in tables:
-        if rows:
-            table = Table(*header, box=None)
-            for row in rows:
-                table.add_row(*row)
-            console.print(table)
-            console.print()
-    for axle in findings.axles:
-        console.print(Text(_axle_sentence(axle)), soft_wrap=True)
-    for warning in findings.warnings:
-        console.print(Text(f"warning: {warning}", style="yellow"), soft_wrap=True)
-    if not findings.warnings:
-        console.print(Text("no irregularity was found", style="green"))
-
-
-def _axle_sentence(axle: Axle) -> str:
-    if axle.slope is None:
-        return (
-            f"{axle.name} axle: no line through lateral force over slip angle; check signs, offsets and the point "
-            "where the lateral velocity is measured"
-        )
-    return (
-        f"{axle.name} axle: lateral force over load rises by {axle.slope.value:.2f} per rad, through zero at "
-        f"{np.degrees(axle.slope.offset):.2f}° (correlation {axle.slope.correlation:.3f}, {axle.slope.samples} samples)"
-    )
-
-
-def write_check(findings: Findings, out: Path) -> list[Path]:
-    """Write ``check.html`` and ``check.pdf``.
-
-    Returns:
-        The files written.
+    Args:
+        tables: One per clock.
+        file: Where they come from.
+        content: Channel map.
 
     Raises:
-        UserError: If the folder cannot be written.
+        UserError: If tables and map do not fit each other.
     """
-    attrs = findings.recording.attrs
-    sections = [
-        Section(lambda: _found(findings), "What was found?"),
-        Section(lambda: _agreement(findings), "Do the signals agree?"),
-        Section(lambda: _axles(findings), "What do the axles do?"),
-        Section(lambda: _content(findings), "What the file holds"),
-    ]
-    return write(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", sections), out, "check")
+    given = remedy.content_of(plain_map(tables, file)) if content is None else content
+    recording, examination = _examined(tables, file, given)
+    found = list(examination.findings)
+    after, last = given, examination
+    mended: Remedy | None = None
+    for _ in range(_ROUNDS):
+        better = _mended(tables, after, last, recording)
+        if better == after:
+            break
+        after = better
+        try:
+            _, last = _examined(tables, file, after)
+        except UserError:
+            break
+        mended = Remedy(after, tuple(remedy.lines(given, after)), last.fits)
+        found = [f for f in found if f.kind != "unexplained"] + list(last.findings)
+    return Findings(recording, examination, tuple(_once(found)), mended)
 
 
-def _found(findings: Findings) -> list[Block]:
-    attrs, warnings = findings.recording.attrs, findings.warnings
-    read = Prose(plain(f"{attrs['file']}: {_overview(findings.recording)}.") + (plain(f" {attrs['source']}")))
-    if warnings:
-        return [read, Bullets([plain(w) for w in warnings])]
-    return [
-        read,
-        Prose(plain("No irregularity was found: no gaps, spikes or repeated samples, and the signals agree.")),
-    ]
+def _once(found: list[Finding]) -> list[Finding]:
+    """Return the findings, of the same kind and signals the first only."""
+    kept = {(f.kind, f.signals): f for f in reversed(found)}
+    return list(reversed(kept.values()))
 
 
-def _agreement(findings: Findings) -> list[Block]:
-    if not findings.fits:
-        return []
-    rows = agreement_rows(findings.fits)
-    return [*check_figures.agreement(findings.fits), Sheet(AGREEMENT, rows, _AGREEMENT_CAPTION, left=2)]
+def _examined(tables: list[Table], file: str, content: Mapping[str, Any]) -> tuple[xr.Dataset, Examination]:
+    """Read a recording and examine it; a delay that cannot be estimated is taken as none, with a warning."""
+    step = _finest(tables, content)
+    try:
+        recording = recording_of(tables, file, content, step)
+    except DelayUnknown as error:
+        plain = {
+            k: {**v, "delay": 0.0} if isinstance(v, dict) and v.get("delay") == ESTIMATE else v
+            for k, v in content.items()
+        }
+        recording = recording_of(tables, file, plain, step)
+        recording.attrs["warnings"].append(f"{error}; taken as 0")
+    place = {c: n for n, table in enumerate(tables) for c in table.columns}
+    channels = {c.signal: c for c in load_map(content).channels}
+    clocks = {name: place[c.channel] for name, c in channels.items()}
+    clocks |= {p: clocks["latitude"] for p in ("position_x", "position_y") if "latitude" in clocks and p not in clocks}
+    return recording, examine(recording, {name: c.scale for name, c in channels.items()}, clocks)
 
 
-def _axles(findings: Findings) -> list[Block]:
-    if not findings.axles:
-        return []
-    sentences = Bullets([plain(_axle_sentence(axle)) for axle in findings.axles])
-    return [Heading("What do the axles do?"), sentences, check_figures.axles(findings.axles)]
+def _finest(tables: list[Table], content: Mapping[str, Any]) -> float | None:
+    """Return the step of the fastest of several clocks, in s; None where the map states one, or there is one clock."""
+    mapping = load_map(content)
+    used = {c.channel for c in mapping.channels}
+    steps = []
+    for table in tables:
+        clock = next((c for c in mapping.clocks if c in table.columns), table.clock)
+        if clock is not None and used & set(table.columns) and len(table.columns[clock]) > 2:
+            steps.append(mapping.clocks.get(clock, (1.0,))[0] * float(np.nanmedian(np.diff(table.columns[clock]))))
+    finest = min((s for s in steps if s > 0), default=0.0)
+    return finest if len(steps) > 1 and finest > 0 and not np.isfinite(mapping.step) else None
 
 
-def _content(findings: Findings) -> list[Block]:
-    rows = content_rows(findings.recording)
-    sheet = Sheet(CONTENT, rows, _CONTENT_CAPTION, left=3)
-    return [Heading("What the file holds"), *check_figures.signals(findings.recording), sheet]
-
-
-_AGREEMENT_CAPTION = (
-    "Each signal, explained by what kinematics makes of the others: slope, offset, delay (positive: the signal is "
-    "late) and the lever arm between the sensors, with one standard error."
-)
-_CONTENT_CAPTION = "Signals on the common time base; new at: how often the channel delivered a new value."
+def _mended(
+    tables: list[Table], content: Mapping[str, Any], examination: Examination, recording: xr.Dataset
+) -> dict[str, Any]:
+    """Return the map without what was found wrong."""
+    clocks = load_map(content).clocks
+    named = {n: next((c for c in clocks if c in t.columns), "") for n, t in enumerate(tables)}
+    estimated = {k for k, v in content.items() if isinstance(v, dict) and v.get("delay") == ESTIMATE}
+    causes = [c for c in examination.causes if not (c.kind == "delay" and estimated & set(c.signals))]
+    duration = float(recording["time"][-1])
+    return remedy.mended(content, examination.faults, causes, named, duration)

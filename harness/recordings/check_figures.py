@@ -13,7 +13,8 @@ from matplotlib.patches import Patch
 from harness.common.arrays import Floats
 from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
-from harness.recordings.consistency import Agreement, in_report_unit
+from harness.recordings.consistency import in_report_unit
+from harness.recordings.pair_fit import Agreement
 from harness.reporting import style
 from harness.reporting.document import Picture
 

@@ -1,90 +1,95 @@
-"""Do the signals of a recording agree with each other, and if not, by which sign, unit, delay or lever arm?
+"""How does one signal of a recording agree with what kinematics makes of the others?
 
-A measured signal is explained by what kinematics makes of the others, ``y(t) = k c(t - delay) + offset + arm e(t)``,
-with the parameters of least squares (maximum likelihood for white residuals). Standard errors are robust to residuals
-that are coloured, as they always are here (Newey and West 1987).
+A measured signal is explained by ``y(t) = k c(t - delay) + offset + arm e(t)``. Both sides carry errors, so the slope
+is known only to lie between the regression of one on the other and the inverse of that of the other on the one (Frisch
+1934); their geometric mean is stated, and the interval counts as uncertainty. The other standard errors are those of
+least squares with residuals that are coloured, as they always are here (Newey and West 1987).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.signal import correlate
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.units import registry
+from harness.models.quantities import print_unit
 from harness.models.signals import SIGNALS
 from harness.recordings.derived_signals import Sources
+from harness.recordings.pair_fit import LONGEST_DELAY, MEMORY, RELATED, SPACING, Agreement, fit_pair
 from harness.recordings.redundancy import RELATIONS, Relation
 
-WINDOW = 0.3
-"""s, over which both sides are smoothed, so that their bandwidths are alike."""
-_LONGEST_DELAY = 0.5
-_MEMORY = 1.0
-"""s over which the residual is taken to be correlated."""
-_RELATED = 0.5
-"""Least share of the variance that must be explained for slope and delay to be meaningful."""
-_SURE = 4.0
+WINDOWS = (0.3, 0.6, 1.2, 2.4)
+"""s over which both sides are smoothed, so that their bandwidths are alike; the one with most information is taken."""
+SURE = 4.0
 """Standard errors beyond which a deviation is reported."""
-_SAME = 1e-9
-"""Residual over signal below which both sides are one and the same channel."""
-_MATTERS = 1.5
-"""Factor by which a slope of 1 must make the residual's variance worse before the scale is called wrong."""
-_BIASED = 0.1
+LEAST_SCALE = {True: 0.0015, False: 0.03}
+"""Least deviation of a slope from 1 that is reported, for signals that are zero together (distance), and for others."""
+LEAST_DELAY = 0.005
+"""s; least delay that is reported."""
+LEAST_OFFSET = 0.1
 """Least offset, in standard deviations of the signal, that is reported."""
-_UNITS: tuple[tuple[float, str], ...] = (
-    (np.degrees(1.0), "degrees where the map says radians"),
-    (np.radians(1.0), "radians where the map says degrees"),
-    (3.6, "km/h where the map says m/s"),
-    (1 / 3.6, "m/s where the map says km/h"),
-    (9.80665, "m/s² where the map says g"),
-    (1 / 9.80665, "g where the map says m/s²"),
-    (1000.0, "a unit a thousand times smaller than the map says"),
-    (0.001, "a unit a thousand times larger than the map says"),
-)
+TOLERANCE = {"rad": 0.01, "rad/s": 0.01, "rad/s^2": 0.1, "m/s": 0.1, "m/s^2": 0.3, "m": 0.1}
+"""Standard deviation by unit that needs no fault: a bank of the road, roll, vibration."""
+_LIVELY = 3.0
+"""Standard deviations of the tolerance by which a signal must vary to be judged."""
+_FREE = 2.5
+"""Factor by which a slope may be off beyond which the relation has no scale of its own (a wheelbase)."""
+_MISALIGNED = np.radians(3.0)
+"""rad by which heading and course may differ all the time, for the mounting of a sensor and the sideslip."""
+
+AGREES, DISAGREES, NOT_JUDGED = "agrees", "does not agree", "could not be judged"
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How one signal agrees with what the others make of it.
+class DelayUnknown(UserError):
+    """A delay that the map wants estimated cannot be."""
+
+
+class Smoothed:
+    """The signals, smoothed over each of the windows, each computed once.
 
     Attributes:
-        relation: Which two were compared.
-        samples: Samples on which both are known.
-        slope, offset, arm, delay: Values; offset and signal in SI units, arm in m, delay in s (positive: the signal is
-            late). ``arm`` is NaN where the relation has none.
-        slope_std, offset_std, arm_std, delay_std: Standard errors.
-        explained: Share of the variance explained, R squared.
-        worse_at_one: By which factor the residual's variance grows if the slope has to be 1.
-        residual: Standard deviation of what is left, SI.
-        measured, computed: Both sides, smoothed, shape ``(samples of the recording,)``; computed with slope 1.
+        signals: Arrays ``(samples,)`` in SI units by name.
         step: s between samples.
-        findings: What is wrong, with the evidence; empty if they agree.
     """
 
-    relation: Relation
-    samples: int
-    slope: float
-    offset: float
-    arm: float
-    delay: float
-    slope_std: float
-    offset_std: float
-    arm_std: float
-    delay_std: float
-    explained: float
-    worse_at_one: float
-    residual: float
-    measured: Floats
-    computed: Floats
-    step: float
-    findings: tuple[str, ...] = ()
+    def __init__(self, signals: Mapping[str, Floats], step: float) -> None:
+        self.signals, self.step = signals, step
+        self._by_window = {w: Sources(signals, step, w) for w in WINDOWS}
+
+    def __getitem__(self, window: float) -> Sources:
+        return self._by_window[window]
 
 
-def check(signals: dict[str, Floats], step: float, derived: Collection[str] = ()) -> list[Agreement]:
+def applicable(signals: Mapping[str, Floats], derived: Collection[str] = ()) -> list[Relation]:
+    """Return the relations that recorded signals allow, without those that derived ones make trivial.
+
+    One channel under two names is compared once, and of one signal and formula the first counts.
+    """
+    found: list[Relation] = []
+    twins = {n: _first_twin(n, signals) for n in signals}
+    done: set[tuple[str, str]] = set()
+    for relation in RELATIONS:
+        if any(n not in signals or n in derived for n in relation.signals):
+            continue
+        key = twins[relation.signal], relation.formula
+        if key not in done and twins[relation.signal] not in {
+            twins[n] for n in relation.needs if len(relation.needs) == 1
+        }:
+            done.add(key)
+            found.append(relation)
+    return found
+
+
+def _first_twin(name: str, signals: Mapping[str, Floats]) -> str:
+    """Return the first signal with the same values."""
+    return next(n for n, values in signals.items() if np.array_equal(values, signals[name], equal_nan=True))
+
+
+def check(signals: Mapping[str, Floats], step: float, derived: Collection[str] = ()) -> list[Agreement]:
     """Compare every signal with what kinematics makes of the others.
 
     Args:
@@ -93,188 +98,205 @@ def check(signals: dict[str, Floats], step: float, derived: Collection[str] = ()
         derived: Signals that were computed from others and so need no check.
 
     Returns:
-        One fit per relation that the signals allow, the exact ones first; a signal with an exact relation is not
-        compared by an approximate one of the same kind, and one channel under two names is compared once.
+        One comparison per relation that the signals allow, the exact ones first.
     """
-    fits: list[Agreement] = []
-    done: set[tuple[str, bool]] = set()
-    for relation in sorted(RELATIONS, key=lambda r: not r.exact):
-        known = (
-            relation.signal in signals and relation.signal not in derived and all(n in signals for n in relation.needs)
-        )
-        if not known or (relation.signal, relation.sign_only) in done:
-            continue
-        twin = any(
-            f.relation.formula == relation.formula
-            and np.array_equal(signals[f.relation.signal], signals[relation.signal], equal_nan=True)
-            for f in fits
-        )
-        fit = None if twin else compare(relation, signals, step)
-        if fit is not None:
-            fits.append(fit)
-            done.add((relation.signal, relation.sign_only))
-    return fits
+    smoothed = Smoothed(signals, step)
+    return [compare(relation, smoothed) for relation in applicable(signals, derived)]
 
 
 def find_delay(signal: str, signals: dict[str, Floats], step: float, where: str) -> tuple[float, float]:
     """Return how late a signal is and the standard error, both in s, by the first exact relation that it has.
 
     Raises:
-        UserError: If nothing recorded tells when the signal should have come, or the two do not agree well enough.
+        DelayUnknown: If nothing recorded tells when the signal should have come, or the two do not agree well enough.
     """
     for relation in RELATIONS:
         if relation.signal == signal and relation.exact and all(n in signals for n in relation.needs):
-            fit = compare(relation, signals, step)
-            if fit is not None and fit.explained >= _RELATED:
+            fit = compare(relation, Smoothed(signals, step))
+            if fit.scaled and np.isfinite(fit.delay):
                 return fit.delay, fit.delay_std
-            share = "there are too few samples" if fit is None else f"only {fit.explained:.0%} of it is explained"
-            raise UserError(
-                f"{where}: cannot be estimated against the {relation.formula}: {share}; state it in s, or choose a "
+            why = f"only {fit.explained:.0%} of it is explained" if fit.explained < RELATED else fit.evidence
+            raise DelayUnknown(
+                f"{where}: cannot be estimated against the {relation.formula}: {why}; state it in s, or choose a "
                 "part with more manoeuvres by start and stop"
             )
     choices = [" and ".join(r.needs) for r in RELATIONS if r.signal == signal and r.exact]
     hint = f"it takes {' or '.join(choices)}" if choices else "no relation with other signals is known"
-    raise UserError(f"{where}: '{signal}' has nothing to be compared with ({hint}); state the delay in s")
+    raise DelayUnknown(f"{where}: '{signal}' has nothing to be compared with ({hint}); state the delay in s")
 
 
-def compare(relation: Relation, signals: dict[str, Floats], step: float) -> Agreement | None:
-    """Fit one relation; None if too little of both sides is known.
+def compare(relation: Relation, smoothed: Smoothed) -> Agreement:
+    """Fit one relation and judge it."""
+    sides = [_sides(relation, smoothed[window]) for window in WINDOWS]
+    counts = [int((np.isfinite(m) & np.isfinite(c)).sum()) for m, c, _ in sides]
+    step, measured, computed = smoothed.step, sides[0][0], sides[0][1]
+    empty = Agreement(relation, NOT_JUDGED, (), counts[0], measured, computed, step)
+    if counts[0] * step < 4 * LONGEST_DELAY or counts[0] < 40:
+        known = f"both are known on {counts[0]} samples, {counts[0] * step:.3g} s"
+        return replace(empty, reasons=(known,))
+    if relation.circular:
+        return _turned(empty)
+    usable = [side for side, count in zip(sides, counts, strict=True) if count > 0.5 * counts[0]]
+    calm = _calm(relation, *usable[-1][:2])  # where noise counts least
+    if _still(measured, computed):
+        return replace(empty, verdict=NOT_JUDGED, reasons=(calm,)) if calm else _one_still(empty)
+    fits = [
+        fit_pair(replace(empty, measured=m, computed=c), arm, w)
+        for (m, c, arm), w in zip(usable, WINDOWS, strict=False)
+    ]
+    found = [(f, _information(f, w)) for f, w in zip(fits, WINDOWS, strict=False) if f is not None]
+    if not found:
+        return replace(empty, reasons=("too few samples on which both are known",))
+    best = max(found, key=lambda item: item[1])[0]
+    if best.explained < RELATED and calm is not None:
+        return replace(best, reasons=(calm,))
+    sharp = [f for f, _ in found if f.explained >= RELATED and np.isfinite(f.delay)]
+    if best.scaled and sharp:  # noise turns no delay, only blurs it: a short window knows it best
+        late = min(sharp, key=lambda f: f.delay_std)
+        best = replace(best, delay=late.delay, delay_std=late.delay_std, drift=late.drift, drift_std=late.drift_std)
+    return _judged(best)
 
-    The delay starts from the peak of the cross-correlation and is refined together with the other parameters.
-    """
-    sources = Sources(signals, step, WINDOW)
+
+def _sides(relation: Relation, sources: Sources) -> tuple[Floats, Floats, Floats | None]:
+    """Return the measured and the computed side, and what a lever arm would add."""
     measured = sources.rate(relation.signal, relation.order)
     computed = relation.compute(sources)
     arm = relation.arm(sources) if relation.arm is not None else None
-    usable = np.isfinite(measured) & np.isfinite(computed)
-    if usable.sum() * step < 4 * _LONGEST_DELAY or np.nanstd(computed[usable]) == 0 or np.std(measured[usable]) == 0:
+    return measured, computed, arm if arm is not None and len(arm) == len(measured) else None
+
+
+def _information(fit: Agreement, window: float) -> float:
+    """Return how well a fit knows its slope: windows share the time, noise shares the variance."""
+    related = np.clip(fit.explained, 1e-3, 1 - 1e-9)
+    return float(related / (1 - related) / window)
+
+
+def tolerance(relation: Relation) -> float:
+    """Return what of a compared quantity needs no fault, as a standard deviation in SI units."""
+    unit = SIGNALS[relation.signal].unit
+    return TOLERANCE.get("rad/s" if relation.order and unit == "rad" else unit, 0.1)
+
+
+def _spread(relation: Relation, values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt((known**2).mean())) if relation.through_zero else float(known.std())
+
+
+def _calm(relation: Relation, measured: Floats, computed: Floats) -> str | None:
+    """Say so if both sides vary too little to be compared."""
+    both = np.isfinite(measured) & np.isfinite(computed)
+    free = relation.slope[0] if relation.slope[1] > _FREE else 1.0
+    largest = max(_spread(relation, measured[both]), free * _spread(relation, computed[both]))
+    least = _LIVELY * tolerance(relation)
+    if largest >= least:
         return None
-    delay = 0.0 if relation.sign_only else _correlation_peak(measured, computed, step)
-    for _ in range(8):
-        late, slope_in_time = _delayed(computed, delay, step)
-        columns = [late, np.ones_like(late)]
-        if arm is not None:
-            columns.append(arm)
-        rows = np.isfinite(measured) & np.isfinite(slope_in_time)
-        rows &= np.isfinite(np.stack(columns)).all(axis=0)
-        if rows.sum() < 10 * len(columns):
-            return None
-        first = np.linalg.lstsq(np.stack(columns, 1)[rows], measured[rows], rcond=None)[0]
-        if relation.sign_only:
-            design = np.stack(columns, 1)[rows]
-            break
-        design = np.stack([*columns, -first[0] * slope_in_time], 1)[rows]
-        change = np.linalg.lstsq(design, measured[rows] - np.stack(columns, 1)[rows] @ first, rcond=None)[0][-1]
-        delay = float(np.clip(delay + np.clip(change, -0.1, 0.1), -2 * _LONGEST_DELAY, 2 * _LONGEST_DELAY))
-        if abs(change) < 1e-5:
-            break
-    regressors = np.stack(columns, 1)[rows]
-    left = measured[rows] - regressors @ first
-    rest = measured[rows] - regressors[:, 0]
-    rest -= regressors[:, 1:] @ np.linalg.lstsq(regressors[:, 1:], rest, rcond=None)[0]
-    if left.std() < _SAME * measured[rows].std():
-        return None  # one channel under two names says nothing
-    spread = _robust_errors(design, left, int(_MEMORY / step))
-    fit = Agreement(
-        relation=relation,
-        samples=int(rows.sum()),
-        slope=float(first[0]),
-        offset=float(first[1]),
-        arm=float(first[2]) if arm is not None else np.nan,
-        delay=delay,
-        slope_std=spread[0],
-        offset_std=spread[1],
-        arm_std=spread[2] if arm is not None else np.nan,
-        delay_std=0.0 if relation.sign_only else spread[-1],
-        explained=float(1 - left.var() / measured[rows].var()),
-        worse_at_one=float(rest.var() / left.var()),
-        residual=float(left.std()),
-        measured=measured,
-        computed=computed,
-        step=step,
-    )
-    return _with_findings(fit)
+    value, unit = _in_report_unit(relation, largest)
+    needed, _ = _in_report_unit(relation, least)
+    return f"too calm: varies by {value:.2g} {print_unit(unit)}, {needed:.2g} {print_unit(unit)} are needed"
 
 
-def _correlation_peak(measured: Floats, computed: Floats, step: float) -> float:
-    """Return the delay in s at which both are most alike, turned round or not, on the grid of samples."""
-    reach = int(_LONGEST_DELAY / step)
-    m, c = (np.where(np.isfinite(x), x - np.nanmean(x), 0.0) for x in (measured, computed))
-    likeness = np.abs(correlate(m, c, mode="full", method="fft")[len(c) - 1 - reach : len(c) + reach])
-    return (int(np.argmax(likeness)) - reach) * step
+def _still(measured: Floats, computed: Floats) -> bool:
+    """Tell whether one side never changes."""
+    both = np.isfinite(measured) & np.isfinite(computed)
+    return any(np.ptp(v[both]) <= 1e-9 * np.abs(v[both]).max() for v in (measured, computed))
 
 
-def _delayed(values: Floats, delay: float, step: float) -> tuple[Floats, Floats]:
-    """Return a signal as it would be with a delay, and its slope there."""
-    place = np.arange(len(values)) - delay / step
-    late = np.interp(place, np.arange(len(values)), values, left=np.nan, right=np.nan)
-    return late, np.gradient(late, step)
+def _one_still(fit: Agreement) -> Agreement:
+    """Judge a pair of which one side never changes: two that are zero together may both be constant."""
+    both = np.isfinite(fit.measured) & np.isfinite(fit.computed)
+    m, c = fit.measured[both], fit.computed[both]
+    alike = fit.relation.through_zero and abs(m.mean() - c.mean()) < _LIVELY * tolerance(fit.relation)
+    if alike:
+        return replace(fit, reasons=("one of the two never changes",))
+    which = "the signal" if np.ptp(m) < np.ptp(c) else "what it is compared with"
+    reasons = (f"{which} never changes although the other side does",)
+    return replace(fit, verdict=DISAGREES, reasons=reasons, off=frozenset({"still"}))
 
 
-def _robust_errors(design: Floats, left: Floats, lags: int) -> Floats:
-    """Return standard errors of least squares whose residuals are correlated over ``lags`` samples."""
-    scores = design * left[:, None]
-    meat = scores.T @ scores
-    for lag in range(1, min(lags, len(left) - 1) + 1):
-        cross = scores[lag:].T @ scores[:-lag]
-        meat += (1 - lag / (lags + 1)) * (cross + cross.T)
-    bread = np.linalg.pinv(design.T @ design)
-    return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
-
-
-def _with_findings(fit: Agreement) -> Agreement:
-    """Say what the fit shows to be wrong."""
-    relation = fit.relation
-    name = (
-        f"{relation.signal} against {'' if relation.formula.startswith('its ') else 'the '}{relation.formula}"
-        if relation.exact
-        else f"{relation.signal}, {relation.formula}"
-    )
-    evidence = f"slope {fit.slope:.4g} ± {fit.slope_std:.2g}, R² {fit.explained:.3f}"
-    found = []
-    if fit.explained < _RELATED:
-        if relation.exact:
-            found.append(
-                f"{name}: hardly related ({evidence}); a wrong channel, strong vibration, or too calm a drive to judge"
-            )
-    elif fit.slope < 0:
-        what = relation.needs[-1] if relation.sign_only else relation.signal
-        found.append(f"{name}: wrong sign ({evidence}); set sign = -1 for {what}, or for what it is compared with")
-    elif not relation.sign_only:
-        found += _scale_findings(fit, name, evidence)
-    if fit.explained >= _RELATED and relation.exact and abs(fit.delay) > max(fit.step, _SURE * fit.delay_std):
-        late = "late" if fit.delay > 0 else "early"
-        found.append(
-            f"{name}: {abs(fit.delay) * 1e3:.0f} ± {fit.delay_std * 1e3:.1f} ms {late} ({evidence}); see delay"
+def _turned(fit: Agreement) -> Agreement:
+    """Compare two angles up to full turns."""
+    both = np.isfinite(fit.measured) & np.isfinite(fit.computed)
+    difference = np.exp(1j * (fit.measured - fit.computed)[both])
+    mean = difference.mean()
+    offset, together = float(np.angle(mean)), float(np.abs(mean))
+    spread = float(np.sqrt(-2 * np.log(max(together, 1e-12))))
+    found = replace(fit, offset=offset, offset_std=spread / np.sqrt(max(both.sum() * fit.step / MEMORY, 1)),
+                    explained=together)  # fmt: skip
+    if together < 0.95:
+        return replace(
+            found, verdict=DISAGREES, reasons=(f"they differ by {np.degrees(spread):.0f}° from time to time",)
         )
-    least = max(_SURE * fit.offset_std, _BIASED * float(np.nanstd(fit.measured)))
-    if relation.exact and fit.slope > 0 and fit.explained >= _RELATED and abs(fit.offset) > least:
+    if abs(offset) > max(_MISALIGNED, SURE * found.offset_std):
+        reasons = (f"they differ by {np.degrees(offset):.1f}° throughout",)
+        return replace(found, verdict=DISAGREES, reasons=reasons, off=frozenset({"offset"}))
+    return replace(found, verdict=AGREES)
+
+
+def _judged(fit: Agreement) -> Agreement:
+    """Say whether the two agree, and if not, in what."""
+    relation = fit.relation
+    centre, factor = relation.slope
+    off = np.log(abs(fit.slope) / centre) if fit.slope else -np.inf
+    spread = fit.slope_std / abs(fit.slope) if fit.slope else np.inf
+    free = np.log(factor)
+    if fit.explained < RELATED:
+        blocks = fit.samples * fit.step * max(int(SPACING / fit.step), 1) / MEMORY
+        noisy = fit.slope > 0 and fit.explained * blocks > SURE**2 and abs(off) < max(2 * spread, free)
+        reason = f"too noisy: R² {fit.explained:.2f}" if noisy else f"hardly related: R² {fit.explained:.2f}"
+        return replace(fit, verdict=NOT_JUDGED if noisy else DISAGREES, reasons=(reason,))
+    reasons = {}
+    if fit.slope < 0:
+        reasons["sign"] = "opposite sign"
+    limit = max(LEAST_SCALE[relation.through_zero], 3 * free, SURE * np.hypot(spread, free / 2))
+    if abs(off) > limit:
+        size = f"slope {abs(fit.slope) / centre:.4g} in place of 1" if centre == 1 else f"slope {fit.slope:.3g} 1/m"
+        reasons["scale"] = size
+    if relation.exact:
+        reasons |= _shifts(fit)
+    verdict = DISAGREES if reasons else AGREES
+    return replace(fit, verdict=verdict, reasons=tuple(reasons.values()), off=frozenset(reasons))
+
+
+def _shifts(fit: Agreement) -> dict[str, str]:
+    """Say whether a signal is late, drifts or has an offset."""
+    found = {}
+    if not np.isfinite(fit.delay):
+        found["relation"] = f"alike at no delay up to {LONGEST_DELAY} s"
+    elif abs(fit.delay) > max(LEAST_DELAY, SURE * fit.delay_std):
+        way = "late" if fit.delay > 0 else "early"
+        found["delay"] = f"{abs(fit.delay) * 1e3:.0f} ± {fit.delay_std * 1e3:.1f} ms {way}"
+    if abs(fit.drift) > max(2 * LEAST_DELAY, SURE * fit.drift_std):
+        shown = f"{fit.drift * 1e3:.0f} ± {fit.drift_std * 1e3:.1f} ms"
+        found["drift"] = f"later by {shown} at the end than at the beginning"
+    least = max(SURE * fit.offset_std, LEAST_OFFSET * float(np.nanstd(fit.measured)))
+    if not fit.relation.through_zero and abs(fit.offset) > least:
         value, unit = in_report_unit(fit, fit.offset)
         spread, _ = in_report_unit(fit, fit.offset_std)
-        found.append(
-            f"{name}: offset of {value:.3g} ± {spread:.2g} {unit}; a bias, the mounting, or the bank of the road"
-        )
-    return replace(fit, findings=tuple(found))
+        found["offset"] = f"offset of {value:.3g} ± {spread:.2g} {print_unit(unit)}"
+    return found
 
 
-def _scale_findings(fit: Agreement, name: str, evidence: str) -> list[str]:
-    """Say whether the slope is that of a wrong unit or of a calibration that is off."""
-    tolerance = 0.07 if fit.relation.exact else 0.3
-    unit = next((words for ratio, words in _UNITS if abs(np.log(fit.slope / ratio)) < tolerance), None)
-    if unit is not None:
-        return [f"{name}: wrong unit, probably {unit} ({evidence}); correct the unit in the map"]
-    off = abs(fit.slope - 1) > max(0.05, _SURE * fit.slope_std) and fit.worse_at_one > _MATTERS
-    if fit.relation.exact and fit.relation.scale and off:
-        return [
-            f"{name}: wrong scale ({evidence}); set factor = {1 / fit.slope:.4g}, or look at what it is compared with"
-        ]
-    if not fit.relation.exact and not 0.5 < fit.slope < 2:
-        return [f"{name}: wrong scale ({evidence}); look at the units of both"]
-    return []
+def verdicts(fits: Sequence[Agreement]) -> str:
+    """Say in one sentence how many comparisons agree, do not, or could not be judged, and why."""
+    if not fits:
+        return "nothing could be compared: no two of the signals are tied by kinematics"
+    by = {v: [f for f in fits if f.verdict == v] for v in (AGREES, DISAGREES, NOT_JUDGED)}
+    counts = {v: len(found) for v, found in by.items()}
+    parts = [f"{counts[AGREES]} agree{'s' if counts[AGREES] == 1 else ''}"]
+    if counts[DISAGREES]:
+        parts.append(f"{counts[DISAGREES]} do{'es' if counts[DISAGREES] == 1 else ''} not")
+    if counts[NOT_JUDGED]:
+        reasons = [f"{f.name}: {', '.join(f.reasons)}" for f in by[NOT_JUDGED]]
+        parts.append(f"{counts[NOT_JUDGED]} could not be judged because: {'; '.join(reasons)}")
+    return f"{len(fits)} comparison{'s' if len(fits) > 1 else ''}: {', '.join(parts)}"
 
 
 def in_report_unit(fit: Agreement, value: float) -> tuple[float, str]:
     """Return a value that is in the unit of the compared signal as reports show it, with the unit."""
-    signal = SIGNALS[fit.relation.signal]
-    per = "/s" if fit.relation.order else ""
+    return _in_report_unit(fit.relation, value)
+
+
+def _in_report_unit(relation: Relation, value: float) -> tuple[float, str]:
+    signal = SIGNALS[relation.signal]
+    per = "/s" if relation.order else ""
     return float(registry().Quantity(value, signal.unit).to(signal.report_unit).magnitude), signal.report_unit + per

@@ -7,7 +7,7 @@ The window of the local polynomials trades noise against bandwidth; every functi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,13 +29,17 @@ class Sources:
     signals: Mapping[str, Floats]
     step: float
     window: float
+    _known: dict[tuple[str, int], Floats] = field(default_factory=dict, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> Floats:
         return self.rate(name, 0)
 
     def rate(self, name: str, derivative: int = 1) -> Floats:
         """Return a signal smoothed, or a derivative of it."""
-        return local_polynomial(self.signals[name], self.step, self.window, derivative)
+        if (name, derivative) not in self._known:
+            found = local_polynomial(self.signals[name], self.step, self.window, derivative)
+            self._known[name, derivative] = found
+        return self._known[name, derivative]
 
 
 def _velocity(s: Sources) -> tuple[Floats, Floats]:

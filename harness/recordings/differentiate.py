@@ -28,8 +28,8 @@ def local_polynomial(values: Floats, step: float, window: float, derivative: int
         from either end.
     """
     half = max(round(window / step / 2), 2)
-    weights = savgol_coeffs(2 * half + 1, _DEGREE, deriv=derivative, delta=step, use="conv")
     result = np.full(len(values), np.nan)
     if len(values) > 2 * half:
+        weights = savgol_coeffs(2 * half + 1, _DEGREE, deriv=derivative, delta=step, use="conv")
         result[half : len(values) - half] = np.convolve(values, weights, mode="valid")
     return result

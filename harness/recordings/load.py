@@ -21,6 +21,7 @@ from harness.recordings.channels import Raw, collect, plain_map
 from harness.recordings.clock import Clock
 from harness.recordings.consistency import find_delay
 from harness.recordings.derived_signals import DERIVED, Sources
+from harness.recordings.geodesy import tangent_plane
 from harness.recordings.lever_arm import to_reference_point
 from harness.recordings.resample import first_order_lag, onto_grid, updated_on_grid
 
@@ -77,6 +78,7 @@ def recording_of(
     raws, clock = collect(tables, mapping, file)
     grid = _grid(raws, clock, mapping, file)
     signals = {r.channel.signal: _resampled(r, r.channel.delay, grid) for r in raws}
+    add_positions(signals)
     step = float(grid[1] - grid[0])
     delays = _estimated_delays(raws, signals, mapping, grid, file)
     to_reference_point(signals, mapping, step)
@@ -216,6 +218,12 @@ def _estimated_delays(
     return delays
 
 
+def add_positions(signals: dict[str, Floats]) -> None:
+    """Add positions east and north where latitude and longitude are recorded and positions are not, in place."""
+    if {"latitude", "longitude"} <= set(signals) and "position_x" not in signals and "position_y" not in signals:
+        signals["position_x"], signals["position_y"] = tangent_plane(signals["latitude"], signals["longitude"])
+
+
 def _derive(signals: dict[str, Floats], mapping: ChannelMap, step: float, file: str) -> None:
     """Add the signals that the map wants derived, each from what is known by then."""
     for name in mapping.derive:
@@ -249,6 +257,8 @@ def _warnings(raw: Raw, start: float) -> list[str]:
     """Return the irregularities of a channel, with the evidence."""
     channel, found = raw.channel, []
     where = channel.signal
+    if raw.impossible:
+        found.append(f"{where}: {raw.impossible} samples are infinite or beyond any measurement; treated as missing")
     if raw.gaps:
         a, b = max(raw.gaps, key=lambda gap: gap[1] - gap[0])
         found.append(

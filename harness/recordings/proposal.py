@@ -40,6 +40,8 @@ _NAMES: tuple[tuple[str, str], ...] = (
     ("sideslip_angle", r"side ?slip|schwimm|^beta$"),
     ("heading", r"heading|course|kurs|azimuth|^(psi|yaw)( angle)?$"),
     ("roll_angle", r"^(roll|phi)( angle)?$|wank"),
+    ("latitude", r"^(gps |gnss )?lat(itude)?$|breitengrad"),
+    ("longitude", r"^(gps |gnss )?(lon|lng|long|longitude)$|laengengrad|längengrad"),
     ("position_x", r"^(pos(ition)? )?x( pos)?$|east(ing)?$"),
     ("position_y", r"^(pos(ition)? )?y( pos)?$|north(ing)?$"),
 )
@@ -255,6 +257,8 @@ def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
     if stated is not None and stated[0] not in ("g_0", "s", "m"):  # a speed in degrees is none
         return None
     largest = float(np.abs(finite).max())
+    if signal in ("latitude", "longitude"):
+        return Guess(signal, column, "deg", values, False, (why, "usual unit"))
     if signal == "heading" and largest > 6.5 and np.abs(np.diff(finite)).max() > 50:
         return Guess(signal, column, "deg", values, False, (why, f"values to {largest:.4g} that wrap, so degrees"))
     chosen = possible[0] if largest <= _LIMITS.get(unit, 1e9) or len(possible) == 1 else possible[1]

@@ -1,7 +1,7 @@
 """What must agree in a recording, whatever the vehicle: the kinematics between its signals.
 
-Each relation computes a measured signal from others. ``exact`` relations hold for any rigid body, so that slope 1 and
-delay 0 are expected; the others hold for calm driving, and show no more than a wrong sign or unit.
+Each relation computes a measured signal from others. ``exact`` relations hold for any rigid body in the plane, so that
+slope 1, delay 0 and offset 0 are expected; the others neglect something, and state how much that may be.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from harness.common.arrays import Floats
 from harness.recordings.derived_signals import Sources
 from harness.recordings.kinematics import earth_to_vehicle
 
+MOVING = 2.0
+"""m/s above which the course over ground is that of the vehicle and not that of the noise."""
+
 
 @dataclass(frozen=True)
 class Relation:
@@ -25,10 +28,12 @@ class Relation:
         needs: The signals it is computed from.
         formula: How, in words for the report.
         compute: The function; takes smoothed signals and their derivatives.
-        exact: Whether it holds for any motion in the plane.
-        arm: What a lever arm between the sensors, m ahead, would add per metre; None if nothing.
-        sign_only: Whether the scale is left open (a steering ratio, a wheelbase).
-        scale: Whether slope 1 is to be expected.
+        exact: Whether it holds for any motion in the plane, so that delay and offset are judged as well.
+        arm: What a lever arm between the sensors would add per metre; None if nothing. Its signals are not needed.
+        slope: Slope to be expected, and by which factor it may be off for what the relation neglects.
+        misfit: Share of the signal that it neglects.
+        through_zero: Whether both sides are zero together, so that there is no offset (a speed).
+        circular: Whether both sides are angles, alike if they differ by full turns.
         order: Derivative of the signal that is compared.
     """
 
@@ -38,87 +43,139 @@ class Relation:
     compute: Callable[[Sources], Floats]
     exact: bool = True
     arm: Callable[[Sources], Floats] | None = None
-    sign_only: bool = False
-    scale: bool = True
+    slope: tuple[float, float] = (1.0, 1.0)
+    misfit: float = 0.05
+    through_zero: bool = False
+    circular: bool = False
     order: int = 0
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """All signals that take part."""
+        return (self.signal, *self.needs)
+
+
+def ground_speed(s: Sources) -> Floats:
+    """Return the speed over ground in m/s, from positions."""
+    return np.hypot(s.rate("position_x"), s.rate("position_y"))
+
+
+def _course(s: Sources) -> Floats:
+    moving = ground_speed(s) > MOVING
+    return np.where(moving, np.arctan2(s.rate("position_y"), s.rate("position_x")), np.nan)
+
+
+def _course_rate(s: Sources) -> Floats:
+    """Return the rate of the course in rad/s, ``(x' y'' - y' x'') / v^2``, where the vehicle moves."""
+    v_x, v_y, a_x, a_y = (s.rate(f"position_{axis}", order) for order in (1, 2) for axis in "xy")
+    squared = v_x**2 + v_y**2
+    return np.where(squared > MOVING**2, (v_x * a_y - v_y * a_x) / np.maximum(squared, MOVING**2), np.nan)
 
 
 def _course_velocity(s: Sources) -> tuple[Floats, Floats]:
     return earth_to_vehicle(s.rate("position_x"), s.rate("position_y"), s["heading"])
 
 
-_POSE = ("position_x", "position_y", "heading")
+def _product(one: str, other: str) -> Callable[[Sources], Floats]:
+    return lambda s: s[one] * s[other]
 
-RELATIONS: tuple[Relation, ...] = (
-    Relation("yaw_rate", ("heading",), "rate of the heading", lambda s: s.rate("heading")),
-    Relation(
-        "lateral_acceleration",
-        ("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
-        "dv_y/dt + v_x r",
-        lambda s: s.rate("lateral_velocity") + s["longitudinal_velocity"] * s["yaw_rate"],
-        arm=lambda s: s.rate("yaw_rate"),
-    ),
-    Relation(
-        "longitudinal_acceleration",
-        ("longitudinal_velocity", "lateral_velocity", "yaw_rate"),
-        "dv_x/dt - v_y r",
-        lambda s: s.rate("longitudinal_velocity") - s["lateral_velocity"] * s["yaw_rate"],
-        arm=lambda s: -(s["yaw_rate"] ** 2),
-    ),
-    Relation(
-        "longitudinal_velocity", _POSE, "rate of the position along the heading", lambda s: _course_velocity(s)[0]
-    ),
-    Relation(
-        "lateral_velocity",
-        _POSE,
-        "rate of the position across the heading",
-        lambda s: _course_velocity(s)[1],
-        arm=lambda s: s.rate("heading"),
-        scale=False,  # it is small, and a heading that is off by a degree or two looks like a scale
-    ),
-    Relation("speed", _POSE, "rate of the position along the heading", lambda s: _course_velocity(s)[0]),
-    Relation("speed", ("longitudinal_velocity",), "longitudinal velocity", lambda s: s["longitudinal_velocity"]),
-    Relation("yaw_acceleration", ("yaw_rate",), "rate of the yaw rate", lambda s: s.rate("yaw_rate")),
-    Relation(
-        "sideslip_angle",
-        ("longitudinal_velocity", "lateral_velocity"),
-        "arctan(v_y / v_x)",
-        lambda s: np.arctan2(s["lateral_velocity"], s["longitudinal_velocity"]),
-    ),
-    Relation(
-        "articulation_angle",
-        ("yaw_rate_tractor", "yaw_rate_trailer"),
-        "its rate from the difference of the yaw rates",
-        lambda s: s["yaw_rate_trailer"] - s["yaw_rate_tractor"],
-        order=1,
-    ),
-    *(
-        Relation(
-            f"lateral_acceleration{body}",
-            (speed, f"yaw_rate{body}"),
-            "v_x r",
-            lambda s, speed=speed, body=body: s[speed] * s[f"yaw_rate{body}"],  # type: ignore[misc]
-            exact=False,
-        )
-        for body, speed in (
-            ("", "longitudinal_velocity"),
-            ("", "speed"),
-            ("_tractor", "speed_tractor"),
-            ("_tractor", "speed"),
-            ("_trailer", "speed"),
-        )
-    ),
-    *(
-        Relation(
-            rate,
-            (speed, angle),
-            f"in proportion to v_x times {angle.replace('_', ' ')}",
-            lambda s, speed=speed, angle=angle: s[speed] * s[angle],  # type: ignore[misc]
-            exact=False,
-            sign_only=True,
-        )
-        for angle in ("road_wheel_angle", "steering_wheel_angle")
-        for rate, speed in (("yaw_rate", "longitudinal_velocity"), ("yaw_rate", "speed"), ("yaw_rate_tractor", "speed"))
-    ),
+
+def _rate_of(signal: str) -> Callable[[Sources], Floats]:
+    return lambda s: s.rate(signal)
+
+
+def _turning(signal: str) -> Callable[[Sources], Floats]:
+    """Return what a sensor one metre to the right adds to a speed; nothing where the signal is not recorded."""
+    return lambda s: s[signal] if signal in s.signals else np.full(1, np.nan)
+
+
+_PLACE = ("position_x", "position_y")
+_POSE = (*_PLACE, "heading")
+_SPEEDS = (("", "longitudinal_velocity"), ("", "speed"), ("_tractor", "speed_tractor"), ("_tractor", "speed"))
+_STEERING = {"road_wheel_angle": (0.3, 3.0), "steering_wheel_angle": (0.02, 2.2)}
+"""Yaw rate over speed and angle in 1/m, one over wheelbase and ratio, and the factor by which vehicles differ."""
+
+
+def _yaw_rates() -> list[Relation]:
+    """Return what yaw rates are compared with."""
+    found = []
+    for rate in ("yaw_rate", "yaw_rate_tractor"):
+        found += [
+            Relation(rate, ("heading",), "rate of the heading", _rate_of("heading")),
+            Relation(rate, _PLACE, "rate of the course over ground", _course_rate, exact=False, slope=(1.0, 1.04),
+                     misfit=0.2),
+        ]  # fmt: skip
+    found.append(
+        Relation("yaw_rate_trailer", ("yaw_rate_tractor",), "yaw rate of the tractor", lambda s: s["yaw_rate_tractor"],
+                 exact=False, slope=(1.0, 1.05), misfit=0.4)
+    )  # fmt: skip
+    found.append(
+        Relation("articulation_angle", ("yaw_rate_tractor", "yaw_rate_trailer"),
+                 "its rate from the difference of the yaw rates",
+                 lambda s: s["yaw_rate_trailer"] - s["yaw_rate_tractor"], order=1)
+    )  # fmt: skip
+    found.append(Relation("yaw_acceleration", ("yaw_rate",), "rate of the yaw rate", _rate_of("yaw_rate")))
+    for angle, expected in _STEERING.items():
+        for rate, speed in (("yaw_rate", "longitudinal_velocity"), ("yaw_rate", "speed"),
+                            ("yaw_rate_tractor", "speed_tractor"), ("yaw_rate_tractor", "speed")):  # fmt: skip
+            words = f"in proportion to v_x times {angle.replace('_', ' ')}"
+            found.append(
+                Relation(rate, (speed, angle), words, _product(speed, angle), exact=False, slope=expected, misfit=0.3)
+            )
+    return found
+
+
+def _speeds() -> list[Relation]:
+    """Return what speeds and velocities are compared with."""
+    return [
+        Relation("longitudinal_velocity", _POSE, "rate of the position along the heading",
+                 lambda s: _course_velocity(s)[0], arm=_turning("yaw_rate"), through_zero=True),
+        Relation("lateral_velocity", _POSE, "rate of the position across the heading",
+                 lambda s: _course_velocity(s)[1], arm=lambda s: s.rate("heading"), exact=False,
+                 slope=(1.0, 1.15), misfit=0.3),
+        Relation("speed", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate"), through_zero=True),
+        Relation("speed_tractor", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate_tractor"),
+                 through_zero=True),
+        Relation("longitudinal_velocity", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate"),
+                 through_zero=True),
+        Relation("speed", ("longitudinal_velocity",), "longitudinal velocity", lambda s: s["longitudinal_velocity"],
+                 through_zero=True, arm=_turning("yaw_rate")),
+        Relation("speed_tractor", ("speed",), "speed", lambda s: s["speed"], exact=False, slope=(1.0, 1.03),
+                 through_zero=True),
+        Relation("sideslip_angle", ("longitudinal_velocity", "lateral_velocity"), "arctan(v_y / v_x)",
+                 lambda s: np.arctan2(s["lateral_velocity"], s["longitudinal_velocity"])),
+        Relation("heading", _PLACE, "course over ground", _course, exact=False, circular=True),
+    ]  # fmt: skip
+
+
+def _accelerations() -> list[Relation]:
+    """Return what accelerations are compared with."""
+    motion = ("longitudinal_velocity", "lateral_velocity", "yaw_rate")
+    found = [
+        Relation("lateral_acceleration", motion, "dv_y/dt + v_x r",
+                 lambda s: s.rate("lateral_velocity") + s["longitudinal_velocity"] * s["yaw_rate"],
+                 arm=lambda s: s.rate("yaw_rate")),
+        Relation("longitudinal_acceleration", motion, "dv_x/dt - v_y r",
+                 lambda s: s.rate("longitudinal_velocity") - s["lateral_velocity"] * s["yaw_rate"],
+                 arm=lambda s: -(s["yaw_rate"] ** 2), slope=(1.0, 1.05)),
+        Relation("longitudinal_acceleration", ("speed",), "dv/dt", _rate_of("speed"), exact=False, slope=(1.0, 1.08),
+                 misfit=0.2),
+    ]  # fmt: skip
+    for body, speed in (*_SPEEDS, ("_trailer", "speed"), ("_trailer", "speed_tractor")):
+        rate = f"yaw_rate{body}"
+        found.append(
+            Relation(f"lateral_acceleration{body}", (speed, rate), "v_x r", _product(speed, rate), exact=False,
+                     slope=(1.0, 1.06), misfit=0.25)
+        )  # fmt: skip
+    for body in ("", "_tractor"):
+        found.append(
+            Relation(f"lateral_acceleration{body}", _PLACE, "speed over ground times the rate of the course",
+                     lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25)
+        )  # fmt: skip
+    return found
+
+
+RELATIONS: tuple[Relation, ...] = tuple(
+    sorted((*_yaw_rates(), *_speeds(), *_accelerations()), key=lambda relation: not relation.exact)
 )
-"""Every relation; of those with the same signal and formula the first whose signals are recorded counts."""
+"""Every relation, the exact ones first; of those with the same signal and formula the first that is recorded counts."""

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import xarray as xr
 
-from harness.recordings.check import agreement
+from harness.recordings.examine import examine
 
 
 def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
     """Return the irregularities found in reading and comparing the signals of recordings, each with the evidence."""
     found = []
     for recording in recordings:
-        findings = [f for fit in agreement(recording) for f in fit.findings]
+        findings = [str(f) for f in examine(recording).findings]
         found += [f"{recording.attrs['name']}: {w}" for w in (*recording.attrs.get("warnings", ()), *findings)]
     return tuple(found)

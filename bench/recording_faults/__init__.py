@@ -1,0 +1,1 @@
+"""Faults planted in recordings: what ``harness check`` names and mends of them."""

@@ -1,0 +1,197 @@
+"""All that a recording says about itself: comparisons, the faults that explain them, and what is left without those."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from harness.common.arrays import Floats
+from harness.common.units import scale
+from harness.models.quantities import listed, print_unit
+from harness.models.signals import SIGNALS
+from harness.recordings.axle_curves import signals_of
+from harness.recordings.calibration import DELAY, DRIFT, SCALE, Cause, causes
+from harness.recordings.consistency import AGREES, DISAGREES, Smoothed, check, compare
+from harness.recordings.explain import Hypothesis, Search
+from harness.recordings.faults import EXCHANGED, TIME, Fault
+from harness.recordings.pair_fit import Agreement
+
+_PLACE = ("position_x", "position_y")
+_WHEEL = 0.1
+"""Largest share by which a wheel radius is off."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong.
+
+    Attributes:
+        kind: Of fault or cause: ``unit``, ``sign``, ``exchanged``, ``heading``, ``time``, ``scale``, ``offset``,
+            ``delay``, ``drift``, ``still``, or ``unexplained``.
+        signals: The signals concerned.
+        words: What is wrong, with the probability where there are others.
+        evidence: The comparisons that say so.
+    """
+
+    kind: str
+    signals: tuple[str, ...]
+    words: str
+    evidence: str
+
+    def __str__(self) -> str:
+        return f"{self.words} ({self.evidence})" if self.evidence else self.words
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What a recording says about itself.
+
+    Attributes:
+        fits: Comparisons of its signals as the map reads them.
+        hypotheses: What the catalogue explains it by, the most probable first.
+        causes: What is off by a little once the faults of the first hypothesis are mended.
+        mended: Comparisons without those faults.
+        findings: All of it in words.
+    """
+
+    fits: tuple[Agreement, ...]
+    hypotheses: tuple[Hypothesis, ...]
+    causes: tuple[Cause, ...]
+    mended: tuple[Agreement, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The most probable faults of the catalogue."""
+        return self.hypotheses[0].faults
+
+
+def examine(
+    recording: xr.Dataset, scales: Mapping[str, float] | None = None, clocks: Mapping[str, int] | None = None
+) -> Examination:
+    """Compare the signals of a recording with each other, and explain what does not agree.
+
+    Args:
+        recording: As ``load_recording`` returns it.
+        scales: SI units per unit of the channel by signal, as the map has it; to tell exchanged channels from units.
+        clocks: Number of the clock by signal, where there are several.
+    """
+    signals = signals_of(recording)
+    time = recording["time"].to_numpy()
+    step = float(time[1] - time[0])
+    derived = [n for n in signals if recording[n].attrs.get("derived") and not ("latitude" in signals and n in _PLACE)]
+    fits = check(signals, step, derived)
+    dead = _dead(signals, fits)
+    measured = {n: v for n, v in signals.items() if n in SIGNALS and n not in derived and n not in dead}
+    twins = _twins(recording, measured)
+    search = Search(measured, step, scales or {}, twins)
+    hypotheses = search.best()
+    faults = hypotheses[0].faults
+    after, mended = fits, search.mended
+    if faults:
+        forms, factor = mended.forms(faults)
+        smoothed = Smoothed({n: mended.values(form) for n, form in forms.items()}, step * factor)
+        after = [compare(relation, smoothed) for relation in search.relations]
+    elif dead:
+        after = [f for f in fits if not set(dead) & set(f.relation.signals)]
+    small = causes(after, mended, faults, twins, clocks or {})
+    findings = [Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,))) for n in dead]
+    findings += _findings(fits, hypotheses, small, after)
+    return Examination(tuple(fits), tuple(hypotheses), tuple(small), tuple(after), tuple(findings))
+
+
+def _dead(signals: Mapping[str, Floats], fits: list[Agreement]) -> list[str]:
+    """Return the signals that never change although they should."""
+    found = []
+    for fit in fits:
+        if "still" in fit.off:
+            found += [
+                n for n in fit.relation.signals if n not in found and np.ptp(signals[n][np.isfinite(signals[n])]) == 0
+            ]
+    return found
+
+
+def _twins(recording: xr.Dataset, signals: Mapping[str, Floats]) -> dict[str, tuple[str, ...]]:
+    """Return all signals of the same channel, by signal."""
+    channel = {n: recording[n].attrs.get("channel", n) for n in signals}
+    return {n: tuple(o for o in signals if channel[o] == channel[n]) for n in signals}
+
+
+def _findings(
+    fits: list[Agreement], hypotheses: list[Hypothesis], small: list[Cause], after: list[Agreement]
+) -> list[Finding]:
+    """Put what was found into words."""
+    best, others = hypotheses[0], hypotheses[1:]
+    found = []
+    for fault in best.faults:
+        sure = sum(h.posterior for h in hypotheses if fault in h.faults)
+        rivals = [_either(h.faults) for h in others if fault not in h.faults][:2]
+        doubt = f", {sure:.0%} sure; or {' or '.join(rivals)}" if rivals else ""
+        found.append(Finding(fault.kind, fault.signals, described(fault) + doubt, _evidence(fits, fault.signals)))
+    for cause in small:
+        doubt = f", {cause.posterior:.0%} sure" if cause.posterior < 0.95 else ""
+        found.append(Finding(cause.kind, cause.signals, _off(cause) + doubt, _evidence(after, cause.signals)))
+    explained = {n for f in found for n in f.signals}
+    for fit in after:
+        if fit.verdict == DISAGREES and not explained & set(fit.relation.signals):
+            words = f"{fit.name}: {', '.join(fit.reasons)}; no single wrong unit, sign, scale or delay explains it"
+            found.append(Finding("unexplained", fit.relation.signals, words, _numbers(fit)))
+    return found
+
+
+def _shown(fit: Agreement) -> str:
+    """Return what is off, with slope and share explained."""
+    said = dict.fromkeys([*fit.reasons, fit.evidence])
+    return ", ".join(said)
+
+
+def _numbers(fit: Agreement) -> str:
+    return fit.evidence if np.isfinite(fit.slope) else ""
+
+
+def described(fault: Fault) -> str:
+    """Say what one fault of the catalogue is."""
+    if fault.kind == TIME:
+        return f"time: in {fault.words}"
+    if fault.kind == EXCHANGED:
+        return f"{' and '.join(fault.signals)}: {fault.words}"
+    verb = "" if fault.kind in ("sign", "heading") else "in "
+    return f"{listed(fault.signals)}: {verb}{fault.words}"
+
+
+def _either(faults: tuple[Fault, ...]) -> str:
+    return " with ".join(described(f) for f in faults) or "nothing of the catalogue"
+
+
+def _evidence(fits: list[Agreement], signals: tuple[str, ...]) -> str:
+    """Return the comparisons in which some signals show, those that disagree first; of the time all count."""
+    of = [f for f in fits if not signals or set(signals) & set(f.relation.signals)]
+    ranked = sorted(of, key=lambda f: (f.verdict != DISAGREES, not f.relation.exact))
+    shown = [
+        f"{f.name}: {', '.join(f.reasons) or f.evidence}" for f in ranked[:2] if f.verdict != AGREES or len(of) < 2
+    ]
+    return "; ".join(shown)
+
+
+def _off(cause: Cause) -> str:
+    """Say what one small cause is."""
+    names = listed(cause.signals)
+    if cause.clock >= 0:
+        names = f"the clock of {names}, against the other"
+    size = abs(cause.value)
+    if cause.kind == SCALE:
+        wheel = ", such as by the wheel radius" if cause.signals[0].startswith("speed") and size < _WHEEL else ""
+        way = "much" if cause.value > 0 else "little"
+        return f"{names}: reads {100 * size:.2f} ± {100 * cause.std:.2f} % too {way}{wheel}"
+    if cause.kind == DELAY:
+        return f"{names}: {size * 1e3:.1f} ± {cause.std * 1e3:.1f} ms {'late' if cause.value > 0 else 'early'}"
+    if cause.kind == DRIFT:
+        gained = f"{cause.value * 1e3:.1f} ± {cause.std * 1e3:.1f} ms"
+        return f"{names}: drifts, {gained} later at the end than at the beginning"
+    signal = SIGNALS[cause.signals[0]]
+    shown = 1 / scale(signal.report_unit, signal.unit, signal.name)
+    value = f"{cause.value * shown:.3g} ± {cause.std * shown:.2g} {print_unit(signal.report_unit)}"
+    return f"{names}: offset of {value}; a bias, the mounting, or the road"

@@ -1,0 +1,61 @@
+"""The proof of ``harness check`` in short: one drawn drive, one fault of every kind."""
+
+import numpy as np
+import pytest
+
+from bench.recording_faults import drives
+from bench.recording_faults.__main__ import summary, table
+from bench.recording_faults.planted import planted
+from bench.recording_faults.run import CLEAN, check_drive, score_drive, scored
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return drives.car(3)
+
+
+def test_a_drive_without_a_fault_has_no_finding(drive):
+    found, _ = check_drive(drive)
+    assert found.found == ()
+    assert found.remedy is None
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "yaw rate: 1/57.3²",
+        "speed: 3.6, 1/3.6",
+        "acceleration: reversed",
+        "heading: compass, degrees",
+        "exchanged: yaw rate, lateral acceleration",
+        "exchanged: position axes",
+        "wheel radius: 0.3 to 3 %",
+        "delay of the yaw rate: 10 to 150 ms",
+        "drift of a clock: 200 to 1000 ppm",
+    ],
+)
+def test_a_planted_fault_is_named_and_mended(drive, kind):
+    fault = next(f for f in planted(drive, np.random.default_rng(5)) if f.kind == kind)
+    clean, _ = check_drive(drive)
+    result = scored(drive, clean, fault, measured=False)
+    assert result.named, result.found
+    assert result.passes, result.found
+    assert result.further == 0, result.found
+
+
+def test_the_score_counts_what_is_missed(drive):
+    fault = planted(drive, np.random.default_rng(5))[0]
+    harmless = type(fault)(fault.kind, fault.signals, 1.0, fault.named, fault.plant)
+    clean, _ = check_drive(drive)
+    assert not scored(drive, clean, harmless, measured=False).named
+
+
+@pytest.mark.proof
+def test_table_and_summary_of_a_drive():
+    found = score_drive(lambda: drives.semitrailer(5), 5, measured=False)
+    assert {s.kind for s in found} > {CLEAN, "time: ms, us, s for ms"}
+    assert len(table(found).splitlines()) == len({s.kind for s in found} - {CLEAN}) + 2
+    words, recall, alarms = summary(found, measured=False)
+    assert "simulated drives" in words
+    assert recall >= 0.9
+    assert alarms == 0
