@@ -25,7 +25,7 @@ from plant_cases import VEHICLES, Case, Truth, cases, choose, draw, seeds
 from plant_effects import CATALOGUE
 from plant_field import Logger, beyond, draw_logger
 from plant_oracle import SIMILAR, library_times, library_values
-from plant_sensors import NOISE
+from plant_sensors import NOISE, UNITS
 from plant_simulation import Driven, drive
 
 SCHEMA = 1
@@ -91,8 +91,8 @@ def seal(
 
 def channel_map(vehicle: str) -> str:
     """Return the channel map of a recording in field quality: single spikes are missing samples."""
-    names = "".join(f'{n} = {{ channel = "{n}", remove_spikes = true }}\n' for n in NOISE[vehicle])
-    return f'time = {{ channel = "time", unit = "s" }}\n{names}\n[recording]\nstep = "10 ms"\n'
+    lines = [f'{n} = {{ channel = "{n}", unit = "{UNITS[n]}", remove_spikes = true }}\n' for n in NOISE[vehicle]]
+    return f'time = {{ channel = "time", unit = "s" }}\n{"".join(lines)}\n[recording]\nstep = "10 ms"\n'
 
 
 def write(case: Case, repeat: int, out: Path, quality: str = "clean") -> None:

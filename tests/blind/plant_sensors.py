@@ -35,6 +35,20 @@ NOISE: dict[str, dict[str, float]] = {
 }
 """Standard deviation of the white noise of every recorded channel."""
 
+UNITS = {
+    "steering_wheel_angle": "rad",
+    "speed": "m/s",
+    "yaw_rate": "rad/s",
+    "yaw_rate_tractor": "rad/s",
+    "yaw_rate_trailer": "rad/s",
+    "articulation_angle": "rad",
+    "lateral_force_axle_21": "N",
+    "lateral_acceleration": "m/s^2",
+    "lateral_acceleration_tractor": "m/s^2",
+    "lateral_velocity": "m/s",
+}
+"""Of every recorded channel."""
+
 ACCELEROMETER = {"semitrailer": "lateral_acceleration_tractor", "car": "lateral_acceleration"}
 _TURNING = {"semitrailer": "yaw_acceleration_tractor", "car": "yaw_acceleration"}
 
