@@ -153,6 +153,10 @@ _ROWS: list[Signal] = [
     Signal("road_wheel_angle", r"\delta", "rad", "deg", "vehicle", "road-wheel angle of the steered axle"),
     Signal("speed", "v_x", "m/s", "m/s", "trailer", "longitudinal speed (of the trailer, for a semitrailer)"),
     Signal("speed_rate", r"\dot v_x", "m/s^2", "m/s^2", "trailer", "time derivative of speed"),
+    Signal(
+        "speed_over_ground", "v_x", "m/s", "m/s", "trailer", "true longitudinal speed, of which speed is the record"
+    ),
+    Signal("speed_over_ground_rate", r"\dot v_x", "m/s^2", "m/s^2", "trailer", "time derivative of speed_over_ground"),
     Signal("speed_tractor", "v_{x1}", "m/s", "m/s", "tractor", "longitudinal speed of the tractor"),
     Signal("lateral_velocity_tractor", "v_{y1}", "m/s", "m/s", "tractor", "lateral velocity of the tractor CoG"),
     Signal("lateral_velocity_trailer", "v_{y2}", "m/s", "m/s", "trailer", "lateral velocity of the trailer CoG"),

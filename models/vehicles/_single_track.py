@@ -36,7 +36,8 @@ def single_track(v: Builder, friction: sp.Expr) -> None:
     """
     m, shift = v.p("mass"), v.port("cog_shift", 0)
     l_f, l_r = v.p("cog_to_front_axle") - shift, v.p("cog_to_rear_axle") + shift
-    v_y, w, v_x = v.state("lateral_velocity"), v.state("yaw_rate"), v.input("speed")
+    v_y, w = v.state("lateral_velocity"), v.state("yaw_rate")
+    v_x = v.port("speed_over_ground", v.input("speed"))
     v.body("", Body(v_x, v_y, w, m, l_f + l_r))
     rolling = larger(v_x, v.p("lowest_speed"))
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))

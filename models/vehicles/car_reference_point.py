@@ -65,14 +65,15 @@ def equations(v: Builder) -> None:
     l_f, L, h = v.p("cog_to_front_axle"), v.p("axle_distance"), v.p("cog_height")
     l_r = L - l_f
     v_y, w = v.state("lateral_velocity_rear"), v.state("yaw_rate")
-    v_x = v.input("speed")
+    v_x = v.port("speed_over_ground", v.input("speed"))
     v.body("", Body(v_x, v_y + w * l_r, w, None, L))
     rolling = larger(v_x, LOWEST_SPEED)
     delta = v.port("road_wheel_angle", v.input("steering_wheel_angle") / v.p("steering_ratio"))
     alpha_f = v.port("slip_angle_front", delta - (v_y + L * w) / rolling)  # (2.8)
     alpha_r = v.port("slip_angle_rear", -v_y / rolling)  # (2.9)
     g_x, g_y = v.port("longitudinal_gravity", 0), v.port("lateral_gravity", 0)
-    a_x = v.port("longitudinal_acceleration", v.rate("speed") - w * v_y - w**2 * l_r - g_x)  # (2.18)
+    dv_x = v.port("speed_over_ground_rate", v.rate("speed"))
+    a_x = v.port("longitudinal_acceleration", dv_x - w * v_y - w**2 * l_r - g_x)  # (2.18)
     f_f = C_sf * (l_r * GRAVITY - h * a_x) / L * alpha_f  # lateral force of the axle over the mass of the car
     f_r = C_sr * (l_f * GRAVITY + h * a_x) / L * alpha_r
     a_y = v.port("lateral_acceleration", f_f + f_r)

@@ -196,7 +196,7 @@ def equations(v: Builder) -> None:
     v_y1, w_1 = v.state("lateral_velocity_tractor"), v.state("yaw_rate_tractor")
     v_y2, w_2 = v.state("lateral_velocity_trailer"), v.state("yaw_rate_trailer")
     theta = v.state("articulation_angle")
-    v_x2 = v.input("speed")
+    v_x2 = v.port("speed_over_ground", v.input("speed"))
     sin, cos = sp.sin(theta), sp.cos(theta)
     v_k2 = v_y2 + a_2 * w_2  # lateral velocity of the kingpin in trailer axes
     v.body("tractor", Body(symbol("speed_tractor"), v_y1, w_1, m_1, a_1 + b_1))
@@ -237,7 +237,7 @@ def equations(v: Builder) -> None:
         cos * (Y_2 / m_2 + g_2 + a_2 * N_2 / J_2)
         - (Y_1 / m_1 + g_1 - h_1 * N_1 / J_1)
         - sin * w_2 * v_k2
-        + sin * v.rate("speed")
+        + sin * v.port("speed_over_ground_rate", v.rate("speed"))
         + v.p("constraint_rate") * violation
     )
     H = v.port("coupling_force", free / (cos * compliance))

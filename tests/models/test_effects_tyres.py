@@ -99,6 +99,28 @@ def test_an_axle_that_steers_itself_loses_slip_and_one_that_rolls_steers_into_th
     assert rolled == pytest.approx(plain + 0.002 * 0.1 * 20.0)
 
 
+def test_a_forced_axle_turns_to_the_side_to_which_the_trailer_stands():
+    """In a left bend the tractor points further left, the articulation angle is negative, the axle turns right."""
+    at = {"articulation_angle": -0.1, "yaw_rate_trailer": 0.1}
+    names = ("slip_angle_axle_22", "slip_angle_axle_23")
+    plain, forced = (
+        look("semitrailer", ("forced_steering",), names, {"forced_steering_23": k}, **at) for k in (0, 0.4)
+    )
+    assert forced == pytest.approx([plain[0], plain[1] - 0.04])
+
+
+def test_a_vehicle_moves_at_the_speed_of_its_true_wheel_radius():
+    """With a recorded speed that is too large by a share all is as with the lower one, rates of the speed too."""
+    error, names = 0.05, ("speed_over_ground", "slip_angle_axle_23", "coupling_force")
+    at = {"lateral_velocity_trailer": 0.4, "yaw_rate_trailer": 0.1, "articulation_angle": 0.05}
+    model = built("semitrailer", ("wheel_radius_error",))
+    read = evaluator(model, values(model, "semitrailer", wheel_radius_error=error), names)
+    true = evaluator(model, values(model, "semitrailer"), names)
+    recorded = point(model, speed=21.0, speed_rate=1.05, **at)
+    moving = point(model, speed=20.0, speed_rate=1.0, **at)
+    assert read(*recorded) == pytest.approx(true(*moving))
+
+
 def test_relaxing_forces_build_up_over_their_way():
     length, speed, step = 0.8, 20.0, 1e-4
     model = built("car", ("tyre_relaxation",), "linear")
