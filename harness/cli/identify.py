@@ -20,7 +20,9 @@ from harness.cli.options import (
 
 def identify(
     model: Annotated[str, typer.Option("--model", "-m", help="Vehicle; harness list vehicles shows them.")],
-    data: Annotated[list[Path], typer.Option("--data", "-d", help="Recording to fit; repeatable.")],
+    data: Annotated[
+        list[Path], typer.Option("--data", "-d", help="Recording to fit, or a part: lap.csv@0s:200s; repeatable.")
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of parameters.toml, identify.json and the report.")],
     free: Annotated[
         str, typer.Option("--free", "-f", help="Parameters to estimate, comma-separated; empty lists them.")

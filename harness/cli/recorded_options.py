@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 BANK = "bank_angle"
 """Signal that ``--bank-map`` makes."""
 
-DataOption = Annotated[list[Path], typer.Option("--data", "-d", help="Recording; repeatable.")]
+DataOption = Annotated[
+    list[Path], typer.Option("--data", "-d", help="Recording, or a part: lap.csv@0s:200s; repeatable.")
+]
 ChannelsOption = Annotated[
     Path | None, typer.Option("--channels", "-c", help="Channel map of the recordings; signal names if absent.")
 ]

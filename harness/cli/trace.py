@@ -21,8 +21,10 @@ from harness.cli.options import (
 
 def trace(
     model: Annotated[str, typer.Option("--model", "-m", help="Vehicle; harness list vehicles shows them.")],
-    train: Annotated[list[Path], typer.Option("--train", help="Recording to fit; repeatable.")],
-    test: Annotated[list[Path], typer.Option("--test", "-t", help="Held-out recording to validate on; repeatable.")],
+    train: Annotated[
+        list[Path], typer.Option("--train", help="Recording to fit, or a part: lap.csv@0s:200s; repeatable.")
+    ],
+    test: Annotated[list[Path], typer.Option("--test", "-t", help="Held-out recording, or a part; repeatable.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of trace.json, the amended model and the report.")],
     channels: Annotated[
         Path | None, typer.Option("--channels", "-c", help="Channel map of the recordings; signal names if absent.")

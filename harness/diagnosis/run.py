@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import xarray as xr
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from threadpoolctl import threadpool_limits
 
 from harness.common.failures import Failures
 from harness.config import ModelSpec
+from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.progress import progress
 from harness.diagnosis.recording_checks import refuse_recordings
 from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
@@ -26,6 +26,9 @@ from harness.diagnosis.selection.parameter_changes import Changes, single_change
 from harness.identification.data import Drive
 from harness.identification.measured_file import names_of
 from harness.recordings.warnings import recording_warnings
+
+UNFINISHED = "unfinished"
+"""Folder in that of the results which keeps the fits of a trace until it has ended."""
 
 
 @dataclass(frozen=True)
@@ -85,28 +88,50 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
     failures = Failures(folder, console)
     for note in notes:
         console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
+    kept = KeptFits(folder / UNFINISHED)
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
-    with threadpool_limits(1), _progress(console) as say:
-        augmented = augmented or augmented_model_of(task)
-        fitted, held_out = drives_of(task, augmented)
-        found = trace(augmented, fitted, held_out, task.free, say, task.rounds, task.stated_noise, failures)
-        outcome = replace(outcome_of(found, say, failures), notes=notes)
-        write_outcome(outcome, folder)
-        for kind in task.estimators:
-            outcome = replace(outcome, estimators=(*outcome.estimators, *_estimated(task, outcome, kind, say)))
-        if task.study is not None:
-            outcome = replace(outcome, study_gain=_study_gain(task, outcome, folder, say))
-        write_outcome(outcome, folder)
+    try:
+        with threadpool_limits(1), progress(console) as say:
+            augmented = augmented or augmented_model_of(task)
+            outcome = replace(_searched(task, augmented, say, failures, kept), notes=notes)
+            write_outcome(outcome, folder)
+            for kind in task.estimators:
+                outcome = replace(outcome, estimators=(*outcome.estimators, *_estimated(task, outcome, kind, say)))
+            if task.study is not None:
+                outcome = replace(outcome, study_gain=_study_gain(task, outcome, folder, say))
+            write_outcome(outcome, folder)
+    except KeyboardInterrupt:
+        fits = kept.taken + kept.written
+        console.print(
+            Text(
+                f"interrupted: {fits} fits are kept in {kept.folder}; the same trace into {folder} goes on from there"
+            ),
+            soft_wrap=True,
+        )
+        raise
+    kept.remove()
     return outcome
 
 
-@contextmanager
-def _progress(console: Console) -> Iterator[Callable[[str], None]]:
-    """Show what is being tried and for how long; the number of rounds is not known, so the bar has no end."""
-    columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("compiling the library of effects", total=None)
-        yield lambda what: progress.update(task, description=what)
+def _searched(
+    task: Task, augmented: AugmentedModel, say: Callable[[str], None], failures: Failures, kept: KeptFits
+) -> Outcome:
+    """Return the verdict on what the model of a task lacks."""
+    fitted, held_out = drives_of(task, augmented)
+    found = trace(
+        augmented,
+        fitted,
+        held_out,
+        task.free,
+        say,
+        rounds=task.rounds,
+        stated_noise=task.stated_noise,
+        failures=failures,
+        kept=kept,
+    )
+    if kept.taken:
+        say(f"{kept.taken} fits of an interrupted trace were taken as they were")
+    return outcome_of(found, say, failures)
 
 
 def augmented_model_of(task: Task) -> AugmentedModel:
@@ -122,7 +147,7 @@ def run_changes(task: Task, console: Console) -> Changes:
         UserError, ModelError: If recordings and model do not fit each other.
     """
     refuse_recordings(task.train + task.test, task.spec.model())
-    with threadpool_limits(1), _progress(console) as say:
+    with threadpool_limits(1), progress(console) as say:
         augmented = augmented_model_of(task)
         fitted, held_out = drives_of(task, augmented)
         return single_changes(augmented, fitted, held_out, task.stated_noise, say)

@@ -13,6 +13,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.identification.measured_inputs import Between, InputErrors, inputs_of
 from harness.models.assembly.assemble import Model, symbol
+from harness.recordings.span import refuse_overlaps
 
 SHORTEST = 20
 """Samples; a shorter recording is refused."""
@@ -55,11 +56,12 @@ def step_of(recording: xr.Dataset) -> float:
 
 
 def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> None:
-    """Refuse a held-out recording that is fitted as well, by content, so that a copy is recognised.
+    """Refuse a held-out recording that is fitted as well, by content, so that a copy is recognised, or in part.
 
     Raises:
         UserError: If there is one.
     """
+    refuse_overlaps(fitted, held_out)
     for i, recording in enumerate(held_out):
         same = next((j for j, other in enumerate(fitted) if recording.equals(other)), None)
         if same is not None:

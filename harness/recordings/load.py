@@ -24,6 +24,7 @@ from harness.recordings.derived_signals import DERIVED, Sources
 from harness.recordings.geodesy import tangent_plane
 from harness.recordings.lever_arm import to_reference_point
 from harness.recordings.resample import first_order_lag, onto_grid, updated_on_grid
+from harness.recordings.span import file_and_span, part_of
 
 _END = 1.0
 """s that may be cut from either end where not every signal is there yet, or still."""
@@ -39,7 +40,8 @@ def load_recording(
     """Read a measured drive.
 
     Args:
-        path: Recording: a file of a known format, or a folder with one signal per file.
+        path: Recording: a file of a known format, or a folder with one signal per file. ``lap.csv@20s:200s`` is that
+            part of it, from the first sample; an end that is left out is that of the file.
         channels: Channel map: a file or its content. Without one the columns must carry the names of
             ``models/signals.py``, in SI units, and the clock the name ``time``.
         step: Step of the common time base in s, in place of that of the channel map.
@@ -50,12 +52,15 @@ def load_recording(
         new samples came), ``channel``, ``held``, ``gaps``, ``longest_gap`` (s), ``missing``, ``spikes``, ``delay``
         and ``delay_std`` (s), ``point``, ``includes_gravity``. Where not every sample was
         measured, the coordinate ``updated_<signal>`` says which were; the others are joined. Attributes of the dataset:
-        ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of sentences).
+        ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of sentences),
+        and of a part ``span`` (begin and end in s).
 
     Raises:
         UserError: If file or map cannot be read, or do not fit each other; with file, key or column, and remedy.
     """
-    return recording_of(readers.read_tables(path), os.fspath(path), channels, step)
+    file, span = file_and_span(path)
+    whole = recording_of(readers.read_tables(file), os.fspath(file), channels, step)
+    return whole if span is None else part_of(whole, span, os.fspath(path))
 
 
 def recording_of(

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from harness.config.parameter_set import stated_std
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
+from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 
@@ -29,9 +30,18 @@ class CandidateFits:
         held_out: The held-out drives.
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
+        kept: Fits of an earlier, unfinished trace; none by default.
     """
 
-    def __init__(self, fitting: Fitting, held_out: HeldOut, free: tuple[str, ...], say: Say) -> None:
+    def __init__(
+        self,
+        fitting: Fitting,
+        held_out: HeldOut,
+        free: tuple[str, ...],
+        say: Say,
+        kept: KeptFits | None = None,
+    ) -> None:
+        self._kept = kept or KeptFits()
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
@@ -41,7 +51,7 @@ class CandidateFits:
     def fit(self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS) -> Fitted:
         """Fit the free parameters, additions and noise."""
         moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
-        return self.fitting.fit(moved, start, iterations, turns)
+        return self._kept.fit(self.fitting, moved, start, (iterations, turns))
 
     def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
         """Fit to the end only what comes near an objective."""

@@ -16,6 +16,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
 from harness.diagnosis.fitting.fit import Fitted, Fitting
+from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.acceptance import BIC_NEEDED, Round, with_further
@@ -77,6 +78,7 @@ def trace(
     rounds: int = ROUNDS,
     stated_noise: bool = False,
     failures: Failures = RAISED,
+    kept: KeptFits | None = None,
 ) -> Trace:
     """Find what the model lacks.
 
@@ -90,10 +92,11 @@ def trace(
         stated_noise: Whether the noise is the stated one, that of the sensors at least, and not refitted. A model of
             a real vehicle is never quite right, and process noise that is fitted to that takes up what is missing.
         failures: Takes a round that cannot be computed; what earlier ones found stands. By default it is raised.
+        kept: Fits of the same trace, where it was interrupted; they are not fitted again.
     """
     variances = first_variances(augmented, [*train, *test], stated_noise)
     fitting = Fitting(augmented, train, variances, stated_noise, [*train, *test])
-    candidate_fits = CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say)
+    candidate_fits = CandidateFits(fitting, HeldOut(augmented, test, variances), tuple(free), say, kept)
     return _Search(candidate_fits, rounds, failures).run()
 
 

@@ -1,0 +1,103 @@
+"""Fits of an unfinished trace, kept in its folder: the same trace, started again, goes on from there.
+
+A fit is found again by everything that decides it: code, model, recordings, what moves, and where it starts. Whatever
+differs is fitted anew, so nothing old is ever taken for new.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import sys
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from harness.common import sources
+from harness.common.errors import UserError
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.identification.coordinates import Coordinate
+
+
+class KeptFits:
+    """The fits of one trace.
+
+    Args:
+        folder: Where they are; nothing is kept without one.
+
+    Attributes:
+        taken: Number of fits that were there already.
+        written: Number of fits that were written.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder, self.taken, self.written = folder, 0, 0
+        self._basis: dict[int, bytes] = {}
+
+    def fit(self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, turns: tuple[int, int]) -> Fitted:
+        """Return what ``fitting.fit`` does, from the folder if it is there.
+
+        Args:
+            fitting: The recordings.
+            moved: What moves.
+            start: Where it starts.
+            turns: Iterations and turns of the fit.
+
+        Raises:
+            UserError: If the folder cannot be written to.
+        """
+        if self.folder is None:
+            return fitting.fit(moved, start, *turns)
+        file = self.folder / f"{self._key(fitting, moved, start, turns)}.npz"
+        found = _read(file, moved)
+        if found is not None:
+            self.taken += 1
+            return found
+        found = fitting.fit(moved, start, *turns)
+        self._write(file, found)
+        return found
+
+    def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, turns: tuple[int, int]) -> str:
+        if id(fitting) not in self._basis:
+            model, code = fitting.augmented.model, sources.digest([sys.modules[__name__]])
+            equations = (model.ports, model.derivatives, model.outputs, model.parameters)
+            stated = (code, *map(str, equations), fitting.augmented.spec, fitting.noise_held, fitting.first())
+            total = hashlib.sha256(repr(stated).encode())
+            for drive in fitting.drives:
+                total.update(drive.inputs.tobytes() + drive.measurements.tobytes())
+            total.update(fitting.driveable.speeds.tobytes())
+            self._basis[id(fitting)] = total.digest()
+        total = hashlib.sha256(self._basis[id(fitting)] + repr((tuple(moved), turns)).encode())
+        for part in (start.values, start.process, start.measurement):
+            total.update(np.ascontiguousarray(part).tobytes())
+        return total.hexdigest()[:32]
+
+    def _write(self, file: Path, found: Fitted) -> None:
+        numbers = np.array([found.log_likelihood, found.objective])
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            unfinished = file.with_suffix(".part")
+            with unfinished.open("wb") as stream:
+                point = found.point
+                np.savez(stream, point.values, point.process, point.measurement, numbers)
+            unfinished.replace(file)
+        except OSError as error:
+            raise UserError(f"{file.parent}: cannot be written: {error.strerror or error}") from None
+        self.written += 1
+
+    def remove(self) -> None:
+        """Remove what is kept: the trace is finished."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _read(file: Path, moved: tuple[Coordinate, ...]) -> Fitted | None:
+    """Return a fit that was kept; ``None`` if it is not there or was cut off."""
+    try:
+        with np.load(file) as kept:
+            values, process, measurement, numbers = (kept[f"arr_{i}"] for i in range(4))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    return Fitted(moved, Point(values, process, measurement), float(numbers[0]), float(numbers[1]))

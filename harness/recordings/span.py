@@ -1,0 +1,80 @@
+"""A part of a long recording, named with it: ``lap.csv@0s:200s``, ``lap.csv@200s:``."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from harness.common.errors import UserError
+from harness.common.units import to_si
+
+_SPAN = re.compile(r"(?P<file>.+)@(?P<start>[^@:/\\]*):(?P<stop>[^@:/\\]*)")
+
+Span = tuple[float, float]
+"""Begin and end in s after the first sample; an end may be infinite."""
+
+
+def file_and_span(path: str | os.PathLike[str]) -> tuple[Path, Span | None]:
+    """Return the file that a path names, and which part of it; a file that has such a name is meant whole.
+
+    Raises:
+        UserError: If begin or end is no time, or the end is not behind the begin.
+    """
+    said = os.fspath(path)
+    found = _SPAN.fullmatch(said)
+    if found is None or Path(said).exists():
+        return Path(said), None
+    start = to_si(found["start"], "s", f"{said}: begin") if found["start"] else 0.0
+    stop = to_si(found["stop"], "s", f"{said}: end") if found["stop"] else np.inf
+    if not 0.0 <= start < stop:
+        raise UserError(f"{said}: the span must begin at 0 s or later and end behind that; write FILE@20s:200s")
+    return Path(found["file"]), (start, stop)
+
+
+def part_of(recording: xr.Dataset, span: Span, said: str) -> xr.Dataset:
+    """Return the samples of a span, their time from 0; the end itself belongs to the part behind it.
+
+    Args:
+        recording: The whole recording.
+        span: Which part.
+        said: As the user named it, for errors.
+
+    Raises:
+        UserError: If the recording has fewer than two samples there.
+    """
+    time = recording["time"].to_numpy()
+    inside = np.flatnonzero((time >= span[0] - 1e-9) & (time < span[1] - 1e-9))
+    if len(inside) < 2:
+        raise UserError(f"{said}: the recording runs from 0 to {time[-1]:.2f} s; there is nothing in that span")
+    part = recording.isel(time=inside)
+    begun = float(part["time"][0])
+    kept = {"span": [begun, float(time[inside[-1]])], "start": float(recording.attrs.get("start", 0.0)) + begun}
+    return part.assign_coords(time=part["time"].copy(data=time[inside] - begun)).assign_attrs(kept)
+
+
+def refuse_overlaps(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> None:
+    """Refuse parts of one file that are fitted and held out as well.
+
+    Raises:
+        UserError: If there are two that overlap.
+    """
+    for other in held_out:
+        for one in fitted:
+            if "span" not in one.attrs and "span" not in other.attrs:
+                continue  # two recordings in memory may have one name
+            (a, b), (c, d) = _whole(one), _whole(other)
+            if one.attrs.get("file") == other.attrs.get("file") and max(a, c) < min(b, d):
+                raise UserError(
+                    f"test: {other.attrs['file']} from {c:g} to {d:g} s overlaps what is fitted, {a:g} to {b:g} s; use "
+                    "every second for one purpose only"
+                )
+
+
+def _whole(recording: xr.Dataset) -> Span:
+    span = recording.attrs.get("span")
+    return (0.0, np.inf) if span is None else (float(span[0]), float(span[1]))
