@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import tempfile
 from collections import Counter
 from typing import Any
@@ -13,6 +14,9 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import told_as_damaged
 from harness.recordings.readers._table import Table
+
+_MOST_PACKED = 1100
+"""Bytes that a byte can be unpacked into at most (deflate)."""
 
 SUFFIXES = (".mf4", ".mdf", ".dat")
 
@@ -40,11 +44,15 @@ def read(path: str) -> list[Table]:
         told_as_damaged(path, "MDF file"),
         MDF(path, temporary_folder=folder) as file,
     ):
-        return _tables(file)
+        return _tables(file, os.path.getsize(path))
 
 
-def _tables(file: Any) -> list[Table]:
-    """Return a table for each group with samples, the group with most channels first."""
+def _tables(file: Any, size: int) -> list[Table]:
+    """Return a table for each group with samples, the group with most channels first.
+
+    Raises:
+        ValueError: If a group claims more samples than the file can hold.
+    """
     groups = [
         (index, [(place, channel.name) for place, channel in enumerate(group.channels)])
         for index, group in enumerate(file.groups)
@@ -53,6 +61,10 @@ def _tables(file: Any) -> list[Table]:
     counts = Counter(name for index, channels in groups for place, name in channels if place != masters.get(index))
     tables: list[Table] = []
     for index, channels in groups:
+        about = file.groups[index].channel_group
+        claimed = about.cycles_nr * (about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0))
+        if claimed > _MOST_PACKED * size:  # a damaged count, for which room would be made
+            raise ValueError(f"channel group {index} claims {claimed} bytes of samples in a file of {size}")
         columns: dict[str, Floats] = {}
         units: dict[str, str] = {}
         label = str(getattr(file.groups[index].channel_group, "acq_name", "") or index)
