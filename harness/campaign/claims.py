@@ -28,6 +28,18 @@ MATCHED = {"process-noise": "×1", "mass": "24 t", "cog": "0 m", "friction": "0.
 THEIRS = ("ideal", *MATCHED)
 """Studies of the dissertation."""
 
+STUDIES_OF = {
+    "5.3 and 5.5": THEIRS,
+    "5.3,": ("ideal",),
+    "5.4.1": ("process-noise",),
+    "5.4.2": ("mass",),
+    "5.4.3": ("cog",),
+    "5.4.4": ("friction",),
+    "5.4.5": ("tyre",),
+    "6.3.3": ("realtime",),
+}
+"""Studies that a finding is tested on, by how its place begins."""
+
 MEDIANS = {
     (EKF, FORCE): 1.64, (UKF, FORCE): 1.63, (NETWORK, FORCE): 1.89,
     (EKF, ANGLE): 3.54, (UKF, ANGLE): 3.55, (NETWORK, ANGLE): 3.26,
@@ -78,6 +90,11 @@ class Claim:
     means: str
     test: Callable[[Groups], list[Evidence]]
     reason: str
+
+    @property
+    def studies(self) -> tuple[str, ...]:
+        """The studies that it is tested on."""
+        return next(names for begin, names in STUDIES_OF.items() if self.place.startswith(begin))
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from harness.campaign import box, on_study
 from harness.campaign.answer import answer
 from harness.campaign.claims import ANGLE, FORCE, MEDIANS, Finding, findings
 from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
 from harness.models.quantities import words
 from harness.realtime import report as realtime
-from harness.reporting.document import Block, Document, Heading, Prose, Section, Sheet, plain, write
+from harness.reporting.document import Block, Document, Heading, Linked, Prose, Section, Sheet, plain, write
 from harness.reporting.style import number
 from harness.study.report.sections import boxes, drives
 
@@ -45,7 +47,7 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
     found = findings(campaign)
     sections = [
         Section(lambda: answer(campaign, found), "Answer"),
-        Section(lambda: _findings(campaign, found), "What the dissertation found, tested on our data"),
+        Section(lambda: _findings(campaign, found, Path(out)), "What the dissertation found, tested on our data"),
         Section(lambda: _figures(campaign), "The dissertation's figures from our data"),
         Section(lambda: drives.blocks(campaign.analyses["ideal"]), "On which drives are the estimators wrong?"),
         Section(lambda: _made(campaign), "How it was made"),
@@ -66,10 +68,27 @@ def _figures(campaign: Results) -> list[Block]:
     return [*found, replace(times, caption=f"Bild 6.9 (computing time). {times.caption}")]
 
 
-def _findings(campaign: Results, found: list[Finding]) -> list[Block]:
+def _report_of(results: Path, studies: Sequence[str], out: Path) -> str | Linked:
+    """Return the link to the report of the study that a finding is tested on; of several studies their number."""
+    if len(studies) > 1:
+        return f"{len(studies)} studies"
+    return on_study.linked(words(studies[0]), results / studies[0] / "report.html", out)
+
+
+def _findings(campaign: Results, found: list[Finding], out: Path) -> list[Block]:
     """Return the table of verdicts, the reasons, and the numbers behind every verdict."""
+    shares = box.read(campaign.folder)
     rows = [
-        [str(k), f.claim.text, f.claim.place, f.verdict.value, _in_short(f.evidence)] for k, f in enumerate(found, 1)
+        [
+            str(k),
+            f.claim.text,
+            f.claim.place,
+            f.verdict.value,
+            _report_of(campaign.folder, f.claim.studies, out),
+            on_study.share_of(shares, f.claim.text, out),
+            _in_short(f.evidence),
+        ]
+        for k, f in enumerate(found, 1)
     ]
     counts = {v: sum(f.verdict is v for f in found) for v in Verdict}
     opening = (
@@ -82,7 +101,12 @@ def _findings(campaign: Results, found: list[Finding]) -> list[Block]:
     blocks: list[Block] = [
         Heading("What the dissertation found, tested on our data"),
         Prose(plain(opening)),
-        Sheet(["", "finding", "Ziaukas 2023", "verdict", "ours"], rows, "Findings and verdicts.", left=4),
+        Sheet(
+            ["", "finding", "Ziaukas 2023", "verdict", "report", "in the box", "ours"],
+            rows,
+            f"Findings and verdicts. Report: of the study, with its figure. {on_study.what_share_means(shares)}",
+            left=6,
+        ),
         Heading("Why a finding is not reproduced", 2),
         Prose(plain(_much_closer(campaign))),
     ]

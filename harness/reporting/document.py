@@ -52,11 +52,19 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Linked:
+    """Plain text in a table that leads to another file, by its path from the report, or to an address."""
+
+    text: str
+    target: str
+
+
+@dataclass(frozen=True)
 class Sheet:
     """A table of plain text; the first ``left`` columns hold words, the others numbers."""
 
     header: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[str | Linked]]
     caption: str
     left: int = 1
 
@@ -161,8 +169,12 @@ def strong(text: str) -> str:
     return f"#strong({_string(text)});"
 
 
-def _array(items: Sequence[str]) -> str:
-    return "(" + "".join(f"{_string(item)}, " for item in items) + ")"
+def _array(items: Sequence[str | Linked]) -> str:
+    return "(" + "".join(f"{_cell(item)}, " for item in items) + ")"
+
+
+def _cell(item: str | Linked) -> str:
+    return f"link({_string(item.target)}, {_string(item.text)})" if isinstance(item, Linked) else _string(item)
 
 
 def _block(block: Block, files: dict[str, bytes]) -> str:

@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.campaign import write_campaign
+from harness.campaign import box, write_campaign
 from harness.campaign.answer import Joint, answer
 from harness.campaign.claims import CLAIMS, findings
 from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
+from harness.campaign.on_study import first_page
 from harness.campaign.results import Results
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
+from harness.study.report.analysis import Analysis
+from harness.study.results import read
 from support.campaign_folder import EVERYONE, write_studies
+from support.joint_study import scores, study_of
 from support.synthetic import design, write
 
 FORCE = "lateral_force_axle_21"
@@ -156,16 +160,28 @@ def test_answer_is_that_of_the_joint_study(campaign):
     results = campaign()
     told = " ".join(str(vars(block)) for block in answer(results, findings(results)))
     assert "Over the whole box of perturbations EKF and UKF estimate the lateral force axle 21 best" in told
-    box = Joint(results).borne[1, 0].box
-    assert 0.5 <= box < 1.0  # at half the way to the heavy edge the error is 2 deg
-    assert f"stays below 2.00° on every drive while all factors together stay within {100 * box:.0f} %" in told
+    drift = Joint(results).borne[1, 0].box
+    assert 0.5 <= drift < 1.0  # at half the way to the heavy edge the error is 2 deg
+    assert f"stays below 2.00° on every drive while all factors together stay within {100 * drift:.0f} %" in told
     assert re.search(r"articulation angle is driven by trailer mass \(total index 0\.[78]\d\) and friction \(", told)
     lost = int((results.stores["joint"].designs[0].status[:, 1] == 1).sum())
     assert f"EKF in 0 (0 % to 0.29 %) and UKF in {lost} (" in told
 
 
+def test_first_page_of_a_study_has_its_findings_with_verdict_and_share(campaign, tmp_path: Path):
+    campaign({("mass", "8 t", FORCE): 3.0, ("mass", "32 t", FORCE): 3.0})
+    (section,) = first_page(Analysis(read(tmp_path / "mass")))
+    (sheet,) = section.make()
+    share = box.committed().share("The mass hardly affects the articulation angle")
+    assert [row[0] for row in sheet.rows] == ["6", "7"]
+    assert [row[2] for row in sheet.rows] == ["reproduced", "reproduced"]
+    assert sheet.rows[1][3].startswith(f"{100 * share.value:.0f} % (")
+    assert not first_page(Analysis(read(tmp_path / "joint")))
+
+
 def test_report_is_written(campaign, tmp_path: Path):
     campaign()
+    (tmp_path / "mass" / "report.html").write_text("the study")
     html, pdf = write_campaign(tmp_path, tmp_path / "campaign")
     text = html.read_text(encoding="utf-8")
     for words in (
@@ -174,6 +190,8 @@ def test_report_is_written(campaign, tmp_path: Path):
         "Bild 6.9 (computing time). ",
         "EKF and UKF differ only marginally.",
         "How it was made",
+        '<a href="../mass/report.html">mass</a>',
+        "88 % (83 % to 92 %)",
     ):
         assert words in text
     assert pdf.read_bytes().startswith(b"%PDF")

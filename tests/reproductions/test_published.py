@@ -135,7 +135,8 @@ def test_a_store_is_current_with_the_hash_and_the_code_of_its_study():
 
 def test_a_finding_says_in_how_much_of_the_box_it_holds(stored, tmp_path):
     (tmp_path / "reproduce-box").mkdir()
-    found = {"findings": [{"finding": "The mass matters.", "share": [0.34, 0.3, 0.381]}]}
+    found = {"made": "2026-01-01", "points": 256, "nearest": {"number": 1, "at": {}}}
+    found["findings"] = [{"finding": "The mass matters.", "share": [0.34, 0.3, 0.381]}]
     (tmp_path / "reproduce-box" / "box.json").write_text(json.dumps(found))
     row = answer(statement("5", "The mass matters", lambda _: [point("", 1.0, (0.0, 2.0))]), stored)
     assert wording.why(row) == "Holds in 34 % (30 to 38) of the box of what is not published."
@@ -193,7 +194,7 @@ def test_roughness_is_that_of_the_noise():
 
 
 def test_the_findings_of_the_campaign_are_all_there_once():
-    places = [s for c in CLAIMS for s in [ziaukas_evidence.needs_of(c)]]
+    places = [c.studies for c in CLAIMS]
     assert all(places)
     quantities = [
         r.quantity for name in ("ziaukas-ideal", "ziaukas-robustness", "ziaukas-vehicle") for r in _records(name)

@@ -117,7 +117,7 @@ def answer(record: Record, stored: Stored) -> Row:
     if record.test is None:
         return Row(record)
     try:
-        evidence, box = record.test(stored), stored.box.get(record.quantity)
+        evidence, box = record.test(stored), stored.box.share(record.quantity)
     except UserError as error:
         return Row(record, missing=str(error))
     old = not all(stored.origin(name).current for name in record.needs.split())

@@ -18,9 +18,10 @@ import zarr
 from numpy.typing import NDArray
 
 from harness import estimation
+from harness.campaign.box import Box
+from harness.campaign.box import read as read_box
 from harness.campaign.results import REALTIME, Results
 from harness.common.errors import UserError
-from harness.common.statistics import Interval
 from harness.config import Study, build_study, load_study
 from harness.estimation.narx import data as training_data
 from harness.estimation.narx.network import load as load_network
@@ -34,7 +35,6 @@ from harness.study.scores import PENDING
 from harness.study.store import STORE
 
 STUDIES = Path("studies")
-BOX = "reproduce-box"
 NETWORK_FILE = Path(estimation.__file__).parent / "networks" / "semitrailer_24t.npz"
 
 
@@ -110,16 +110,9 @@ class Stored(Results):
         return outcome.read(self.folder / REALTIME)
 
     @cached_property
-    def box(self) -> dict[str, Interval]:
-        """Share of the box of what is not published in which a finding holds, by its text; nothing without a box."""
-        path = self.folder / BOX / "box.json"
-        if not path.is_file():
-            return {}
-        try:
-            found = json.loads(path.read_text(encoding="utf-8"))["findings"]
-            return {f["finding"].rstrip("."): Interval(*f["share"]) for f in found}
-        except (ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path}: not the result of a box ({error}); make it again") from None
+    def box(self) -> Box:
+        """In how much of the box of what is not published the findings hold."""
+        return read_box(self.folder)
 
     def arrays(self, name: str) -> dict[str, NDArray[Any]]:
         """Return what a long reproduction found.

@@ -13,18 +13,6 @@ from harness.common.statistics import median_interval
 from harness.reproductions.published.record import Kind, Record, Test, between, point
 from harness.reproductions.published.results import Stored
 
-STUDIES_OF = {
-    "5.3 and 5.5": "ideal process-noise mass cog friction tyre",
-    "5.3,": "ideal",
-    "5.4.1": "process-noise",
-    "5.4.2": "mass",
-    "5.4.3": "cog",
-    "5.4.4": "friction",
-    "5.4.5": "tyre",
-    "6.3.3": "realtime",
-}
-"""Studies that the campaign's findings are tested on, by how their place begins."""
-
 Group = tuple[str, str | None, str, str]
 """Study, level (``None`` for all), estimator, target."""
 
@@ -94,11 +82,6 @@ def finding(claim: Claim, keep: float | None = None) -> Test:
     return test
 
 
-def needs_of(claim: Claim) -> str:
-    """Return the studies that a finding is tested on."""
-    return next((studies for begin, studies in STUDIES_OF.items() if claim.place.startswith(begin)), "")
-
-
 def findings(section: str, without: str = "nothing") -> tuple[Record, ...]:
     """Return the campaign's findings of a section, but those whose text begins so."""
     return tuple(
@@ -107,7 +90,7 @@ def findings(section: str, without: str = "nothing") -> tuple[Record, ...]:
             claim.text.rstrip("."),
             kind=Kind.STATEMENT,
             test=finding(claim),
-            needs=needs_of(claim),
+            needs=" ".join(claim.studies),
             reason=claim.reason,
         )
         for claim in CLAIMS

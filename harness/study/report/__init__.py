@@ -6,10 +6,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from harness.reporting.document import Document, Section, write
+from harness.reporting.document import Block, Document, Section, write
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
 from harness.study.report.sections import (
@@ -31,7 +32,6 @@ from harness.study.report.sections.made import NOT_VERIFIABLE as NOT_VERIFIABLE
 from harness.study.results import read
 
 _SECTIONS = {
-    "Answer": answer.blocks,
     "How large are the errors?": boxes.blocks,
     "Which parameter drives the error?": sensitivity.blocks,
     "How far may the vehicle drift in all factors at once?": tolerance.blocks,
@@ -45,14 +45,15 @@ _SECTIONS = {
     "How does the error depend on the actual value?": scatter.blocks,
     "How was this made?": made.blocks,
 }
-"""The sections of a report in their order, each with the title that it has if it cannot be made."""
+"""The sections of a report behind the answer, in their order, each with the title that it has if it cannot be made."""
 
 
-def document(analysis: Analysis) -> Document:
-    """Return the report of a study."""
+def document(analysis: Analysis, opening: Sequence[Block] = ()) -> Document:
+    """Return the report of a study, with blocks that follow the sentence that it opens with."""
     attributes = analysis.store.attributes
     question = str(attributes.get("title") or attributes.get("study_name") or analysis.store.directory.name)
-    sections = [Section(partial(blocks, analysis), title) for title, blocks in _SECTIONS.items()]
+    sections = [Section(partial(answer.blocks, analysis, opening), "Answer")]
+    sections += [Section(partial(blocks, analysis), title) for title, blocks in _SECTIONS.items()]
     return Document(question, sections)
 
 
@@ -73,8 +74,12 @@ def headline(analysis: Analysis) -> str:
     return answer_in_short(analysis.main, analysis.store.designs)
 
 
-def write_report(analysis: Analysis) -> list[Path]:
+def write_report(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Path]:
     """Write the report of a study beside its scores.
+
+    Args:
+        analysis: Of the study.
+        opening: Blocks that follow the sentence that the report opens with.
 
     Returns:
         The files written: HTML, then PDF. The same store always gives the same bytes.
@@ -82,4 +87,4 @@ def write_report(analysis: Analysis) -> list[Path]:
     Raises:
         UserError: If the folder cannot be written to.
     """
-    return write(document(analysis), analysis.store.directory)
+    return write(document(analysis, opening), analysis.store.directory)

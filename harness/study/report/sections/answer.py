@@ -22,8 +22,13 @@ SURE = 0.5  # share within ± 2σ below which an estimator is over-confident
 _NAMED = 3  # up to so many estimators are all named in a sentence; of more, the best and the worst
 
 
-def blocks(analysis: Analysis) -> list[Block]:
-    """Return the answer: in a sentence, in a figure, and in detail for each target, lost runs and covariances."""
+def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
+    """Return the answer: in a sentence, in a figure, and in detail for each target, lost runs and covariances.
+
+    Args:
+        analysis: Of the study.
+        opening: Blocks that follow the sentence.
+    """
     findings = analysis.main
     items = []
     for target, quantity in enumerate(findings.design.targets):
@@ -32,11 +37,12 @@ def blocks(analysis: Analysis) -> list[Block]:
     items.append(f"{strong('Lost runs.')} {plain(_lost(analysis))}")
     if findings.with_covariance:
         items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")
-    opening = Prose(strong(answer_in_short(findings, analysis.store.designs)))
+    sentence = Prose(strong(answer_in_short(findings, analysis.store.designs)))
     figures = boxes.pictures(analysis, findings, opening=True)
     return [
         Heading("Answer"),
-        opening,
+        sentence,
+        *opening,
         *_of_the_box(analysis),
         Prose(plain(_scope(analysis))),
         *figures,
