@@ -18,7 +18,6 @@ from harness.common.statistics import Interval
 from harness.study.report.analysis import Analysis
 from harness.study.results import read
 from support.campaign_folder import EVERYONE, write_studies
-from support.joint_study import scores, study_of
 from support.synthetic import design, write
 
 FORCE = "lateral_force_axle_21"

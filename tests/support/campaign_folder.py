@@ -62,7 +62,7 @@ def write_studies(folder: Path, growth=None, lost=None, further=None) -> None:
                 data["rmse"][place] = data["rmse"][place] * factor
         if lost is not None and lost[0] == study:
             data["status"][{"band": labels.index(lost[1]), "repeat": slice(0, lost[2])}] = 1
-        write(folder / study, {"level": data})
-    write(folder / "joint", scores(study_of(folder)))
+        write(folder / study, {"level": data}, name=study)
+    write(folder / "joint", scores(study_of(folder)), name="joint")
     zarr.open_group(folder / "joint" / "scores.zarr").attrs["limits"] = json.dumps({ANGLE: np.deg2rad(2.0)})
     _write_times(folder / "realtime")

@@ -168,6 +168,7 @@ def write(
     designs: dict[str, xr.Dataset] | None = None,
     *,
     runs: Sequence[xr.Dataset] = (),
+    name: str = "mass",
     title: str = "How wrong do the estimators get when the trailer is heavier or lighter than they believe?",
 ) -> Path:
     """Write a result folder and return it.
@@ -176,6 +177,7 @@ def write(
         directory: Folder, made if absent.
         designs: Groups by name; by default levels and bands of the mass study.
         runs: The runs over time; none by default.
+        name: Name of the study.
         title: Question of the study.
     """
     if designs is None:
@@ -187,7 +189,7 @@ def write(
         {
             "study": STUDY,
             "study_hash": "0123456789abcdef",
-            "study_name": "mass",
+            "study_name": name,
             "title": title,
             "seed": 7,
             "step": 0.01,
