@@ -110,7 +110,7 @@ def test_a_network_estimates_what_it_was_trained_for_and_states_no_covariance():
 
 
 def test_an_unknown_input_is_estimated_from_where_its_random_walk_may_be():
-    table = {**TRUCK, "unknown_inputs": ["steering_wheel_angle"]}
+    table = {**TRUCK, "parameters": "ziaukas_2023_road_wheels", "unknown_inputs": ["steering_wheel_angle"]}
     plant = model_of(TRUCK)
     truck = recorded(plant, 1, duration=20.0, speed=15.0, amplitude=1.0)
     model = RecordedModel(resolve_single(table, "test", "belief"), inputs="held", jobs=1)
@@ -138,7 +138,7 @@ def test_a_signal_is_the_reference_of_one_quantity_only(car, drive):
     stated = RecordedModel(car.spec, inputs="held", references={"slip_angle_rear": "yaw_rate"}, jobs=1)
     assert "yaw_rate" in car.reference(drive)
     found = stated.reference(drive)
-    assert found["slip_angle_rear"] == "yaw_rate"
+    assert found["slip_angle_rear"] == "true_yaw_rate"
     assert "yaw_rate" not in found
 
 
