@@ -54,7 +54,7 @@ class Watch:
     findings: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._active, self._most = False, 0
+        self._active, self._most = False, _peak()  # what was held before, by a parent process as well, is no input's
         self._seen: list[str] = []
         self._allowed = tuple(
             f"{folder}/" for folder in (self.folder.resolve(), tempfile.gettempdir(), "/dev", "/proc")
@@ -115,7 +115,7 @@ class Watch:
             signal.signal(signal.SIGPROF, before)
         for sentence in [*([found] if found else []), *self._seen]:
             self._note(kind, sentence, content)
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+        most = _peak()
         if most > max(MEMORY, self._most):
             self._note(kind, "memory above 2 GiB", content)
         self._most = max(most, self._most)
@@ -128,6 +128,11 @@ class Watch:
             number = len(self.findings)
             (self.folder / f"finding-{number:03d}.txt").write_text(f"{kind}: {sentence}\n", encoding="utf-8")
             (self.folder / f"finding-{number:03d}.input").write_bytes(content)
+
+
+def _peak() -> int:
+    """Return the most bytes that the process has held."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def _hang(*_: object) -> None:

@@ -60,7 +60,8 @@ class Estimator:
     ) -> xr.Dataset:
         """Run it over a recording.
 
-        Inputs are taken for exact: what their noise does to the estimate is in none of the standard deviations.
+        Measured inputs are smoothed, with all samples of the recording, later ones as well; what is not known of them
+        is in the standard deviations. Those of a simulation are exact.
 
         Args:
             model: What it believes, with unknown inputs if there are any. Sensors and step are those of the recording

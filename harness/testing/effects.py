@@ -139,9 +139,9 @@ def reads_of(name: str, effect: types.ModuleType, vehicle: str, tyre: str | None
     seen: list[str] = []
     add_input = Builder.add_input
 
-    def added(self: Builder, read: str) -> sp.Symbol:
+    def added(self: Builder, read: str, *otherwise: float | None) -> sp.Symbol:
         seen.append(read)
-        return add_input(self, read)
+        return add_input(self, read, *otherwise)
 
     with (
         mock.patch.object(Builder, "note_read", lambda self, owner, read: seen.append(read)),

@@ -138,7 +138,8 @@ def _check_arguments(name: str, g: Ground) -> None:
     arguments = (state, in_lanes(g.u[0]), in_lanes(g.u[1]), in_lanes(g.y[1]), belief)
 
     def flat() -> list[np.ndarray]:
-        return [np.copy(a) for part in arguments for a in (part if isinstance(part, tuple) else (part,))]
+        parts = (a for part in arguments for a in (part if isinstance(part, tuple) else (part,)))
+        return [np.copy(a) for a in parts if a is not None]
 
     before = flat()
     first, _ = g.estimator.step(*arguments)

@@ -39,7 +39,7 @@ def test_tables_say_what_the_runs_say(found):
     assert (row.unit, len(found.summary)) == ("m/s", 4)
     assert found.summary.nis_inside.between(0.85, 1.0).all()
     assert "lateral velocity" in found.answer
-    assert "taken for exact" in found.notes[-1]
+    assert "all samples of the recording" in found.notes[-1]
     assert "EKF" in repr(found)
     assert "rmse" in found._repr_html_()
 

@@ -46,10 +46,10 @@ def test_estimates_numbers_and_a_report_are_written(folder, tmp_path):
     assert table["yaw_rate"].notna().all()
     stored = json.loads((tmp_path / "estimate.json").read_text())
     assert len(stored["runs"]) == 4
-    assert "taken for exact" in stored["comment"]
+    assert "all samples of the recording" in stored["comment"]
     assert stored["runs"][0]["errors"]["yaw_rate"]["rmse"] < 0.01
     page = (tmp_path / "report.html").read_text()
-    assert "taken for exact" in page
+    assert "all samples of the recording" in page
     assert "UKF alpha=0.5" in page
     assert (tmp_path / "report.pdf").stat().st_size > 10_000
 
@@ -92,7 +92,7 @@ def test_noise_is_found_and_estimate_takes_its_file(folder, tmp_path):
         (["estimate", "-e", "ekf", "--unknown-input", "sped"], "'sped' is no input"),
         (["estimate", "-e", "ekf", "--reference", "yaw_rate=nothing"], "the recording lacks 'nothing'"),
         (["tune", "--by", "unit", "mass"], "leave out the study"),
-        (["tune", "--drives", "robustness"], "leave out the study and --drives"),
+        (["tune", "--drives", "robustness"], "leave out the study, --drives and --only"),
     ],
 )
 def test_what_cannot_be_is_one_line(folder, tmp_path, words, said):

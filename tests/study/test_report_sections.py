@@ -71,7 +71,7 @@ def test_consistency_is_weighed_against_its_bounds(one_design):
     findings = one_design(repeats=20).main
     assert findings.consistency("nees", 4, 0).verdict == "consistent"
     assert findings.consistency("nees", 0, 0).verdict == "over-confident"
-    design = findings.design
+    design = one_design(repeats=20).main.design
     design.data["nees"][:] = 0.5 * design.state_dimension
     assert Findings(design, 0).consistency("nees", 4, 0).verdict == "cautious"
     c = findings.consistency("nis", 4, 0)

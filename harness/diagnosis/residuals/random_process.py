@@ -207,9 +207,10 @@ def _own(drive: Drive, augmented: AugmentedModel, filters: Innovations) -> Drive
     nominal = {s: i for i, s in enumerate(augmented.nominal.states)}
     variance = [drive.first_variance[nominal[s]] if s in nominal else filters.spec.process_noise[s] for s in states]
     inputs, between = drive.inputs[:, columns], drive.between[:, columns]
-    effects = np.zeros((len(inputs), len(states) + len(filters.model.outputs), drive.effects.shape[2]))
+    seen = len(filters.model.outputs)
+    effects = np.zeros((len(inputs), len(states) + seen, drive.effects.shape[2]))
     effects[:, [states.index(s) for s in nominal]] = drive.effects[:, : len(nominal)]
-    effects[:, len(states) :] = drive.effects[:, len(nominal) :]
+    effects[:, len(states) :] = drive.effects[:, -seen:]
     return replace(
         drive, inputs=inputs, between=between, first_mean=mean, first_variance=np.array(variance), effects=effects
     )
