@@ -235,7 +235,7 @@ def _turned(fit: Agreement) -> Agreement:
 def _judged(fit: Agreement) -> Agreement:
     """Say whether the two agree, and if not, in what."""
     relation = fit.relation
-    centre, factor = relation.slope
+    centre, factor = relation.expected(fit.slope)
     off = np.log(abs(fit.slope) / centre) if fit.slope else -np.inf
     spread = fit.slope_std / abs(fit.slope) if fit.slope else np.inf
     free = np.log(factor)

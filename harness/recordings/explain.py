@@ -312,10 +312,10 @@ def _shared(relation: Relation, measured: Floats, computed: Floats) -> tuple[flo
     """Return the share not in common, what a slope other than the expected one costs, and the share neglected."""
     if len(measured) < 20:
         return 1.0, 0.0, 1.0
-    centre, factor = relation.slope
     offset = 0.0 if relation.through_zero else 3 * tolerance(relation)
     spreads = [float(np.sqrt((v**2).mean())) if relation.through_zero else float(v.std()) for v in (measured, computed)]
-    slope = spreads[0] / spreads[1] if min(spreads) > 0 else centre
+    slope = spreads[0] / spreads[1] if min(spreads) > 0 else relation.slope[0]
+    centre, factor = relation.expected(slope)
     away = measured - slope * computed
     away -= np.clip(np.median(away), -offset, offset)
     kept = np.abs(away) <= np.percentile(np.abs(away), 96)  # without wrapped angles and spikes

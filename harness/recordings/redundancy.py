@@ -31,6 +31,7 @@ class Relation:
         exact: Whether it holds for any motion in the plane, so that delay and offset are judged as well.
         arm: What a lever arm between the sensors would add per metre; None if nothing. Its signals are not needed.
         slope: Slope to be expected, and by which factor it may be off for what the relation neglects.
+        or_slope: Another one, if the signal is recorded in one of two ways.
         misfit: Share of the signal that it neglects.
         through_zero: Whether both sides are zero together, so that there is no offset (a speed).
         circular: Whether both sides are angles, alike if they differ by full turns.
@@ -44,6 +45,7 @@ class Relation:
     exact: bool = True
     arm: Callable[[Sources], Floats] | None = None
     slope: tuple[float, float] = (1.0, 1.0)
+    or_slope: tuple[float, float] | None = None
     misfit: float = 0.05
     through_zero: bool = False
     circular: bool = False
@@ -53,6 +55,12 @@ class Relation:
     def signals(self) -> tuple[str, ...]:
         """All signals that take part."""
         return (self.signal, *self.needs)
+
+    def expected(self, slope: float) -> tuple[float, float]:
+        """Return the slope to be expected, of two the one that a slope found fits better, and its factor."""
+        if self.or_slope is None or slope == 0:
+            return self.slope
+        return min(self.slope, self.or_slope, key=lambda e: abs(np.log(abs(slope) / e[0])) / np.log(e[1]))
 
 
 def ground_speed(s: Sources) -> Floats:
@@ -92,8 +100,11 @@ def _turning(signal: str) -> Callable[[Sources], Floats]:
 _PLACE = ("position_x", "position_y")
 _POSE = (*_PLACE, "heading")
 _SPEEDS = (("", "longitudinal_velocity"), ("", "speed"), ("_tractor", "speed_tractor"), ("_tractor", "speed"))
-_STEERING = {"road_wheel_angle": (0.3, 3.0), "steering_wheel_angle": (0.02, 2.2)}
-"""Yaw rate over speed and angle in 1/m, one over wheelbase and ratio, and the factor by which vehicles differ."""
+_STEERING = {"road_wheel_angle": ((0.3, 3.0), None), "steering_wheel_angle": ((0.02, 2.2), (0.25, 1.25))}
+"""Yaw rate over speed and angle in 1/m, one over wheelbase and ratio, and the factor by which vehicles differ.
+
+Some record the angle of the road wheels as that of the steering wheel, of a vehicle whose steering ratio is then 1.
+"""
 
 
 def _yaw_rates() -> list[Relation]:
@@ -115,13 +126,14 @@ def _yaw_rates() -> list[Relation]:
                  lambda s: s["yaw_rate_trailer"] - s["yaw_rate_tractor"], order=1)
     )  # fmt: skip
     found.append(Relation("yaw_acceleration", ("yaw_rate",), "rate of the yaw rate", _rate_of("yaw_rate")))
-    for angle, expected in _STEERING.items():
+    for angle, (expected, of_wheels) in _STEERING.items():
         for rate, speed in (("yaw_rate", "longitudinal_velocity"), ("yaw_rate", "speed"),
                             ("yaw_rate_tractor", "speed_tractor"), ("yaw_rate_tractor", "speed")):  # fmt: skip
             words = f"in proportion to v_x times {angle.replace('_', ' ')}"
             found.append(
-                Relation(rate, (speed, angle), words, _product(speed, angle), exact=False, slope=expected, misfit=0.3)
-            )
+                Relation(rate, (speed, angle), words, _product(speed, angle), exact=False, slope=expected,
+                         or_slope=of_wheels, misfit=0.3)
+            )  # fmt: skip
     return found
 
 
