@@ -81,7 +81,11 @@ def test_sdist_and_wheel_hold_the_same_package(built):
     tracked = [p for p in (ROOT / "harness").rglob("*") if p.suffix in (".py", ".typ", ".css", ".npz")]
     tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "models").rglob("*.py")]
     tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "studies").rglob("*.toml")]
-    tracked += [ROOT / "harness" / "studies" / "study.schema.json", *(ROOT / "harness" / "cli" / "templates").glob("*")]
+    tracked += [
+        ROOT / "harness" / "campaign" / "box.json",
+        ROOT / "harness" / "studies" / "study.schema.json",
+        *(ROOT / "harness" / "cli" / "templates").glob("*"),
+    ]
     assert {p.relative_to(ROOT).as_posix() for p in tracked} == files
     assert files <= sources
 
