@@ -96,7 +96,11 @@ def test_no_test_imports_from_another():
     assert found == []
 
 
-def test_models_are_linked_and_not_copied():
-    link = ROOT / "harness" / "models"
-    assert link.is_symlink()
-    assert link.resolve() == ROOT / "models"
+@pytest.mark.parametrize(("link", "target"), [("harness/models", "models"), ("harness/config/studies", "studies")])
+def test_what_the_package_holds_is_linked_and_not_copied(link, target):
+    assert (ROOT / link).is_symlink()
+    assert (ROOT / link).resolve() == ROOT / target
+
+
+def test_a_reader_takes_in_the_package_at_one_glance():
+    assert len([p for p in (ROOT / "harness").iterdir() if p.name != "__pycache__"]) <= 20

@@ -14,7 +14,7 @@ from unicodedata import category
 
 from harness.common.errors import UserError, closest
 
-BUNDLED_STUDIES = Path(__file__).parents[1] / "studies"
+BUNDLED_STUDIES = Path(__file__).parents[1] / "config" / "studies"
 """Studies of the package with their drives and channel maps: a link in the checkout, a folder in a wheel."""
 
 

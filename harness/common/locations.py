@@ -54,7 +54,7 @@ STUDIES = Kind("study", ".toml", "studies", BUNDLED_STUDIES)
 DRIVE_SETS = Kind("set of drives", ".toml", "studies/drives", BUNDLED_STUDIES / "drives")
 TUNINGS = Kind("file of tuned noise", ".toml", "studies/tuned", BUNDLED_STUDIES / "tuned")
 CHANNELS = Kind("channel map", ".toml", "channels", BUNDLED_STUDIES / "channels")
-NETWORKS = Kind("network", ".npz", "networks", BUNDLED_STUDIES.parent / "estimation" / "networks")
+NETWORKS = Kind("network", ".npz", "networks", Path(__file__).parents[1] / "estimation" / "networks")
 
 
 def project() -> Path | None:

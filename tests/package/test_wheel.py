@@ -80,10 +80,10 @@ def test_sdist_and_wheel_hold_the_same_package(built):
         files = {name for name in wheel.namelist() if not name.split("/")[0].endswith(".dist-info")}
     tracked = [p for p in (ROOT / "harness").rglob("*") if p.suffix in (".py", ".typ", ".css", ".npz")]
     tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "models").rglob("*.py")]
-    tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "studies").rglob("*.toml")]
+    tracked += [ROOT / "harness" / "config" / p.relative_to(ROOT) for p in (ROOT / "studies").rglob("*.toml")]
     tracked += [
         ROOT / "harness" / "campaign" / "box.json",
-        ROOT / "harness" / "studies" / "study.schema.json",
+        ROOT / "harness" / "config" / "studies" / "study.schema.json",
         *(ROOT / "harness" / "cli" / "templates").glob("*"),
     ]
     assert {p.relative_to(ROOT).as_posix() for p in tracked} == files
