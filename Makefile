@@ -114,8 +114,8 @@ attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribut
 check-proof: $(VENV)/dev.stamp ## plant faults in recordings and count what harness check names and mends (SEEDS=1000:1010)
 	$(BIN)/python -m bench.recording_faults $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) --out results/check-proof
 
-tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune --data hold the true noise (SETS=18); goes on where it stopped
-	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) --out results/tuning-proof/variances.jsonl
+tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune --data hold the true noise (SETS=18, CASES=semitrailer); goes on where it stopped
+	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) $(if $(CASES),--cases $(CASES)) --out results/tuning-proof/variances.jsonl
 
 fuzz: $(VENV)/dev.stamp ## read INPUTS=100000 broken files of every kind; each is read or refused in words (exit status 1 if not)
 	$(BIN)/python -m bench.fuzz $(if $(INPUTS),--inputs $(INPUTS)) $(if $(SEED),--seed $(SEED)) --out results/fuzz
