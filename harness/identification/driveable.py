@@ -101,8 +101,9 @@ class Driveable:
     def admits(self, values: Sequence[Floats]) -> bool:
         """Whether a model with parameters ``(np,)`` for each fitted drive is a candidate."""
         key = tuple(v.tobytes() for v in values)
-        if key not in self._known:
-            self._known[key] = math.isinf(self.unstable_from(values[0])) and self.stays(values)
+        known = self._known.get(key)
+        if known is None:
+            self._known[key] = known = math.isinf(self.unstable_from(values[0])) and self.stays(values)
             for old in list(self._known)[:-_REMEMBERED]:
-                del self._known[old]
-        return self._known[key]
+                self._known.pop(old, None)  # candidates are fitted in threads
+        return known

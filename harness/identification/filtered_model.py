@@ -14,6 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import TypeVar
 
 import numpy as np
@@ -35,8 +36,8 @@ _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
 
 _STEP_TOLERANCE = 1e-3
-_REMEMBERED = 12
-"""Runs that are kept: of two points over some fitted drives and the drives that judge them."""
+_REMEMBERED = 24
+"""Runs that are kept: of some points over some fitted drives and the drives that judge them."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,7 @@ class FilteredModel(ABC):
         self._started, self._starts = list(starts), list(starts.values())
         self._effects = InputEffects(self.duals)
         self._remembered: dict[tuple[object, ...], tuple[Drive, FilterRun]] = {}
+        self._remembering = Lock()  # candidates are fitted in threads
 
     @abstractmethod
     def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
@@ -278,16 +280,19 @@ class FilteredModel(ABC):
             (id(d), p.values.tobytes(), p.process.tobytes(), p.measurement.tobytes())
             for d, p in zip(drives, each, strict=True)
         ]
-        open_ = [i for i, key in enumerate(keys) if key not in self._remembered]
-        found = self.share(lambda i: self.run(drives[i], each[i]), open_)
-        for i, run in zip(open_, found, strict=True):
-            self._remembered[keys[i]] = drives[i], run  # beside the drive, whose id is its own as long as it is kept
-        kept = [self._remembered[key][1] for key in keys]
-        for key in keys:  # the last used come last
-            self._remembered[key] = self._remembered.pop(key)
-        for key in list(self._remembered)[: -max(_REMEMBERED, len(keys))]:
-            del self._remembered[key]
-        return kept
+        with self._remembering:
+            known = [self._remembered.get(key) for key in keys]
+        open_ = [i for i, pair in enumerate(known) if pair is None]
+        for i, run in zip(open_, self.share(lambda i: self.run(drives[i], each[i]), open_), strict=True):
+            known[i] = drives[i], run  # beside the drive, whose id is its own as long as it is kept
+        kept = [pair for pair in known if pair is not None]
+        with self._remembering:
+            for key, pair in zip(keys, kept, strict=True):  # the last used come last
+                self._remembered.pop(key, None)
+                self._remembered[key] = pair
+            for key in list(self._remembered)[: -max(_REMEMBERED, len(keys))]:
+                del self._remembered[key]
+        return [run for _, run in kept]
 
     def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.

@@ -153,7 +153,9 @@ def round_of(normalised_excess_mses, shortlist, fitted, before):
     selection_round = SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
     selection_round.promised = selection_round.shortlist = list(shortlist)
     selection_round.fits = {s.hypothesis: f"fit of {s.hypothesis.name}" for s in fitted}
-    selection_round.fit = lambda s: selection_round.fits.update({s.hypothesis: f"fit of {s.hypothesis.name}"})
+    selection_round.fit = lambda scores: selection_round.fits.update(
+        {s.hypothesis: f"fit of {s.hypothesis.name}" for s in scores}
+    )
     selection_round.judged = lambda s: SimpleNamespace(
         hypothesis=s.hypothesis, bic=1e4, held_out=judged(normalised_excess_mses[s.hypothesis.name])
     )
@@ -187,7 +189,7 @@ def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
     def fitted(room):
         selection_round = SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
         selection_round.promised, tried = scores, []
-        selection_round.fit = lambda s: tried.append(s.hypothesis.name)
+        selection_round.fit = lambda chosen: tried.extend(s.hypothesis.name for s in chosen)
         assert selection_round.decided_by_sensor(room).added is None  # nothing was fitted indeed
         return tried
 
@@ -211,7 +213,7 @@ def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
         selection_round.fit_spared()
         return [h.name for h in selection_round.fits][len(fitted) :]
 
-    assert spared(steer, many) == ["inertia", "steering_lag"]  # until one passes
+    assert spared(steer, many) == ["inertia", "steering_lag", "delay"]
     assert spared(steer, lag) == []  # one does
     assert spared(steer, delay) == []  # one is hopeful
     assert spared(many, steer, inertia, lag, delay) == []
@@ -233,7 +235,8 @@ def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
     def without(added, rest, best):
         return rest, lost[rest[-1]]
 
-    search = _Search(SimpleNamespace(say=lambda _: None, without=without), 5)
+    augmented = SimpleNamespace(share=lambda work, tasks: [work(t) for t in tasks])
+    search = _Search(SimpleNamespace(say=lambda _: None, without=without, augmented=augmented), 5)
     instead = search._parameters_instead
     assert instead((gain, mass), "best", rounds) == ((mass, inertia), (mass, inertia))  # the drives tell cog from mass
     lost[inertia] = 70.0

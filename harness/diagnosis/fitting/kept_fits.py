@@ -12,6 +12,7 @@ import sys
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class KeptFits:
     def __init__(self, folder: Path | None = None) -> None:
         self.folder, self.taken, self.written = folder, 0, 0
         self._basis: dict[int, bytes] = {}
+        self._counting = Lock()  # candidates are fitted in threads
 
     def fit(self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, turns: tuple[int, int]) -> Fitted:
         """Return what ``fitting.fit`` does, from the folder if it is there.
@@ -53,7 +55,8 @@ class KeptFits:
         file = self.folder / f"{self._key(fitting, moved, start, turns)}.npz"
         found = _read(file, moved)
         if found is not None:
-            self.taken += 1
+            with self._counting:
+                self.taken += 1
             return found
         found = fitting.fit(moved, start, *turns)
         self._write(file, found)
@@ -85,7 +88,8 @@ class KeptFits:
             unfinished.replace(file)
         except OSError as error:
             raise UserError(f"{file.parent}: cannot be written: {error.strerror or error}") from None
-        self.written += 1
+        with self._counting:
+            self.written += 1
 
     def remove(self) -> None:
         """Remove what is kept: the trace is finished."""

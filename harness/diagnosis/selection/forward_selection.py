@@ -25,6 +25,7 @@ from harness.diagnosis.selection.selection_round import SelectionRound, selectio
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import Drive
 from harness.identification.signal_noise import white_noise
+from harness.models.quantities import listed
 
 ROUNDS = 5
 """Largest number of additions."""
@@ -194,9 +195,9 @@ class _Search:
 
         What is missing may have been taken for something else at first, and for the rest of it thereafter.
         """
-        for h in added[1:]:
-            self.candidate_fits.say(f"is {h.name.replace('_', ' ')} enough?")
-            alone, lost = self.candidate_fits.without(added, (h,), best)
+        if len(added) > 1:
+            self.candidate_fits.say(f"is one of {listed([h.name.replace('_', ' ') for h in added[1:]])} enough?")
+        for h, (alone, lost) in zip(added[1:], self._without(added, [(h,) for h in added[1:]], best), strict=True):
             if lost < BIC_NEEDED:
                 return (h,), alone
         for h in added[:-1] if len(added) > 2 else ():  # without one of two the other would be alone
@@ -206,6 +207,11 @@ class _Search:
             if lost < BIC_NEEDED:
                 added, best = rest, without
         return added, best
+
+    def _without(self, added: Added, rests: Sequence[Added], best: Fitted) -> list[tuple[Fitted, float]]:
+        """Return the model with only some of its additions, for several choices at once, and what each loses in BIC."""
+        fits = self.candidate_fits
+        return fits.augmented.share(lambda rest: fits.without(added, rest, best), rests)
 
     def _parameters_instead(self, added: Added, best: Fitted, rounds: Sequence[Round]) -> tuple[Added, Fitted]:
         """Put a wrong parameter in place of an effect if it explains as much together with those added thereafter.
@@ -217,13 +223,13 @@ class _Search:
             rest = tuple(k for k in added if k != h)
             if h.kind != "effect" or all(k.kind != "parameter" for k in added[i + 1 :]):
                 continue
-            fits = {}
-            for p in _stand_ins(rounds, added)[:_INSTEAD]:
-                self.candidate_fits.say(f"may {p.name.replace('_', ' ')} stand for {h.name.replace('_', ' ')}?")
-                fits[p] = self.candidate_fits.without(added, (*rest, p), best)
-            if not fits:
+            parameters = _stand_ins(rounds, added)[:_INSTEAD]
+            if not parameters:
                 continue
-            p, (fitted, lost) = min(fits.items(), key=lambda item: item[1][1])
+            names = [p.name.replace("_", " ") for p in parameters]
+            self.candidate_fits.say(f"may {listed(names)} stand for {h.name.replace('_', ' ')}?")
+            fits = self._without(added, [(*rest, p) for p in parameters], best)
+            p, (fitted, lost) = min(zip(parameters, fits, strict=True), key=lambda item: item[1][1])
             if lost < BIC_NEEDED:
                 return (*rest, p), fitted
         return added, best

@@ -6,6 +6,7 @@ before that one is judged.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.diagnosis.fitting.fit import Fitted, Point
@@ -25,6 +26,7 @@ from harness.diagnosis.selection.acceptance import (
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import EXCESS, Judgement, leaves_nothing
+from harness.models.quantities import listed
 
 _FAVOUR = 2.0
 """Lead in BIC that a parameter of the model gets over an effect, which may be equivalent to it."""
@@ -36,8 +38,8 @@ there: its ranking was that of a poor fit."""
 _REFITTED = 3
 
 _HOPE = 1.5
-"""A fit may gain this much more than the score test predicts, and more still where the best one so far did; one that
-cannot reach that is not fitted."""
+"""A fit may gain this much more than the score test predicts, and more still where others did; many parameters at once,
+the longest fit, are not fitted where they cannot reach the best one."""
 
 _NEAR = 0.5
 """Hypotheses are fitted whose predicted gain is at least this share of the largest one."""
@@ -131,19 +133,14 @@ class SelectionRound:
         return [replace(h, amplitudes=rest) for h, rest in rests if rest]
 
     def fit_worthy(self) -> None:
-        """Fit the best few; of these not what cannot reach the best so far."""
-        chosen = [s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED]
-        reached, short = 0.0, 1.0
-        for s in chosen:
-            if _HOPE * short * self.predicted_bic_gain(s) >= reached:
-                self.fit(s)
-                gain = self.judged(s).bic
-                if gain > reached:
-                    reached, short = gain, max(1.0, gain / self.predicted_bic_gain(s))
-        # Many at once are the longest fit and often spared by what the others reach.
-        for s in [s for s in self.shortlist if s.hypothesis.name == ALL_PARAMETERS]:
-            if _HOPE * short * self.predicted_bic_gain(s) >= reached and not self.settled():
-                self.fit(s)
+        """Fit the best few."""
+        self.fit([s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED])
+        gains = [(self.judged(s).bic, self.predicted_bic_gain(s)) for s in self.tried()]
+        reached, predicted = max(gains, default=(0.0, 1.0))
+        short = max(1.0, reached / predicted)
+        many = [s for s in self.shortlist if s.hypothesis.name == ALL_PARAMETERS]
+        if not self.settled():
+            self.fit([s for s in many if _HOPE * short * self.predicted_bic_gain(s) >= reached])
 
     def settled(self) -> bool:
         """Whether a single hypothesis is accepted and explains everything; then many parameters need no fit."""
@@ -159,15 +156,10 @@ class SelectionRound:
         winner = max(tried, key=lambda c: c.bic)
         assert winner.fitted is not None
         start = self.taken_back(winner.hypothesis, winner.fitted)
-        for s in lookalikes(winner, self.before, self.promised, self.fits)[:_REFITTED]:
-            self.say(f"fitting {s.hypothesis.name.replace('_', ' ')}, of like response")
-            starts = [self.start(self.best.point, s), self.start(start, s)]
-            self.fits[s.hypothesis] = self.candidate_fits.fit(
-                (*self.added, s.hypothesis), self.candidate_fits.fitting.best(starts)
-            )
+        self.fit(lookalikes(winner, self.before, self.promised, self.fits)[:_REFITTED], start)
 
     def fit_spared(self) -> None:
-        """Fit what was passed over for a small predicted gain, where nothing is accepted or nearly so, until one is.
+        """Fit what was passed over for a small predicted gain, where nothing is accepted or nearly so.
 
         Large effects act nonlinearly, so that the predicted gain of the right one may be a part of what it reaches, and
         a wrong one may overfit the fitted drives by more than that. Many parameters at once do not count here.
@@ -176,22 +168,21 @@ class SelectionRound:
         if any(not objections(c, before) or passes_except_error(c, before) for c in map(self.judged, self.tried())):
             return
         alone = [s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS]
-        for s in [s for s in alone if s.hypothesis not in self.fits][:_REFITTED]:
-            self.fit(s)
-            if not objections(self.judged(s), before):
-                break
+        self.fit([s for s in alone if s.hypothesis not in self.fits][:_REFITTED])
 
     def decided_by_sensor(self, room: int) -> Round:
         """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
 
         A large unexplained error of other signals masks from the criteria what acts on one signal alone.
         """
+        likeliest = []
         for column, normalised_excess_mse in enumerate(self.before.normalised_excess_mses if room > 0 else ()):
             own = [
                 s for s in self.promised if s.hypothesis.output == column and self.predicted_bic_gain(s) > BIC_NEEDED
             ]
             if normalised_excess_mse > EXCESS and own and own[0].hypothesis not in self.fits:
-                self.fit(own[0])
+                likeliest.append(own[0])
+        self.fit(likeliest)
         found = self.decided(room)
         return with_sensor(found) if room > 0 and found.added is None else found
 
@@ -199,10 +190,26 @@ class SelectionRound:
         """Return what was fitted and is not many parameters at once, the largest predicted gain first."""
         return [s for s in self.promised if s.hypothesis in self.fits and s.hypothesis.name != ALL_PARAMETERS]
 
-    def fit(self, s: Score) -> None:
-        """Fit a hypothesis from the amplitudes that its score predicts."""
-        self.say(f"fitting {s.hypothesis.name.replace('_', ' ')}")
-        self.fits[s.hypothesis] = self.candidate_fits.fit((*self.added, s.hypothesis), self.start(self.best.point, s))
+    def fit(self, scores: Sequence[Score], near: Point | None = None) -> None:
+        """Fit and judge hypotheses, all at once, from the amplitudes that their scores predict.
+
+        Args:
+            scores: Of the hypotheses.
+            near: Another point without them, from which they may start as well.
+        """
+        if not scores:
+            return
+        self.say(f"fitting {listed([s.hypothesis.name.replace('_', ' ') for s in scores])}")
+
+        def fitted(s: Score) -> Fitted:
+            added = (*self.added, s.hypothesis)
+            starts = [self.start(point, s) for point in (self.best.point, near) if point is not None]
+            found = self.candidate_fits.fit(added, self.candidate_fits.fitting.best(starts))
+            self.candidate_fits.judge(added, found.point)
+            return found
+
+        found = self.candidate_fits.augmented.share(fitted, scores)
+        self.fits |= {s.hypothesis: f for s, f in zip(scores, found, strict=True)}
 
     def judged(self, s: Score) -> Candidate:
         """Return a hypothesis that was fitted, with its judgement on the held-out drives."""

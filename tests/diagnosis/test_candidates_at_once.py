@@ -1,0 +1,45 @@
+"""Candidates that are fitted and judged at once end in the same bits, whatever the number of threads."""
+
+import pytest
+
+from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.model.hypotheses import hypotheses
+from harness.diagnosis.selection.candidate_fits import CandidateFits
+from harness.diagnosis.selection.forward_selection import first_variances
+from harness.diagnosis.selection.score_test import ScoreTest
+from harness.diagnosis.selection.selection_round import SelectionRound
+from harness.diagnosis.selection.validation import HeldOut
+from support.driven_car import FREE, driven
+
+NAMES = ("steering_offset", "sensor_bias@yaw_rate", "steering_lag")
+
+
+@pytest.fixture(scope="module")
+def drives(augmented):
+    return [augmented.drive(driven(i, ["steering_offset"], 25.0, steering_offset=1e-3), f"drive {i}") for i in (60, 61)]
+
+
+def fitted(augmented, drives, jobs, monkeypatch):
+    """Return what a round makes of three hypotheses, with a number of threads, and nothing remembered."""
+    monkeypatch.setattr(augmented, "jobs", jobs)
+    monkeypatch.setattr(augmented, "_remembered", {})
+    variances = first_variances(augmented, drives)
+    fitting = Fitting(augmented, drives[:1], variances, driven=drives)
+    fits = CandidateFits(fitting, HeldOut(augmented, drives[1:], variances), FREE, lambda _: None)
+    nominal = fits.fit((), fitting.first(), 3, 1)
+    chosen = [h for h in hypotheses(augmented, FREE) if h.name in NAMES]
+    assert len(chosen) == len(NAMES)
+    scores = ScoreTest(fitting, nominal).of(chosen)
+    found = SelectionRound(fits, (), [nominal], 1)
+    found.fit(scores)
+    judged = [found.judged(s) for s in scores]
+    points = [found.fits[h].point for h in chosen]
+    bits = [(p.values.tobytes(), p.process.tobytes(), p.measurement.tobytes()) for p in points]
+    return bits, [(c.bic, c.held_out.log_likelihood, c.held_out.normalised_excess_mse) for c in judged]
+
+
+def test_candidates_end_in_the_same_bits_whatever_the_number_of_threads(augmented, drives, monkeypatch):
+    alone = fitted(augmented, drives, 1, monkeypatch)
+    assert max(bic for bic, *_ in alone[1]) > 100  # the one that is there
+    for jobs in (2, 5):
+        assert fitted(augmented, drives, jobs, monkeypatch) == alone
