@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from harness.common.errors import UserError
-from harness.identification.data import drive_from
+from harness.config import ModelSpec
+from harness.identification.data import drive_from, steered
 from harness.identification.measured_file import SHORTEST
-from harness.models.assembly.assemble import Model
 
 CALM = 0.3
 """m/s^2; lateral acceleration that a road with a cross slope of 3 % has without any steering."""
@@ -18,14 +18,14 @@ CALM = 0.3
 _LIVELY = "quick steering, a steady circle to either side and lane changes, two minutes or more"
 
 
-def refuse_recordings(recordings: Sequence[xr.Dataset], model: Model) -> None:
+def refuse_recordings(recordings: Sequence[xr.Dataset], spec: ModelSpec) -> None:
     """Refuse a recording that is not informative enough, before anything is compiled.
 
     Raises:
         UserError: If one is too short or too calm, with what to drive; if an input of the model is missing or has gaps.
     """
     for recording in recordings:
-        drive_from(recording, model, str(recording.attrs["file"]))
+        drive_from(steered(recording, spec.values), spec.model(), str(recording.attrs["file"]))
         file, time = recording.attrs["file"], recording["time"].to_numpy()
         if time[-1] - time[0] < SHORTEST:
             raise UserError(

@@ -81,7 +81,7 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
         UserError, ModelError: If recordings, model or study do not fit each other, or the folder cannot be written to.
     """
     recordings = task.train + task.test
-    refuse_recordings(recordings, task.spec.model())
+    refuse_recordings(recordings, task.spec)
     if task.study is not None:
         refuse_study(task.study, task.spec)
     notes = (*task.notes, *recording_warnings(recordings))
@@ -146,7 +146,7 @@ def run_changes(task: Task, console: Console) -> Changes:
     Raises:
         UserError, ModelError: If recordings and model do not fit each other.
     """
-    refuse_recordings(task.train + task.test, task.spec.model())
+    refuse_recordings(task.train + task.test, task.spec)
     with threadpool_limits(1), progress(console) as say:
         augmented = augmented_model_of(task)
         fitted, held_out = drives_of(task, augmented)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.identification.measured_inputs import Between, InputErrors, inputs_of
 from harness.models.assembly.assemble import Model, symbol
+from harness.models.signals import signal_attributes
 from harness.recordings.span import refuse_overlaps
 
 SHORTEST = 20
@@ -53,6 +54,23 @@ def step_of(recording: xr.Dataset) -> float:
     """Return the sample time in s, rounded to a nanosecond."""
     time = recording["time"].to_numpy()
     return round(float(time[-1] - time[0]) / (len(time) - 1), 9)
+
+
+def steered(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
+    """Return a recording with the angle of the steering wheel where it holds only that of the road wheels.
+
+    Args:
+        recording: From ``harness.recordings.load_recording``.
+        values: Of the model's parameters; without a ``steering_ratio`` nothing is made.
+    """
+    road, wheel = "road_wheel_angle", "steering_wheel_angle"
+    if wheel in recording or road not in recording or "steering_ratio" not in values:
+        return recording
+    made = (values["steering_ratio"] * recording[road]).assign_attrs(
+        {**recording[road].attrs, **signal_attributes(wheel)}
+    )
+    updated = {f"updated_{wheel}": recording[c] for c in [f"updated_{road}"] if c in recording.coords}
+    return recording.assign({wheel: made}).assign_coords(updated)
 
 
 def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> None:

@@ -27,7 +27,7 @@ from harness.config import ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification import time_loops
-from harness.identification.data import Drive, drive_from, started_by, step_of
+from harness.identification.data import Drive, drive_from, started_by, steered, step_of
 from harness.identification.input_effects import InputEffects
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model
@@ -229,7 +229,7 @@ class FilteredModel(ABC):
                 f"{name}: its samples are {step_of(recording):g} s apart, those of the model {self.spec.step:g} s; "
                 "all recordings need the same step"
             )
-        drive = drive_from(recording, self.model, name, between)
+        drive = drive_from(steered(recording, self.spec.values), self.model, name, between)
         states = self.free_run(drive, self.stated()).states[:, : self.nx]
         variance = np.mean((states - states[0]) ** 2, axis=0)
         variance[[i for i in self._started if i < self.nx]] = 0.0

@@ -41,6 +41,7 @@ from harness.common.units import to_si
 from harness.config import ModelSpec, resolve_single
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import ModelTable, Name, Quantity, Table
+from harness.identification.data import steered
 from harness.recordings.load import load_recording
 from harness.recordings.road_bank_map import with_bank
 
@@ -182,8 +183,8 @@ class MeasuredStudy:
                         raise UserError(f"{where}.span: overlaps {other}; use every drive for one purpose only")
                 taken.append((f"{key}[{i}]", span.file, start, stop))
                 found[key].append(_cut(whole[span.file], start, stop, span))
-        ratio = self.nominal().values.get("steering_ratio", 1.0)
-        return {key: [_steered(r, ratio) for r in recordings] for key, recordings in found.items()}
+        values = self.nominal().values
+        return {key: [steered(r, values) for r in recordings] for key, recordings in found.items()}
 
     def nominal(self) -> ModelSpec:
         """Return the nominal model, integrated finely.
@@ -234,12 +235,6 @@ def _cut(recording: xr.Dataset, start: float, stop: float, span: SpanTable) -> x
     part = recording.isel(time=np.flatnonzero((time >= start) & (time <= stop)))
     name = span.name or Path(span.file).name.split(".")[0]
     return part.assign_coords(time=part["time"] - part["time"][0]).assign_attrs(name=name)
-
-
-def _steered(recording: xr.Dataset, ratio: float) -> xr.Dataset:
-    if "steering_wheel_angle" in recording or "road_wheel_angle" not in recording:
-        return recording
-    return recording.assign(steering_wheel_angle=ratio * recording["road_wheel_angle"])
 
 
 def names_of(recordings: Sequence[xr.Dataset]) -> list[str]:

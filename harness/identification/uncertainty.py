@@ -262,9 +262,10 @@ class _Side:
         self.index, self.point, self.open = index, z, True
         self.others = summit.knowledge.side == 0
         self.others[index] = False
-        inner = information[np.ix_(self.others, self.others)]
+        told = self.others & np.isfinite(summit.knowledge.error)  # where it says nothing, it predicts any distance
+        inner = information[np.ix_(told, told)]
         ridge = np.zeros(len(z))
-        ridge[self.others] = -np.linalg.lstsq(inner, information[self.others, index], rcond=_SINGULAR)[0]
+        ridge[told] = -np.linalg.lstsq(inner, information[told, index], rcond=_SINGULAR)[0]
         ridge[index] = 1.0
         self.step = step * ridge
         self.bound = space.upper[index] if step > 0 else space.lower[index]
