@@ -132,9 +132,10 @@ class Estimates:
     def __init__(self, model: RecordedModel, recordings: Sequence[xr.Dataset], runs: Sequence[xr.Dataset]) -> None:
         from harness.recorded.report import Estimated
         from harness.recorded.summary import summary
+        from harness.recordings.warnings import recording_warnings
 
-        warnings = [f"{r.attrs['name']}: {w}" for r in recordings for w in r.attrs.get("warnings", [])]
-        self._found: Estimated = Estimated(model.spec.vehicle, runs, [summary(r) for r in runs], warnings)
+        said = recording_warnings(recordings)
+        self._found: Estimated = Estimated(model.spec.vehicle, runs, [summary(r) for r in runs], said)
 
     @property
     def runs(self) -> dict[tuple[str, str], xr.Dataset]:

@@ -31,6 +31,10 @@ from harness.engine.kernel_names import (
 )
 
 
+LARGEST = 1e150
+"""Largest magnitude of a number that enters a score: squares of millions of them can be summed."""
+
+
 def outside(x, limits):
     """Return 1 in the lanes whose state is not a number or beyond the range where the equations hold."""
     bad = splat(0.0)
@@ -41,7 +45,29 @@ def outside(x, limits):
     return bad
 
 
-def simulate(u, c, deviation_x, deviation_y, limits, x0, noise, truth, y, left_at):
+def undefined(s, needed):
+    """Return 1 in the lanes in which a signal is no number that can be scored: not one, infinite or absurdly large.
+
+    Args:
+        s: Signals ``(ns, LANES)``.
+        needed: Which of them count: those above 0 ``(ns,)``.
+    """
+    bad = splat(0.0)
+    for i in range(NS):
+        if needed[i] > 0:
+            value = get(s, i)
+            bad = select((value <= LARGEST) & (value >= -LARGEST), bad, 1.0)
+    return bad
+
+
+def surprised(info):
+    """Return 1 in the lanes in which NIS or likelihood of a measurement is no number that can be scored."""
+    nis, likelihood = get(info.nis, 0), get(info.log_likelihood, 0)
+    known = (nis <= LARGEST) & (likelihood <= LARGEST) & (likelihood >= -LARGEST)
+    return select((get(info.seen, 0) > 0.0) & ~known, 1.0, 0.0)
+
+
+def simulate(u, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
     """Simulate a batch with process and measurement noise.
 
     Args:
@@ -50,11 +76,13 @@ def simulate(u, c, deviation_x, deviation_y, limits, x0, noise, truth, y, left_a
         deviation_x: Standard deviation of the process noise per step ``(nx, LANES)``.
         deviation_y: Standard deviation of the measurement noise ``(ny, LANES)``.
         limits: Largest magnitude of each state ``(nx,)``.
+        needed: Rows of ``truth`` that have to be numbers; 1 for each, else 0 ``(ns,)``.
         x0: First state ``(nx, LANES)``.
         noise: Standard normal numbers ``(samples, nx + ny, LANES)``.
         truth: Signals, written ``(samples, ns, LANES)``.
         y: Measurements, written ``(samples, ny, LANES)``.
-        left_at: First sample outside the limits, written ``(1, LANES)``; ``samples`` if there is none.
+        left_at: First sample outside the limits, or at which a signal that is needed is no number, written
+            ``(1, LANES)``; ``samples`` if there is none.
     """
     x, ahead, w = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
     samples = u.shape[0]
@@ -67,7 +95,8 @@ def simulate(u, c, deviation_x, deviation_y, limits, x0, noise, truth, y, left_a
         for i in range(NY):
             put(get(y, k, i) + get(deviation_y, i) * get(noise, k, NX + i), y, k, i)
         left = get(left_at, 0)
-        put(select((outside(x, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
+        bad = (outside(x, limits) > 0.0) | (undefined(truth[k], needed) > 0.0)
+        put(select(bad & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
         next_state(x, u[k], c, ahead, w)
         for i in range(NX):
             put(get(ahead, i) + get(deviation_x, i) * get(noise, k, i), x, i)
@@ -81,12 +110,13 @@ def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, s
         y: Measurements ``(samples, ny, LANES)``, NaN where missing.
         truth: The plant's signals ``(samples, plant signals, LANES)``.
         rows: Row of ``truth`` of each state of the estimator, then of each target ``(nx + ns,)``; -1 where the
-            plant has no such quantity.
-        until: Scores stop before this sample ``(1, LANES)``.
+            plant has no such quantity, or the estimator does not give it.
+        until: Scores stop before this sample ``(1, LANES)``; the truth of every target is a number up to there.
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State`` before the first step; of its covariance the variances are taken.
         limits: Largest magnitude of each state ``(nx,)``.
-        options: NEES every that many samples, and 1 if there is one to compute ``(2,)``.
+        options: NEES every that many samples, 1 if there is one to compute, and 1 if the estimator states a
+            covariance ``(3,)``.
         bounds: Two-sided 95 % chi-square bounds ``(1 + max(nx, ny), 2)`` by degrees of freedom.
         scores: Sum of squares, sum and largest magnitude of the error, written ``(3, ns, LANES)``.
         per_run: Written ``(10, LANES)``: samples scored, sum of NEES, samples of it, those inside, sum of NIS,
@@ -107,23 +137,28 @@ def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, s
     info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
     s, slopes = np.empty((NS, LANES)), np.empty((NS, NX, LANES))
     factor, error, scratch = np.zeros((NX, NX, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
-    samples, every, stated = u.shape[0], int(options[0]), options[1] > 0.5
+    samples, every, comparable, stated = u.shape[0], int(options[0]), options[1] > 0.5, options[2] > 0.5
     scores[:] = 0.0
     per_run[:] = 0.0
     put(splat(1.0 * samples), per_run, 9)
+    scored = rows[NX:] + 1  # above 0 where there is truth
     if kept.shape[0] > 0:
         keep(before, u[0], belief, s, slopes, kept[0])
     for k in range(1, samples):
         step(before, u[k - 1], u[k], y[k], belief, work, after, info)
         before, after = after, before
         diverged = get(per_run, 9)
-        bad = (outside(before.mean, limits) > 0.0) & (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
+        signals(before.mean, u[k], belief.constants, s)
+        bad = (outside(before.mean, limits) > 0.0) | (undefined(s, scored) > 0.0)
+        if stated:
+            bad = bad | (surprised(info) > 0.0)
+        bad = bad & (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
         diverged = select(bad, 1.0 * k, diverged)
         put(diverged, per_run, 9)
         active = (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
-        score_targets(before, u[k], belief, truth[k], rows, active, s, scores)
+        score_targets(s, truth[k], rows, active, scores)
         score_information(info, active, bounds, per_run)
-        if stated and k % every == 0:
+        if comparable and k % every == 0:
             write_covariance(before, work)
             score_covariance(before, truth[k], rows, active, bounds, factor, error, scratch, per_run)
         if kept.shape[0] > 0:
@@ -131,16 +166,16 @@ def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, s
             keep(before, u[k], belief, s, slopes, kept[k])
 
 
-def score_targets(state, u, belief, truth, rows, active, s, scores):
+def score_targets(s, truth, rows, active, scores):
     """Add one sample's target errors."""
-    signals(state.mean, u, belief.constants, s)
     for i in range(NS):
-        e = select(active, get(s, i) - get(truth, rows[NX + i]), 0.0)
-        put(get(scores, 0, i) + e * e, scores, 0, i)
-        put(get(scores, 1, i) + e, scores, 1, i)
-        magnitude = select(e < 0.0, -e, e)
-        largest = get(scores, 2, i)
-        put(select(magnitude > largest, magnitude, largest), scores, 2, i)
+        if rows[NX + i] >= 0:
+            e = select(active, get(s, i) - get(truth, rows[NX + i]), 0.0)
+            put(get(scores, 0, i) + e * e, scores, 0, i)
+            put(get(scores, 1, i) + e, scores, 1, i)
+            magnitude = select(e < 0.0, -e, e)
+            largest = get(scores, 2, i)
+            put(select(magnitude > largest, magnitude, largest), scores, 2, i)
 
 
 def score_information(info, active, bounds, per_run):

@@ -79,7 +79,8 @@ class Scores:
         log_likelihood: Sum over the run; NaN if the estimator states no covariance.
         repairs: Samples at which a covariance factor had to be repaired.
         updates: Samples with a measurement.
-        diverged_at: First diverged sample, ``samples`` if none.
+        diverged_at: First sample with a state outside its range of validity, or without a score because a target, the
+            NIS or the likelihood is no number; ``samples`` if none.
         kept: Estimates and standard deviations of the targets ``(samples, 2, targets, LANES)``, if asked for.
     """
 
@@ -224,7 +225,7 @@ class Estimator:
             measurements: ``(samples, ny, LANES)``; NaN where missing.
             truth: The plant's signals ``(samples, len(truth_names), LANES)``.
             truth_names: Their names. A target that is not among them has no score; the NEES needs every state.
-            until: Scores stop before this sample ``(LANES,)``.
+            until: Scores stop before this sample ``(LANES,)``; the truth of every target is a number up to there.
             belief: From ``belief``.
             first: From ``init``.
             keep: Whether to keep the estimates of the targets over time.
@@ -235,12 +236,13 @@ class Estimator:
         samples, targets = inputs.shape[0], len(self.compiled.signal_names)
         sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
         kept = np.empty((samples if keep else 0, 2, targets, LANES))
-        options = np.array([float(NEES_EVERY), 1.0 if comparable else 0.0])
+        rows[len(states) :][~self.gives] = -1
+        options = np.array([float(NEES_EVERY), float(comparable), float(self.has_covariance)])
         self._kernels.estimate(
             inputs,
             measurements,
             truth,
-            np.maximum(rows, 0),  # what a lacking row would give is not used
+            rows,
             until.reshape(1, LANES),
             belief,
             first,
@@ -251,7 +253,7 @@ class Estimator:
             per_run,
             kept,
         )
-        sums[:, ~self.gives | (rows[len(states) :] < 0)] = np.nan
+        sums[:, rows[len(states) :] < 0] = np.nan
         kept[:, :, ~self.gives] = np.nan
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 

@@ -32,6 +32,9 @@ from harness.reporting.document import (
 _WHITE = 0.01
 """p-value below which innovations count as correlated."""
 
+_FEWEST = 100
+"""Samples with a measurement below which the share of NIS in its band says nothing: one in twenty is outside."""
+
 _CONSISTENT = (0.90, 0.99)
 """Share of NIS in its 95 % band that counts as consistent."""
 
@@ -89,6 +92,8 @@ def answer(found: Estimated) -> str:
             said = f"diverges on {listed([s.recording for s in lost])}"
         elif not inside:
             said = "states no covariance"
+        elif (samples := sum(s.updates for s in of)) < _FEWEST:
+            said = f"has only {samples} samples with a measurement, too few to judge its NIS"
         else:
             share = style.percent(float(np.mean(inside)))
             consistent = _CONSISTENT[0] <= float(np.mean(inside)) <= _CONSISTENT[1]
@@ -98,12 +103,13 @@ def answer(found: Estimated) -> str:
 
 
 def _best(found: Estimated) -> str:
-    """Say which estimator is nearest to each reference."""
+    """Say which estimator is nearest to each reference, of those that diverge nowhere: others end where it is hard."""
     said = []
+    lost = {s.estimator for s in found.summaries if math.isfinite(s.diverged_at)}
     for name in dict.fromkeys(n for s in found.summaries for n in s.errors):
         of = {
             e: _pooled([s.errors[name].rmse for s in found.summaries if s.estimator == e and name in s.errors])
-            for e in dict.fromkeys(s.estimator for s in found.summaries)
+            for e in dict.fromkeys(s.estimator for s in found.summaries if s.estimator not in lost)
         }
         known = {e: v for e, v in of.items() if math.isfinite(v)}
         if known:

@@ -247,7 +247,7 @@ class RecordedEstimator:
         self, recording: xr.Dataset, about: str, drive: Drive, references: Mapping[str, str], kept: _Kept
     ) -> xr.Dataset:
         spec, estimator = self.model.spec, self._estimator
-        lost = np.flatnonzero(kept.facts[:, 4])
+        lost = np.flatnonzero(_is_lost(kept.facts, estimator.has_covariance))
         until = int(lost[0]) if lost.size else len(drive.time)
         for values in vars(kept).values():
             values[until:] = np.nan
@@ -288,6 +288,12 @@ class RecordedEstimator:
             "comment": SMOOTHED,
         }
         return data
+
+
+def _is_lost(facts: Floats, stated: bool) -> np.ndarray:
+    """Return the samples with a state outside its limits, or whose NIS or likelihood is no number."""
+    surprised = (facts[:, 1] > 0) & ~np.isfinite(facts[:, [0, 2]]).all(axis=1)
+    return (facts[:, 4] > 0) | (surprised & stated)
 
 
 def name_of(recording: xr.Dataset) -> str:

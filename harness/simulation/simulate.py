@@ -31,7 +31,8 @@ class Batch:
     Attributes:
         truth: Signals asked for, ``(samples, ns, LANES)``.
         measurements: Noisy outputs, ``(samples, ny, LANES)``.
-        left_at: First sample outside the plant's range of validity, ``(LANES,)``; ``samples`` if there is none.
+        left_at: First sample outside the plant's range of validity, or at which a signal that is needed is no number,
+            ``(LANES,)``; ``samples`` if there is none.
     """
 
     truth: Floats
@@ -44,10 +45,12 @@ class Simulator:
 
     Args:
         compiled: The plant.
+        needed: Signals without which a run is worth nothing: it ends where one of them is no number.
     """
 
-    def __init__(self, compiled: CompiledModel) -> None:
+    def __init__(self, compiled: CompiledModel, needed: Sequence[str] = ()) -> None:
         self.compiled = compiled
+        self._needed = np.array([name in needed for name in compiled.signal_names], dtype=np.int64)
         source = paste(compiled, "simulate", [time_loops.simulate])
         self._run = load_source("simulate", source).simulate
         valid = compiled.model.valid
@@ -82,6 +85,7 @@ class Simulator:
             np.sqrt(variance_x),
             np.sqrt(variance_y),
             self.limits,
+            self._needed,
             x0,
             noise,
             truth,

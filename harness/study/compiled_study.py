@@ -57,12 +57,12 @@ class CompiledStudy:
         known = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
         self.supplied = supplied_inputs(plant_model, belief_model)
         states = (s for s in belief_model.states if s in known)
-        exact = (name for name in self.supplied if name not in plant_model.outputs)
+        exact = [name for name in self.supplied if name not in plant_model.outputs]
         watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in known)]))
         self.drives = [self._drive(study, i) for i in range(len(study.drives))]
         self.plant = _compile(study.plant, watched)
         self.belief = _compile(study.belief, self.signals)
-        self.simulator = Simulator(self.plant)
+        self.simulator = Simulator(self.plant, [*study.targets, *exact])
         self._measured = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
         self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base) for e in study.estimators]
 
