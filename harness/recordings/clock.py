@@ -13,6 +13,8 @@ from harness.common.errors import UserError
 
 _OUT_OF_ORDER = 0.01
 """Share of the stamps that may stand still or jump back; with more of them the clock is unusable."""
+_SAME = 1e-9
+"""s; stamps that are no further apart are of one instant: no recorder takes two samples within it."""
 _SPIKE = 12.0
 """A spike leaves the median of its neighbourhood by this many robust standard deviations of what is usual."""
 
@@ -45,8 +47,9 @@ def check_clock(time: Floats, where: str) -> Clock:
         UserError: If fewer than two rows are left, or too many stamps repeat or jump back.
     """
     finite = np.isfinite(time)
+    time = np.where(finite, time, np.nan)
     latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
-    later = finite & np.concatenate([[True], time[1:] > latest[:-1]])
+    later = finite & np.concatenate([[True], time[1:] - latest[:-1] > _SAME])
     rows = np.flatnonzero(later)
     bad = np.flatnonzero(~later)
     if len(rows) < 2:

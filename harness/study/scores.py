@@ -24,7 +24,7 @@ MEANINGS = {
     "log_likelihood": "log-likelihood of the measurements",
     "repairs": "samples at which a covariance factor was repaired",
     "updates": "samples with a measurement",
-    "time_of_divergence": "time at which estimator or plant left its range of validity",
+    "time_of_divergence": "time at which estimator or plant left its range of validity, or a score was no number",
     OVER_TIME: "root mean square error in a window of time",
     STATUS: f"{OK} ok, {ESTIMATOR_DIVERGED} estimator diverged, {PLANT_DIVERGED} plant left its range, "
     f"{PENDING} pending",

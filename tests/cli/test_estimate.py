@@ -54,6 +54,48 @@ def test_estimates_numbers_and_a_report_are_written(folder, tmp_path):
     assert (tmp_path / "report.pdf").stat().st_size > 10_000
 
 
+def stressed(folder, tmp_path, name, change):
+    """Return the answer of an estimate on a recording that something happened to."""
+    table = pd.read_csv(folder / "first.csv")
+    change(table)
+    table.to_csv(tmp_path / f"{name}.csv", index=False)
+    data = tmp_path / f"{name}.csv"
+    done = run("estimate", *MODEL, *SCALE, "--data", data, "-e", "ekf", "-e", "ukf", "--out", tmp_path / name)
+    assert done.exit_code == 0, done.output
+    runs = json.loads((tmp_path / name / "estimate.json").read_text())["runs"]
+    return " ".join(done.output.split()), {r["estimator"]: r for r in runs}
+
+
+def test_a_filter_that_diverges_is_not_the_nearest_to_the_reference(folder, tmp_path):
+    def outlier(table):
+        table.loc[300, "yaw_rate"] = 1e6
+
+    said, runs = stressed(folder, tmp_path, "outlier", outlier)
+    assert "EKF diverges on outlier; UKF diverges on outlier." in said
+    assert "Smallest RMSE" not in said
+    assert runs["EKF"]["diverged_at"] == pytest.approx(3.0, abs=0.02)
+
+
+def test_two_measurements_say_nothing_of_the_covariance(folder, tmp_path):
+    def silent(table):
+        table.loc[3:, [c for c in table if c in ("yaw_rate", "heading", "lateral_velocity_rear")]] = np.nan
+
+    said, runs = stressed(folder, tmp_path, "silent", silent)
+    assert "EKF has only 2 samples with a measurement, too few to judge its NIS" in said
+    assert runs["UKF"]["samples_with_a_measurement"] == 2
+
+
+@pytest.mark.parametrize(("speed", "what"), [(0.0, "is slower than 1.5 m/s"), (-3.0, "drives backwards")])
+def test_standstill_and_reverse_are_said(folder, tmp_path, speed, what):
+    def slow(table):
+        table.loc[450:, "speed"] = speed
+
+    said, runs = stressed(folder, tmp_path, "slow", slow)
+    assert f"'speed': the vehicle {what} at 25 % of the samples, first 4.50 s after the start" in said
+    assert what in (tmp_path / "slow" / "report.html").read_text()
+    assert all(np.isfinite(r["log_likelihood"]) or r["diverged_at"] for r in runs.values())
+
+
 def test_netcdf_keeps_units_and_covariances(folder, tmp_path):
     done = run("estimate", *MODEL, *SCALE, "--data", folder / "first.csv", "-e", "ekf", "--format", "nc",
                *SIGNAL, "--out", tmp_path)  # fmt: skip

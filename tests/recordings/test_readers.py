@@ -1,5 +1,6 @@
 import gzip
 import sys
+from pathlib import Path
 
 import asammdf
 import h5py
@@ -221,6 +222,24 @@ def test_mdf_groups_keep_their_clocks_units_and_invalid_samples(tmp_path):
     np.testing.assert_allclose(can.columns["can.time"], fast)
     np.testing.assert_array_equal(np.isnan(can.columns["can.v"]), fast == fast[7])
     np.testing.assert_allclose(gps.columns["gps.v"], 2 * slow)
+
+
+@pytest.mark.parametrize("version", ["3.30", "4.10"])
+def test_an_mdf_file_whose_groups_form_a_circle_is_damaged(tmp_path, version):
+    """asammdf follows such a list for ever."""
+    path = tmp_path / f"circle.{'mdf' if version < '4' else 'mf4'}"
+    with asammdf.MDF(version=version) as made:
+        for name in ("a", "b"):
+            made.append([asammdf.Signal(np.arange(3.0), np.arange(3.0), name=name)])
+        path = Path(made.save(path))
+    content = bytearray(path.read_bytes())
+    first, width, behind = (68, 4, 4) if version < "4" else (88, 8, 24)
+    group = int.from_bytes(content[first : first + width], "little")
+    content[group + behind : group + behind + width] = group.to_bytes(width, "little")
+    assert len(readers.read_tables(path)) == 2
+    path.write_bytes(content)
+    with pytest.raises(UserError, match="damaged or no MDF file: the list of its groups leads back"):
+        readers.read_tables(path)
 
 
 def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):

@@ -162,6 +162,8 @@ def test_stamps_that_jump_are_left_out_or_refused():
         check_clock(np.repeat(TIME, 2), "a.csv: 't'")
     with pytest.raises(UserError, match="no two stamps increase"):
         check_clock(np.zeros(9), "a.csv: 't'")
+    near = np.insert(TIME, 100, np.nextafter(TIME[99], np.inf))  # a slope over this step is no number
+    assert len(check_clock(near, "a.csv: 't'").rows) == len(TIME)
 
 
 def test_clock_that_jumps_far_ahead_is_refused(tmp_path):

@@ -6,6 +6,7 @@ import logging
 import os
 import tempfile
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -42,9 +43,39 @@ def read(path: str) -> list[Table]:
     with (
         tempfile.TemporaryDirectory(prefix="mdf-", ignore_cleanup_errors=True) as folder,  # asammdf leaves files behind
         told_as_damaged(path, "MDF file"),
-        MDF(path, temporary_folder=folder) as file,
     ):
-        return _tables(file, os.path.getsize(path))
+        _refuse_circles(path)
+        with MDF(path, temporary_folder=folder) as file:
+            return _tables(file, os.path.getsize(path))
+
+
+def _refuse_circles(path: str) -> None:
+    """Refuse a file whose lists of groups lead back to themselves, which asammdf would follow for ever.
+
+    Raises:
+        ValueError: If one does.
+    """
+    with open(path, "rb") as stream:
+        stream.seek(64)
+        old = stream.read(2) == b"HD"  # version 3: 4-byte links, else 8-byte ones behind a head of 24 bytes
+        width, first, behind, below = (4, 68, 4, 8) if old else (8, 88, 24, 32)
+
+        def link(at: int) -> int:
+            stream.seek(at)
+            return int.from_bytes(stream.read(width), "little")
+
+        def chain(at: int) -> Iterator[int]:
+            seen = set()
+            while at and at < 2**63:
+                if at in seen:
+                    raise ValueError(f"the list of its groups leads back to byte {at}")
+                seen.add(at)
+                yield at
+                at = link(at + behind)
+
+        for group in chain(link(first)):
+            for _ in chain(link(group + below)):
+                pass
 
 
 def _tables(file: Any, size: int) -> list[Table]:
