@@ -30,7 +30,6 @@ from harness.engine.kernel_names import (
     sqrt,
 )
 
-
 LARGEST = 1e150
 """Largest magnitude of a number that enters a score: squares of millions of them can be summed."""
 
