@@ -1,8 +1,8 @@
 """Filters that run for a day: do their covariances stay symmetric and positive definite? ``python -m bench.endurance``.
 
-The semitrailer of the mass study weaves at changing speed, every hour anew, with noise; each Kalman-type filter goes on
-from the state in which the hour before has left it, eight runs at a time. After every sample its covariance is factored:
-the smallest pivot, as a share of its variance, says how far it is from being singular.
+The semitrailer of the mass study weaves, every hour anew, with noise; each Kalman-type filter goes on from the state in
+which the hour before has left it, eight runs at a time. After every sample its covariance is factored; the smallest
+pivot, as a share of its variance, says how far it is from being singular.
 """
 
 from __future__ import annotations
