@@ -1,13 +1,15 @@
-"""What a study of the dissertation says of the findings tested on it, for the first page of its report."""
+"""What a study or a measurement of times says of the dissertation's findings tested on it, for its first page."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+import xarray as xr
+
 from harness.campaign import box
 from harness.campaign.claims import CLAIMS, Finding
-from harness.campaign.results import Results
+from harness.campaign.results import REALTIME, Results
 from harness.common.errors import UserError
 from harness.reporting.document import Block, Linked, Section, Sheet
 from harness.reporting.style import percent
@@ -15,13 +17,18 @@ from harness.study.report.analysis import Analysis
 from harness.study.results import StudyResults
 from harness.study.scores import PENDING
 
+_TITLE = "What the dissertation found"
+
 
 class _OfOne(Results):
-    """The groups of runs of one study."""
+    """The groups of runs of one study, or the times alone."""
 
-    def __init__(self, store: StudyResults, name: str) -> None:
-        self.folder = store.directory
-        self.__dict__["stores"] = {name: store}  # in place of the reading of all
+    def __init__(self, folder: Path, store: StudyResults | None = None, times: xr.Dataset | None = None) -> None:
+        self.folder = folder
+        self.studies = () if store is None else (_name(store),)
+        # in place of the reading of all
+        self.__dict__["stores"] = {} if store is None else {_name(store): store}
+        self.__dict__["times"] = times
 
 
 def first_page(analysis: Analysis) -> list[Block]:
@@ -30,24 +37,39 @@ def first_page(analysis: Analysis) -> list[Block]:
     A finding is left out where the study lacks a level, an estimator or a target that it compares.
     """
     store = analysis.store
-    name = str(store.attributes.get("study_name", ""))
-    claims = [(number, c) for number, c in enumerate(CLAIMS, 1) if c.studies == (name,)]
-    if not claims or any(d.count(PENDING) for d in store.designs[:1]):
+    name = _name(store)
+    if not any(name in c.studies for c in CLAIMS) or any(d.count(PENDING) for d in store.designs[:1]):
         return []
-    return [Section(lambda: _table(store, name), "What the dissertation found")]
+    return [Section(lambda: _table(_OfOne(Path(store.directory), store), name), _TITLE)]
 
 
-def _table(store: StudyResults, name: str) -> list[Block]:
-    groups, folder = _OfOne(store, name), Path(store.directory)
-    shares = box.read(folder.parent)
+def first_page_of_times(times: xr.Dataset, folder: Path) -> list[Block]:
+    """Return the finding that is tested on what ``harness realtime`` measured.
+
+    It is left out where an estimator is missing that it compares.
+
+    Args:
+        times: From ``harness.realtime.outcome.judge``.
+        folder: Where its report goes.
+    """
+    return [Section(lambda: _table(_OfOne(folder, times=times), REALTIME), _TITLE)]
+
+
+def _name(store: StudyResults) -> str:
+    return str(store.attributes.get("study_name", ""))
+
+
+def _table(groups: Results, name: str) -> list[Block]:
+    shares = box.read(groups.folder.parent)
     rows = []
     for number, claim in enumerate(CLAIMS, 1):
-        if claim.studies == (name,):
+        if name in claim.studies:
             try:
                 verdict = Finding(claim, claim.test(groups)).verdict.value
-            except UserError:
+            except (UserError, KeyError):
                 continue
-            rows.append([str(number), claim.text, verdict, share_of(shares, claim.text, folder)])
+            of_many = f", here (1 of {len(claim.studies)} studies)" if len(claim.studies) > 1 else ""
+            rows.append([str(number), claim.text, verdict + of_many, share_of(shares, claim.text, groups.folder)])
     if not rows:
         return []
     caption = (
@@ -57,9 +79,18 @@ def _table(store: StudyResults, name: str) -> list[Block]:
     return [Sheet(["", "finding", "verdict", "in the box"], rows, caption, left=4)]
 
 
-def linked(text: str, target: Path, folder: Path) -> str | Linked:
-    """Return a text that leads from a report in a folder to a file, or the text alone where there is none."""
-    return Linked(text, Path(os.path.relpath(target, folder)).as_posix()) if target.is_file() else text
+def linked(text: str, target: Path, folder: Path, anchor: str = "") -> str | Linked:
+    """Return a text that leads from a report in a folder to a file, or the text alone where there is none.
+
+    Args:
+        text: The text.
+        target: The file.
+        folder: Of the report.
+        anchor: A place in the file, ``figure-1`` for its first figure.
+    """
+    if not target.is_file():
+        return text
+    return Linked(text, Path(os.path.relpath(target, folder)).as_posix() + (f"#{anchor}" if anchor else ""))
 
 
 def share_of(shares: box.Box, finding: str, folder: Path) -> str | Linked:

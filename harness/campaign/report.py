@@ -69,10 +69,10 @@ def _figures(campaign: Results) -> list[Block]:
 
 
 def _report_of(results: Path, studies: Sequence[str], out: Path) -> str | Linked:
-    """Return the link to the report of the study that a finding is tested on; of several studies their number."""
+    """Return the link to the figure of the study that a finding is tested on; of several studies their number."""
     if len(studies) > 1:
         return f"{len(studies)} studies"
-    return on_study.linked(words(studies[0]), results / studies[0] / "report.html", out)
+    return on_study.linked(words(studies[0]), results / studies[0] / "report.html", out, "figure-1")
 
 
 def _findings(campaign: Results, found: list[Finding], out: Path) -> list[Block]:
@@ -104,7 +104,7 @@ def _findings(campaign: Results, found: list[Finding], out: Path) -> list[Block]
         Sheet(
             ["", "finding", "Ziaukas 2023", "verdict", "report", "in the box", "ours"],
             rows,
-            f"Findings and verdicts. Report: of the study, with its figure. {on_study.what_share_means(shares)}",
+            f"Findings and verdicts. Report: the figure in the report of the study. {on_study.what_share_means(shares)}",
             left=6,
         ),
         Heading("Why a finding is not reproduced", 2),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from harness.campaign.claims import THEIRS
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.realtime import outcome
@@ -31,6 +32,9 @@ class Results:
     Raises:
         UserError: If a study that the claims need is not there.
     """
+
+    studies = THEIRS
+    """Names of the dissertation's studies that there are."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -61,18 +61,20 @@ def headline(outcome: xr.Dataset) -> str:
     )
 
 
-def write_report(outcome: xr.Dataset, folder: Path) -> list[Path]:
+def write_report(outcome: xr.Dataset, folder: Path, findings: Sequence[Block] = ()) -> list[Path]:
     """Write ``report.html`` and ``report.pdf`` into a folder; return them.
 
     Args:
         outcome: From ``harness.realtime.outcome.judge``.
         folder: Where to.
+        findings: What stands below the answer.
 
     Raises:
         UserError: If the folder cannot be written.
     """
     sections = [
         Section(lambda: [Prose(plain(headline(outcome)) + " " + plain(_ratios_in_words(outcome)))], "Answer"),
+        *findings,
         Section(lambda: [figure(outcome)], "How long does a step take, and how often longer?"),
         Section(lambda: _tables(outcome), "How long does a step of each estimator take?"),
         Section(lambda: _said(outcome), "What does this say of a controller?"),

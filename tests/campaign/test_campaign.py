@@ -11,7 +11,7 @@ from harness.campaign import box, write_campaign
 from harness.campaign.answer import Joint, answer
 from harness.campaign.claims import CLAIMS, findings
 from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
-from harness.campaign.on_study import first_page
+from harness.campaign.on_study import first_page, first_page_of_times
 from harness.campaign.results import Results
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
@@ -172,10 +172,18 @@ def test_first_page_of_a_study_has_its_findings_with_verdict_and_share(campaign,
     (section,) = first_page(Analysis(read(tmp_path / "mass")))
     (sheet,) = section.make()
     share = box.committed().share("The mass hardly affects the articulation angle")
-    assert [row[0] for row in sheet.rows] == ["6", "7"]
-    assert [row[2] for row in sheet.rows] == ["reproduced", "reproduced"]
-    assert sheet.rows[1][3].startswith(f"{100 * share.value:.0f} % (")
+    assert [row[0] for row in sheet.rows] == ["1", "6", "7"]
+    assert [row[2] for row in sheet.rows] == ["reproduced, here (1 of 6 studies)", "reproduced", "reproduced"]
+    assert sheet.rows[2][3].startswith(f"{100 * share.value:.0f} % (")
     assert not first_page(Analysis(read(tmp_path / "joint")))
+
+
+def test_first_page_of_the_times_has_their_finding(campaign, tmp_path: Path):
+    (section,) = first_page_of_times(campaign().times, tmp_path / "realtime")
+    (sheet,) = section.make()
+    assert [(row[0], row[2]) for row in sheet.rows] == [("15", "reproduced")]
+    (section,) = first_page_of_times(campaign().times.sel(estimator=["EKF"]), tmp_path / "realtime")
+    assert not section.make()
 
 
 def test_report_is_written(campaign, tmp_path: Path):
@@ -189,8 +197,9 @@ def test_report_is_written(campaign, tmp_path: Path):
         "Bild 6.9 (computing time). ",
         "EKF and UKF differ only marginally.",
         "How it was made",
-        '<a href="../mass/report.html">mass</a>',
+        '<a href="../mass/report.html#figure-1">mass</a>',
         "88 % (83 % to 92 %)",
+        '<div id="figure-1">',
     ):
         assert words in text
     assert pdf.read_bytes().startswith(b"%PDF")

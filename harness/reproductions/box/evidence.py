@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from harness.campaign.claims import ANGLE, CLAIMS, EKF, FORCE, MATCHED, MEDIANS, NETWORK, UKF
+from harness.campaign.claims import ANGLE, CLAIMS, EKF, FORCE, MATCHED, MEDIANS, NETWORK, THEIRS, UKF
 from harness.campaign.evidence import Evidence, ratio_of_medians, share
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval, median_interval
@@ -30,6 +30,8 @@ class PointResults:
     Args:
         point: The point. Its ideal case is the level that the estimators believe of every study.
     """
+
+    studies = THEIRS
 
     def __init__(self, point: Point) -> None:
         self.point = point
