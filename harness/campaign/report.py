@@ -104,7 +104,7 @@ def _findings(campaign: Results, found: list[Finding], out: Path) -> list[Block]
         Sheet(
             ["", "finding", "Ziaukas 2023", "verdict", "report", "in the box", "ours"],
             rows,
-            f"Findings and verdicts. Report: the figure in the report of the study. {on_study.what_share_means(shares)}",
+            f"Findings and verdicts. Report: the figure in that of the study. {on_study.what_share_means(shares)}",
             left=6,
         ),
         Heading("Why a finding is not reproduced", 2),
