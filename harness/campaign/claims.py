@@ -60,7 +60,7 @@ class Groups(Protocol):
     """Runs of the dissertation's studies, asked for by names; see ``harness.campaign.results.Results``."""
 
     @property
-    def studies(self) -> tuple[str, ...]:
+    def study_names(self) -> tuple[str, ...]:
         """Names of the studies of ``THEIRS`` that there are."""
 
     def errors(self, study: str, band: str | None, estimator: str, target: str) -> Floats:
@@ -135,7 +135,7 @@ def _marginal(results: Groups) -> list[Evidence]:
     theirs = {("ideal", target): MEDIANS[UKF, target] / MEDIANS[EKF, target] for target in (FORCE, ANGLE)}
     return [
         Evidence(f"UKF : EKF, {words(study)}, {words(target)}", value, MARGINAL, theirs.get((study, target), np.nan), n)
-        for study in results.studies
+        for study in results.study_names
         for target in (FORCE, ANGLE)
         for value, n in [_between(results, study, None, UKF, EKF, target)]
     ]

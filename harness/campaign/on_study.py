@@ -25,7 +25,7 @@ class _OfOne(Results):
 
     def __init__(self, folder: Path, store: StudyResults | None = None, times: xr.Dataset | None = None) -> None:
         self.folder = folder
-        self.studies = () if store is None else (_name(store),)
+        self.study_names = () if store is None else (_name(store),)
         # in place of the reading of all
         self.__dict__["stores"] = {} if store is None else {_name(store): store}
         self.__dict__["times"] = times

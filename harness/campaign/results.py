@@ -33,7 +33,7 @@ class Results:
         UserError: If a study that the claims need is not there.
     """
 
-    studies = THEIRS
+    study_names: tuple[str, ...] = THEIRS
     """Names of the dissertation's studies that there are."""
 
     def __init__(self, folder: Path) -> None:

@@ -31,7 +31,7 @@ class PointResults:
         point: The point. Its ideal case is the level that the estimators believe of every study.
     """
 
-    studies = THEIRS
+    study_names: tuple[str, ...] = THEIRS
 
     def __init__(self, point: Point) -> None:
         self.point = point
