@@ -2,7 +2,7 @@
 
 ``python -m harness.reproductions.narx_architecture --out results/narx-architecture`` writes ``architecture.npz``, the
 figures as SVG and the report as HTML and PDF. Layers and neurons per layer are powers of two, up to 32 neurons in all:
-21 architectures.
+21 architectures. Each finished one is kept under ``architectures``; an interrupted command goes on from there.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import json
 import shlex
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import joblib
@@ -40,7 +40,8 @@ from harness.reporting.document import (
     write,
 )
 from harness.reproductions import narx_figures
-from harness.reproductions.stored import save
+from harness.reproductions.kept import Parts, state_of
+from harness.reproductions.stored import LONG, save
 
 MOST = 32
 """Neurons in total."""
@@ -66,33 +67,39 @@ def delays(data: Data, seed: int, count: int = 3) -> list[lipschitz.Indices]:
 
 
 def search(
-    data: Data, plan: Plan, shapes: Sequence[tuple[int, int]], restarts: int, spread: int, seed: int, jobs: int
+    data: Data, plan: Plan, counts: Mapping[tuple[int, int], int], seed: int, jobs: int, parts: Parts, code: str
 ) -> dict[tuple[int, int], Floats]:
     """Train every architecture from several first weights.
 
     Args:
         data: Drives.
         plan: Delays and budget of each training; the neurons are replaced.
-        shapes: (layers, neurons per layer).
-        restarts: Trainings of each.
-        spread: Trainings of ``SPREAD``.
+        counts: Trainings by (layers, neurons per layer).
         seed: Of the first weights.
         jobs: Trainings at once; as in ``candidates``.
+        parts: Where finished architectures are kept.
+        code: Digest of what decides them beside plan, count and seed.
 
     Returns:
         Per architecture NRMSE on the test drives summed over the outputs, ``(3, trainings)``: one step ahead after
         the open-loop training, free-running after it, free-running after the tuning.
     """
     found, console = {}, Console(stderr=True)
-    for number, (layers, neurons) in enumerate(shapes, start=1):
-        begin = time.perf_counter()
-        count = spread if (layers, neurons) == SPREAD else restarts
-        trained = candidates(data, replace(plan, neurons=(neurons,) * layers), count, seed, jobs)
-        rows = [[c.open_loop.one_step["test"].sum(), c.open_loop.free["test"].sum(), c.score] for c in trained]
-        found[layers, neurons] = np.array(rows).T
+    for number, ((layers, neurons), count) in enumerate(counts.items(), start=1):
+        begin, own = time.perf_counter(), replace(plan, neurons=(neurons,) * layers)
+
+        def train(own: Plan = own, count: int = count) -> dict[str, Floats]:
+            trained = candidates(data, own, count, seed, jobs)
+            rows = [[c.open_loop.one_step["test"].sum(), c.open_loop.free["test"].sum(), c.score] for c in trained]
+            return {"nrmse": np.array(rows).T}
+
+        kept, there = parts.made(f"{layers}x{neurons}", state_of(code, asdict(own), count, seed), train)
+        found[layers, neurons] = kept["nrmse"]
+        spent = "kept from before" if there else f"{time.perf_counter() - begin:.0f} s"
         console.print(
-            f"{number:2d} of {len(shapes)}: {layers} x {neurons}, {count} trainings in "
-            f"{time.perf_counter() - begin:.0f} s, best free-running NRMSE {found[layers, neurons][2].min():.2e}"
+            f"{number:2d} of {len(counts)}: {layers} x {neurons}, {count} trainings, {spent}, "
+            f"best free-running NRMSE {found[layers, neurons][2].min():.2e}",
+            soft_wrap=True,
         )
     return found
 
@@ -205,7 +212,9 @@ def main(arguments: Sequence[str]) -> None:
     plan = Plan(epochs=chosen.epochs, iterations=chosen.iterations, every=chosen.every)
     spread = max(chosen.spread, chosen.restarts)
     found_delays = delays(data, chosen.seed)
-    found = search(data, plan, architectures(chosen.most), chosen.restarts, spread, chosen.seed, chosen.jobs)
+    counts = {shape: spread if shape == SPREAD else chosen.restarts for shape in architectures(chosen.most)}
+    code = state_of(LONG["narx-architecture"].code(), chosen.drives.read_bytes(), chosen.trailer_mass)
+    found = search(data, plan, counts, chosen.seed, chosen.jobs, Parts(chosen.out / "architectures"), code)
     command = f"python -m harness.reproductions.narx_architecture {shlex.join(arguments)}"
     report, pictures = document(found_delays, found, plan, chosen.restarts, spread, command)
     write(report, chosen.out)

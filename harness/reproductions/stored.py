@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from harness.common import sources
 from harness.common.errors import UserError
+from harness.common.files import told_as_damaged
 from harness.models.roles import DRIVES, PARAMETERS, SENSORS, TYRES, VEHICLES
 from harness.simulation.drives import read_drives
 from harness.study.provenance import commit
@@ -32,6 +33,7 @@ STAMP = "stamp"
 WRITING = (
     "harness.cli",
     "harness.reporting",
+    "harness.reproductions.kept",
     "harness.reproductions.narx_figures",
     "harness.reproductions.stored",
     "harness.reproductions.sun_em_report",
@@ -143,10 +145,8 @@ def load(folder: Path, name: str) -> tuple[dict[str, NDArray[Any]], dict[str, st
     path = folder / LONG[name].file
     if not path.is_file():
         raise UserError(f"{path}: there is no such result; make it with '{LONG[name].command}'")
-    try:
+    with told_as_damaged(path, "result", f"make it again with '{LONG[name].command}'"):
         with np.load(path, allow_pickle=False) as kept:
             arrays = {key: kept[key] for key in kept.files}
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"{path}: cannot be read ({error}); make it again with '{LONG[name].command}'") from None
-    stamp = arrays.pop(STAMP, None)
-    return arrays, {} if stamp is None else json.loads(str(stamp))
+        stamp = arrays.pop(STAMP, None)
+        return arrays, {} if stamp is None else json.loads(str(stamp))

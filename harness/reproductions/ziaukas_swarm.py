@@ -2,7 +2,8 @@
 
 ``python -m harness.reproductions.ziaukas_swarm --out results/identify-swarm`` simulates the drives of
 ``studies/drives/identification.toml`` with hidden parameters, searches them with the thesis's swarm several times and
-with differential evolution of the same budget beside it, and writes report and ``identify.npz``.
+with differential evolution of the same budget beside it, and writes report and ``identify.npz``. Each finished search
+is kept under ``runs``; an interrupted command goes on from there.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import argparse
 import shlex
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
@@ -31,8 +34,9 @@ from harness.identification.methods.swarm import Settings, SwarmResult, optimise
 from harness.identification.simulation_error import Free, Misfit
 from harness.models.contracts import Profile
 from harness.reporting.document import write
+from harness.reproductions.kept import Parts, state_of
 from harness.reproductions.simulated_recording import Setup, record
-from harness.reproductions.stored import save
+from harness.reproductions.stored import LONG, save
 from harness.reproductions.ziaukas_swarm_report import document
 from harness.simulation.drives import profile_of, read_drives
 
@@ -143,6 +147,45 @@ def evolve(cost: Misfit, seed: int, settings: Settings) -> SwarmResult:
     return SwarmResult(values, np.array(history), settings.particles * len(history), diverged)
 
 
+def searched(
+    searches: Mapping[str, Sequence[Callable[[int], SwarmResult]]], seed: int, parts: Parts, code: str, console: Console
+) -> dict[str, list[SwarmResult]]:
+    """Run every search, or read what was kept of it.
+
+    Args:
+        searches: By name, each from its seed.
+        seed: Of the first run of each.
+        parts: Where finished runs are kept.
+        code: Digest of what decides them beside the seed.
+        console: Told of every run.
+
+    Raises:
+        UserError: If every candidate of a run diverged.
+    """
+    found: dict[str, list[SwarmResult]] = {}
+    for name, runs in searches.items():
+        found[name] = []
+        for number, search in enumerate(runs):
+            begin, own = time.perf_counter(), seed + number
+            stem, state = f"{_stem(name)}_{number + 1:02d}", state_of(code, own)
+            kept, there = parts.made(stem, state, partial(_as_arrays, search, own))
+            run = SwarmResult(kept["values"], kept["history"], int(kept["evaluated"]), int(kept["diverged"]))
+            found[name].append(run)
+            spent = "kept from before" if there else f"{time.perf_counter() - begin:.0f} s"
+            console.print(
+                f"{name} {number + 1} of {len(runs)}: cost {run.cost:.4f}, "
+                f"{run.diverged} of {run.evaluated} candidates diverged, {spent}",
+                soft_wrap=True,
+            )
+            if not np.isfinite(run.cost):
+                raise UserError(f"{name}: every candidate of run {number + 1} diverged; take more particles")
+    return found
+
+
+def _as_arrays(search: Callable[[int], SwarmResult], seed: int) -> dict[str, Any]:
+    return asdict(search(seed))
+
+
 def _arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m harness.reproductions.ziaukas_swarm", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
@@ -169,26 +212,14 @@ def main(arguments: Sequence[str]) -> None:
         "swarm, logarithmic": [lambda s: swarm_over_logarithms(problem.fit, s, settings)] * chosen.beside,
         "differential evolution": [lambda s: evolve(problem.fit, s, settings)] * chosen.beside,
     }
-    found: dict[str, list[SwarmResult]] = {}
-    for name, runs in searches.items():
-        found[name] = []
-        for number, search in enumerate(runs):
-            begin = time.perf_counter()
-            found[name].append(search(chosen.seed + number))
-            console.print(
-                f"{name} {number + 1} of {len(runs)}: cost {found[name][-1].cost:.4f}, "
-                f"{found[name][-1].diverged} of {found[name][-1].evaluated} candidates diverged, "
-                f"{time.perf_counter() - begin:.0f} s"
-            )
-            if not np.isfinite(found[name][-1].cost):
-                raise UserError(f"{name}: every candidate of run {number + 1} diverged; take more particles")
+    code = state_of(LONG["identify-swarm"].code(), chosen.drives.read_bytes(), settings.model_dump())
+    found = searched(searches, chosen.seed, Parts(chosen.out / "runs"), code, console)
     command = f"python -m harness.reproductions.ziaukas_swarm {shlex.join(arguments)}"
     write(document(problem, found, settings, command), chosen.out)
     arrays = {}
     for name, some in found.items():
-        stem = name.replace(", ", "_").replace(" ", "_")
-        arrays[f"{stem}_values"] = np.array([f.values for f in some])
-        arrays[f"{stem}_cost"] = np.array([f.history for f in some])
+        arrays[f"{_stem(name)}_values"] = np.array([f.values for f in some])
+        arrays[f"{_stem(name)}_cost"] = np.array([f.history for f in some])
     arrays["hidden"], arrays["parameters"] = problem.hidden, np.array([f.parameter for f in problem.fit.free])
     overall = min((f for some in found.values() for f in some), key=lambda f: f.cost)
     judged = [problem.judged(drive.name, overall.values) for drive in problem.judge.drives]  # table 4.6
@@ -198,6 +229,10 @@ def main(arguments: Sequence[str]) -> None:
     arrays["hidden_cost"] = problem.fit(problem.hidden[None])
     save(chosen.out, "identify-swarm", command, arrays)
     print(f"wrote {chosen.out}/report.html")
+
+
+def _stem(name: str) -> str:
+    return name.replace(", ", "_").replace(" ", "_")
 
 
 if __name__ == "__main__":

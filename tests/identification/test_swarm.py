@@ -185,5 +185,15 @@ def test_the_study_writes_its_report(tmp_path, capsys):
     with np.load(tmp_path / "identify.npz") as kept:
         assert kept["swarm_values"].shape == (2, 16)
         assert kept["differential_evolution_cost"].shape == (1, 2)
+        first = {name: kept[name] for name in kept.files}
+    (tmp_path / "runs" / "swarm_02.npz").unlink()
+    capsys.readouterr()
+    assert main(small) == 0
+    assert capsys.readouterr().err.count("kept from before") == 3
+    with np.load(tmp_path / "identify.npz") as kept:
+        for name in ("swarm_values", "swarm_cost", "swarm_logarithmic_values", "judged"):
+            np.testing.assert_array_equal(kept[name], first[name])
+    assert main([*small, "--iterations", "2"]) == 2
+    assert "made by other code or with other settings" in capsys.readouterr().err
     assert main([*small, "--repeats", "0"]) == 2
     assert "must be at least 1" in capsys.readouterr().err

@@ -216,10 +216,10 @@ def test_a_point_is_kept_and_one_of_another_box_refused(tmp_path):
     for name in first.scores:
         assert name.split("/")[-1] in SCORES
         np.testing.assert_array_equal(again.scores[name], first.scores[name])
-    with pytest.raises(UserError, match="another box"):
+    with pytest.raises(UserError, match="other code or with other settings"):
         folder.get(3, sequence(4)[2])
     (tmp_path / "point_0003.npz").write_bytes(b"half")
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(UserError, match="is damaged"):
         folder.get(3, first.place)
 
 

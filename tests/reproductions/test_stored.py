@@ -51,7 +51,7 @@ def test_what_is_missing_or_damaged_is_named_with_its_command(folder, tmp_path):
         Stored(folder, folder).arrays("identify-swarm")
     assert Stored(folder, folder).origin("identify-swarm").state == "missing"
     (folder / NAME / LONG[NAME].file).write_bytes(b"PK nothing")
-    with pytest.raises(UserError, match=r"identify\.npz: cannot be read.*make study-identify-em"):
+    with pytest.raises(UserError, match=r"identify\.npz: is damaged.*make study-identify-em"):
         load(folder / NAME, NAME)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import shutil
 import sys
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Lock
@@ -18,6 +17,7 @@ import numpy as np
 
 from harness.common import sources
 from harness.common.errors import UserError
+from harness.common.files import told_as_damaged
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.identification.coordinates import Coordinate
 
@@ -100,8 +100,8 @@ class KeptFits:
 def _read(file: Path, moved: tuple[Coordinate, ...]) -> Fitted | None:
     """Return a fit that was kept; ``None`` if it is not there or was cut off."""
     try:
-        with np.load(file) as kept:
+        with told_as_damaged(file, "fit"), np.load(file) as kept:
             values, process, measurement, numbers = (kept[f"arr_{i}"] for i in range(4))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, UserError):
         return None
     return Fitted(moved, Point(values, process, measurement), float(numbers[0]), float(numbers[1]))

@@ -86,7 +86,7 @@ def main(arguments: Sequence[str]) -> None:
         f"python -m harness.reproductions.box {shlex.join(arguments)}",
     )
     write(report.document(found), chosen.out)
-    data = as_json(found, folder.state)
+    data = as_json(found, folder.code)
     write_files(chosen.out, {"box.json": json_text(data), **nearest.as_toml(found.nearest_told.at, found.command)})
     if chosen.page is not None:
         for content, marks in (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,10 +15,9 @@ from scipy.stats import qmc
 
 from harness.common import sources
 from harness.common.arrays import Floats
-from harness.common.errors import UserError
-from harness.common.files import write_files
 from harness.reproductions.box import studies
 from harness.reproductions.box.factors import FACTORS, place_of, settings
+from harness.reproductions.kept import Parts, state_of
 from harness.study.design import units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
@@ -123,17 +121,12 @@ class Folder:
 
     Args:
         path: The folder; made when the first point is written.
-
-    Raises:
-        UserError: If it holds points of another box or of other equations.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.state = engine_hash(studies.study_at(settings(np.full(len(FACTORS), 0.5)))) + sources.digest([studies])
-
-    def _file(self, number: int) -> Path:
-        return self.path / f"point_{number:04d}.npz"
+        self.parts = Parts(path)
+        at_centre = studies.study_at(settings(np.full(len(FACTORS), 0.5)))
+        self.code = engine_hash(at_centre) + sources.digest([studies])
 
     def get(self, number: int, place: Floats) -> Point | None:
         """Return a point that is there already.
@@ -141,31 +134,22 @@ class Folder:
         Raises:
             UserError: If the file is damaged, or was made at another place or by other code.
         """
-        path = self._file(number)
-        if not path.is_file():
+        content = self.parts.get(_name(number), self._state(place))
+        if content is None:
             return None
-        try:
-            with np.load(path, allow_pickle=False) as kept:
-                content = {name: kept[name] for name in kept.files}
-            bands = {n.removeprefix("bands/"): list(map(str, v)) for n, v in content.items() if n.startswith("bands/")}
-            scores = {n: v for n, v in content.items() if n.split("/")[-1] in SCORES}
-            if str(content["state"]) != self.state or not np.array_equal(content["place"], place):
-                raise UserError(
-                    f"{path}: made by other code or in another box; give another folder, or delete {self.path}"
-                )
-            drives, delay = list(map(str, content["drives"])), float(content["delay"])
-            return Point(number, place, settings(place), bands, scores, drives, delay, float(content["ripple"]))
-        except (OSError, ValueError, KeyError, EOFError) as error:
-            raise UserError(f"{path}: cannot be read ({error}); delete it, it is computed again") from None
+        bands = {n.removeprefix("bands/"): list(map(str, v)) for n, v in content.items() if n.startswith("bands/")}
+        scores = {n: v for n, v in content.items() if n.split("/")[-1] in SCORES}
+        drives, delay = list(map(str, content["drives"])), float(content["delay"])
+        return Point(number, place, settings(place), bands, scores, drives, delay, float(content["ripple"]))
 
     def put(self, point: Point) -> None:
         """Write a point, whole or not at all."""
         content: dict[str, Any] = {**point.scores, **{f"bands/{n}": np.array(v) for n, v in point.bands.items()}}
-        content |= {"place": point.place, "drives": np.array(point.drives), "state": np.array(self.state)}
-        content |= {"delay": np.array(point.delay), "ripple": np.array(point.ripple)}
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, allow_pickle=False, **content)
-        write_files(self.path, {self._file(point.number).name: buffer.getvalue()})
+        content |= {"drives": np.array(point.drives), "delay": point.delay, "ripple": point.ripple}
+        self.parts.put(_name(point.number), self._state(point.place), content)
+
+    def _state(self, place: Floats) -> str:
+        return state_of(self.code, place.tobytes())
 
     def points(self, places: Floats, first: int, jobs: int, tell: Callable[[str], None]) -> Iterator[Point]:
         """Yield the points at some places, those that are not there yet computed and kept.
@@ -183,3 +167,7 @@ class Folder:
                 self.put(point)
                 tell(f"point {number + 1} of {first + len(places)}")
             yield point
+
+
+def _name(number: int) -> str:
+    return f"point_{number:04d}"
