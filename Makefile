@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs check-proof tuning-proof fuzz faults scale bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs check-proof tuning-proof fuzz faults audit endurance scale bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -123,8 +123,14 @@ fuzz: $(VENV)/dev.stamp ## read INPUTS=100000 broken files of every kind; each i
 faults: $(VENV)/dev.stamp ## kill, fill, cut, flip, suspend and compare the bits: the long form (half an hour; SEED=...)
 	PYTHONPATH=tests $(BIN)/python -m bench.faults --out results/faults $(if $(SEED),--seed $(SEED))
 
+audit: $(VENV)/docs.stamp ## are the pins of the locks installed, whole, complete, their licences known? (ADVISORIES=folder: any weak?)
+	$(BIN)/python -m bench.supply $(if $(ADVISORIES),--advisories $(ADVISORIES))
+
 scale: $(VENV)/dev.stamp ## report of a store of RUNS=10000000 runs: time and memory
 	$(BIN)/python -m bench.scale $(if $(RUNS),--runs $(RUNS)) --out results/scale
+
+endurance: $(VENV)/dev.stamp ## run Kalman-type filters for HOURS=24 of simulated time and look at their covariances
+	$(BIN)/python -m bench.endurance $(if $(HOURS),--hours $(HOURS))
 
 bench: $(VENV)/dev.stamp ## print the speed table
 	$(BIN)/python -m bench

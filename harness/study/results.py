@@ -15,6 +15,7 @@ import zarr
 from numpy.typing import NDArray
 
 from harness.common.errors import UserError
+from harness.common.files import told_as_damaged
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
 from harness.study import sealed_root
@@ -306,11 +307,22 @@ def read(directory: Path) -> StudyResults:
             "run the study again into an empty folder"
         ) from error
     attributes["study"] = root.attrs.get("study", "")
-    run_file = directory / "run.json"
-    run: dict[str, Any] = {}
-    if run_file.is_file():
-        try:
-            run = json.loads(run_file.read_text(encoding="utf-8"))
-        except json.JSONDecodeError as error:
-            raise UserError(f"{run_file}: line {error.lineno}: not JSON; delete it or run again") from error
-    return StudyResults(directory, attributes, designs, histories, run)
+    return StudyResults(directory, attributes, designs, histories, _record_of_run(directory / "run.json"))
+
+
+def _record_of_run(path: Path) -> dict[str, Any]:
+    """Return what ``run.json`` says: texts and finite numbers by name; nothing if there is none.
+
+    Raises:
+        UserError: If it says anything else.
+    """
+    if not path.is_file():
+        return {}
+    with told_as_damaged(path, "JSON text", "delete it: the report is made without"):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(found, dict):
+            raise ValueError(f"holds a {type(found).__name__} in place of a table")
+        for name, value in found.items():
+            if not (isinstance(value, str) or (isinstance(value, int | float) and np.isfinite(value))):
+                raise ValueError(f"'{name}' is no text and no number")
+    return found

@@ -43,6 +43,23 @@ def built(tmp_path_factory):
     return next(folder.glob("*.tar.gz")), next(folder.glob("*.whl"))
 
 
+def test_two_builds_of_the_wheel_have_the_same_bits(built, tmp_path, monkeypatch):
+    """From the same files at another time, in another place; SOURCE_DATE_EPOCH stands for the clock."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    wheels = []
+    for place, changed in (("here", 1_600_000_000), ("elsewhere", 1_650_000_000)):
+        with tarfile.open(built[0]) as sdist:
+            sdist.extractall(tmp_path / place, filter="data")
+        source = next((tmp_path / place).iterdir())
+        for file in source.rglob("*"):
+            os.utime(file, (changed, changed))
+        out = tmp_path / f"wheel-{place}"
+        run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, source, cwd=tmp_path)
+        wheels += [file.read_bytes() for file in out.glob("*.whl")]
+    assert len(wheels) == 2
+    assert wheels[0] == wheels[1]
+
+
 @pytest.fixture(scope="session", params=PYTHONS, ids=lambda path: "the-same" if path == sys.executable else "second")
 def fresh(built, tmp_path_factory, request):
     """An environment with the wheel; its folder of programs."""

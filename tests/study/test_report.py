@@ -123,6 +123,7 @@ def test_errors_name_the_folder(tmp_path):
     with pytest.raises(UserError, match="not a store that a study wrote"):
         analyse(tmp_path)
     folder = synthetic.write(tmp_path / "other", {"level": synthetic.design(repeats=1)})
-    (folder / "run.json").write_text("{", encoding="utf-8")
-    with pytest.raises(UserError, match=r"run.json: line 1: not JSON"):
-        analyse(folder)
+    for content in (b"{", b'{"started": "\xff"}', b"[1]", b'{"runs": null}', b'{"runs_per_s": NaN}', b"[" * 99_999):
+        (folder / "run.json").write_bytes(content)
+        with pytest.raises(UserError, match=r"run.json: is damaged or no JSON text: .*; delete it"):
+            analyse(folder)
