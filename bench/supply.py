@@ -1,8 +1,9 @@
 """What the project is built from: is it what the locks say, whole, under which licences; ``python -m bench.supply``.
 
 Works without a network. Every pin of the lock files must be installed in its version, with every file as its wheel
-recorded it; every requirement of what is pinned must be pinned; every licence must be one of ``ALLOWED``. ``--advisories
-FOLDER`` takes a copy of the PyPA advisory database (files of the OSV format) and names the pins that it warns of.
+recorded it; every requirement of what is pinned must be pinned; every licence must be one of ``ALLOWED``.
+``--advisories FOLDER`` takes a copy of the PyPA advisory database (files of the OSV format) and names the pins that it
+warns of.
 ``--page`` renews the list of licences in docs/reliability.md.
 """
 
@@ -32,8 +33,8 @@ LOCKS = {
 PAGE, BEGIN, END = ROOT / "docs" / "reliability.md", "<!-- licences -->\n", "<!-- end of licences -->\n"
 
 ALLOWED = {
-    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD", "CC0-1.0", "ISC", "LGPL-3.0-or-later", "LLVM-exception",
-    "MIT", "MIT-CMU", "MPL-2.0", "PSF-2.0", "Zlib",
+    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD", "CC0-1.0", "ISC", "LGPL-3.0-or-later",
+    "LLVM-exception", "MIT", "MIT-CMU", "MPL-2.0", "PSF-2.0", "Zlib",
 }  # fmt: skip
 """SPDX names; ``BSD`` where a package does not say which. The LGPL and the MPL bind changes to their own files."""
 
@@ -198,7 +199,7 @@ def renewed(page: str, table: str) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Say what is wrong; 1 if anything is."""
-    parser = argparse.ArgumentParser(prog="python -m bench.supply", description="Audit of the locks, without a network.")
+    parser = argparse.ArgumentParser(prog="python -m bench.supply", description="Audit the locks, without a network.")
     parser.add_argument("--advisories", type=Path, help="copy of the PyPA advisory database, or of a part of it")
     parser.add_argument("--page", action="store_true", help="renew the list of licences in docs/reliability.md")
     given = parser.parse_args(arguments)
