@@ -66,7 +66,9 @@ def estimate(
     named = _named(estimators)
     given = _told_apart(recordings_of(recordings, "recordings"))
     believed = believed_on(model, given, signals, references, inputs, jobs)
-    compiled = [RecordedEstimator(believed, e.kind, e.resolved, e.folder, name) for name, e in named.items()]
+    compiled = [
+        RecordedEstimator(believed, e.kind, e.resolved, e.folder, name, e.input_signal) for name, e in named.items()
+    ]
     return Estimates(believed, given, _run(believed, compiled, given, seed, jobs))
 
 
@@ -188,9 +190,9 @@ class Estimates:
     @property
     def notes(self) -> list[str]:
         """What is irregular about the recordings, and what the estimates leave out."""
-        from harness.recorded.run import SMOOTHED
+        from harness.recorded.run import inputs_in_words
 
-        return [*self._found.warnings, SMOOTHED]
+        return [*self._found.warnings, inputs_in_words(self._found.runs)]
 
     def report(
         self,
@@ -212,13 +214,13 @@ class Estimates:
             UserError: If the folder cannot be written to.
         """
         from harness.recorded.report import document
-        from harness.recorded.run import SMOOTHED
+        from harness.recorded.run import inputs_in_words
         from harness.recorded.write import write_estimates, write_numbers
         from harness.reporting.document import write
 
         folder = Path(folder)
         files = write_estimates(folder / "estimates", self._found.runs, form)
-        numbers = write_numbers(folder, self._found.summaries, SMOOTHED)
+        numbers = write_numbers(folder, self._found.summaries, inputs_in_words(self._found.runs))
         return [*write(document(self._found, command), folder), numbers, *files]
 
     def _facts(self) -> dict[str, Any]:

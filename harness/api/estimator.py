@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from harness.api import _show
-from harness.config import single_estimator
+from harness.config import InputSignal, single_estimator
 
 if TYPE_CHECKING:
     import os
@@ -25,6 +25,8 @@ class Estimator:
     Args:
         kind: Kind of estimator (``harness list estimators``).
         settings: Settings of the kind (``harness list estimators <kind>``), as in ``[[estimator]]`` of a study file.
+            ``input_signal`` is one of every kind: what it takes for inputs with noise, ``"filtered"`` over their past
+            or as ``"measured"``. By default they are filtered in a study, and smoothed on a recording.
 
     Attributes:
         kind: Kind of estimator.
@@ -60,8 +62,8 @@ class Estimator:
     ) -> xr.Dataset:
         """Run it over a recording.
 
-        Measured inputs are smoothed, with all samples of the recording, later ones as well; what is not known of them
-        is in the standard deviations. Those of a simulation are exact.
+        Measured inputs are smoothed, with all samples of the recording, later ones as well, unless ``input_signal``
+        says otherwise; what is not known of them is in the standard deviations. Those of a simulation are exact.
 
         Args:
             model: What it believes, with unknown inputs if there are any. Sensors and step are those of the recording
@@ -100,12 +102,18 @@ class Estimator:
 
         given = recordings_of(recording, "recording")
         believed = believed_on(model, given, signals, references, inputs)
-        return RecordedEstimator(believed, self.kind, self.resolved, self.folder).run(given[0], seed)
+        compiled = RecordedEstimator(believed, self.kind, self.resolved, self.folder, input_signal=self.input_signal)
+        return compiled.run(given[0], seed)
 
     @property
     def resolved(self) -> Mapping[str, Any]:
         """The settings as the packages below take them (internal)."""
         return self._spec.settings
+
+    @property
+    def input_signal(self) -> InputSignal | None:
+        """What it takes for inputs with noise, as stated (internal)."""
+        return self._spec.input_signal
 
     @property
     def folder(self) -> Path:

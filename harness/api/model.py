@@ -56,7 +56,8 @@ def model(
         sensors: Name of a set of sensors.
         values: Parameters that differ from the set: a number in SI units, or text with a unit such as ``"1.6 t"``.
         noise: Variances that differ from the set: ``{"process": {state: variance per step}, "measurement": {output:
-            variance per sample}, "process_scale": factor, "measurement_scale": factor}``, SI squared.
+            variance per sample}, "input": {signal: variance per sample}, "process_scale": factor,
+            "measurement_scale": factor, "input_scale": factor}``, SI squared; inputs not named are exact.
         unknown_inputs: Inputs that an estimator is to estimate as random walks; for a belief only.
         integration: ``step``, ``integrator`` and ``substeps``, see ``Integration``.
 
@@ -207,7 +208,7 @@ class Model:
 
     @property
     def noise(self) -> pd.DataFrame:
-        """Noise by ``(kind, name)``: ``variance`` in SI squared, per step (process) or sample (measurement), ``unit``.
+        """Noise by ``(kind, name)``: ``variance`` in SI squared, per step (process) or sample (the others), ``unit``.
 
         Raises:
             UserError: If there are several sets of sensors to choose from and none was stated.
@@ -218,7 +219,7 @@ class Model:
 
         rows = {
             (kind, name): (variance, f"({SIGNALS[name].unit})^2" if name in SIGNALS else "")
-            for kind, noise in (("process", self.spec.process_noise), ("measurement", self.spec.measurement_noise))
+            for kind, noise in _noise_of(self.spec).items()
             for name, variance in noise.items()
         }
         index = pd.MultiIndex.from_tuples(list(rows), names=["kind", "name"])
@@ -282,10 +283,16 @@ def model_of(spec: ModelSpec) -> Model:
         "step": spec.step,
         "substeps": spec.substeps,
         "values": spec.values,
-        "noise": {"process": spec.process_noise, "measurement": spec.measurement_noise},
+        "noise": _noise_of(spec),
         "unknown_inputs": list(spec.unknown_inputs) or None,
     }
     return Model({key: _plain(value) for key, value in table.items() if value is not None})
+
+
+def _noise_of(spec: ModelSpec) -> dict[str, dict[str, float]]:
+    """Return the variances of a record by kind; inputs are left out where all are exact."""
+    found = {"process": spec.process_noise, "measurement": spec.measurement_noise, "input": spec.input_noise}
+    return {kind: noise for kind, noise in found.items() if noise or kind != "input"}
 
 
 def _list(names: Sequence[str] | None) -> Any:

@@ -93,7 +93,8 @@ def factor(parameter: str, **keys: Unpack[FactorKeys]) -> dict[str, Any]:
     """Return a factor of a design: the table ``[[design.factor]]`` of a study file.
 
     Args:
-        parameter: Parameter of the model, or ``process_noise_scale``, ``measurement_noise_scale``.
+        parameter: Parameter of the model, or ``process_noise_scale``, ``measurement_noise_scale``,
+            ``input_noise_scale``.
         keys: See ``FactorKeys``. A number is in SI units or in ``unit``, text carries its own.
 
     Example:

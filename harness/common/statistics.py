@@ -235,6 +235,37 @@ def median_ratio(
     return Interval(float(np.nanmedian(pair[1]) / np.nanmedian(pair[0])), float(lower), float(upper))
 
 
+def share_of_squares(
+    without: ArrayLike, whole: ArrayLike, strata: ArrayLike | None = None, *, level: float = 0.95, seed: int = 0
+) -> Interval:
+    """Return by what share the mean square of the second sample is above that of the first, paired run by run.
+
+    With errors ``a`` without a cause and ``b`` with it that is ``1 - sum(a^2) / sum(b^2)``, the share that the cause
+    has; below zero where the errors are smaller with it. The interval is a percentile bootstrap over runs.
+
+    Args:
+        without: Errors by run, any shape.
+        whole: The same runs under the other condition, same shape; only what is finite in both counts.
+        strata: Labels, see ``median_interval``.
+        level: Confidence level.
+        seed: Seed of the resampling.
+
+    Returns:
+        NaN throughout where nothing is finite in both, or all errors are zero.
+    """
+    pair = np.stack([np.asarray(x, dtype=float).ravel() ** 2 for x in (without, whole)])
+    used = np.isfinite(pair).all(axis=0)
+    if not used.any() or not pair[1, used].any():
+        return Interval(np.nan, np.nan, np.nan)
+    order, sizes = _by_stratum(strata, used)
+    pair = pair[:, used][:, order]
+    draws = min(RESAMPLES, max(400, _LARGEST_DRAW // pair[0].size))
+    sums = pair[:, _resampled_indices(sizes, draws, seed)].sum(axis=2)
+    tail = (1.0 - level) / 2.0
+    lower, upper = np.quantile(1.0 - sums[0] / sums[1], [tail, 1.0 - tail])
+    return Interval(float(1.0 - pair[0].sum() / pair[1].sum()), float(lower), float(upper))
+
+
 def holm(p_values: ArrayLike) -> Floats:
     """Return p-values adjusted for the number of comparisons (Holm 1979), in the order given.
 

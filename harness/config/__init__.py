@@ -17,6 +17,7 @@ from harness.config.specs import (
     EstimatorSpec,
     FactorSpec,
     HistorySpec,
+    InputSignal,
     ModelSpec,
     Study,
 )
@@ -29,6 +30,7 @@ __all__ = [
     "EstimatorSpec",
     "FactorSpec",
     "HistorySpec",
+    "InputSignal",
     "ModelSpec",
     "Study",
     "StudyFile",

@@ -56,7 +56,11 @@ def resolve_factor(table: FactorTable, key: str, models: Models, problems: Probl
         problems: Where problems are noted.
     """
     parameter = _parameter(table, key, models, problems)
-    if parameter is None or not _check_form(table, key, problems):
+    if (
+        parameter is None
+        or not _check_input_noise(table, key, models, problems)
+        or not _check_form(table, key, problems)
+    ):
         return None
     name = table.parameter
     nominal = 1.0 if name in NOISE_SCALES else _nominal(name, models)
@@ -83,6 +87,18 @@ def resolve_factor(table: FactorTable, key: str, models: Models, problems: Probl
     for i in range(len(rows)):
         _check_bounds(factor, i, reader.item(i), parameter, problems)
     return factor if len(problems) == before else None
+
+
+def _check_input_noise(table: FactorTable, key: str, models: Models, problems: Problems) -> bool:
+    """A factor on the noise of inputs needs some."""
+    lacking = [side for side, spec in models.of(table.of).items() if not spec.input_noise]
+    if table.parameter != "input_noise_scale" or not lacking:
+        return True
+    problems.add(
+        f"{key}.parameter",
+        f"the {lacking[0]} has no noise of inputs to multiply; state it, e.g. {lacking[0]}.noise.input.speed",
+    )
+    return False
 
 
 def _nominal(name: str, models: Models) -> float:
@@ -293,8 +309,17 @@ def _signed(value: float) -> str:
 def _check_bounds(factor: FactorSpec, i: int, key: str, parameter: Parameter, problems: Problems) -> None:
     for edge in dict.fromkeys((factor.lower[i], factor.upper[i])):
         wrong = out_of_bounds(parameter, edge)
-        if wrong is None and factor.parameter in NOISE_SCALES and factor.of != "plant" and edge == 0:
-            wrong = "an estimator cannot work with variances of zero; give a positive factor"
+        if wrong is None and factor.parameter in NOISE_SCALES and edge == 0:
+            wrong = _refuse_nothing(factor)
         if wrong is not None:
             reach = f"the band {factor.labels[i]} reaches too far: " if factor.lower[i] < factor.upper[i] else ""
             problems.add(key, reach + wrong)
+
+
+def _refuse_nothing(factor: FactorSpec) -> str | None:
+    """Say what is wrong with a factor of zero on variances; inputs may be exact, if estimators know that they are."""
+    if factor.of == "plant":
+        return None
+    if factor.parameter != "input_noise_scale":
+        return "an estimator cannot work with variances of zero; give a positive factor"
+    return None if factor.of == "both" else "inputs with noise would be taken for exact; give a positive factor"

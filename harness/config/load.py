@@ -272,7 +272,10 @@ def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Proble
                     settings = model.model_validate(settings).model_dump()
                 except ValidationError as error:
                     add_validation_errors(problems, error, model, key)
-        specs.append(EstimatorSpec(table.name or table.kind, table.kind, settings, _base(settings, (folder, Path()))))
+        base = _base(settings, (folder, Path()))
+        specs.append(
+            EstimatorSpec(table.name or table.kind, table.kind, settings, base, input_signal=table.input_signal)
+        )
     _refuse_twice([s.name for s in specs], "estimator", "name", problems)
     return specs
 
@@ -301,6 +304,7 @@ def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: P
                 "belief.vehicle",
                 f"the belief needs input '{name}', which the plant does not have; add it to belief.unknown_inputs",
             )
+    _check_input_noise(plant, belief, problems)
     for i, target in enumerate(raw.targets):
         if target in raw.targets[:i]:
             problems.add(f"targets[{i}]", f"'{target}' is named twice; remove one")
@@ -310,6 +314,23 @@ def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: P
             except ModelError as error:
                 problems.add(f"targets[{i}]", f"the {side} cannot give it: {error}")
                 break
+
+
+def _check_input_noise(plant: ModelSpec, belief: ModelSpec, problems: Problems) -> None:
+    """What is read with noise must be known to be; what the vehicle itself supplies has the noise of its sensors."""
+    for name in plant.input_noise:
+        key = f"plant.noise.input.{name}"
+        if name not in belief.model().inputs:
+            problems.add(key, f"no estimator reads '{name}' as an input; remove the key")
+        elif name not in plant.model().inputs and name not in DRIVE_INPUTS:
+            problems.add(
+                key, f"'{name}' is what a sensor gives, whose noise is noise.measurement.{name}; remove the key"
+            )
+        elif name not in belief.input_noise:
+            problems.add(
+                f"belief.noise.input.{name}",
+                f"estimators read '{name}' with noise; state the variance that they believe it to have",
+            )
 
 
 def _refuse_twice_history(raw: StudyFile, problems: Problems) -> None:
@@ -391,7 +412,8 @@ def _hash(study: Study) -> str:
     """Return the SHA-256 of everything that decides the scores, in one canonical order."""
 
     def model(spec: ModelSpec) -> dict[str, Any]:
-        return {k: v for k, v in asdict(spec).items() if k != "parameters"}
+        without = {"parameters"} if spec.input_noise else {"parameters", "input_noise"}
+        return {k: v for k, v in asdict(spec).items() if k not in without}
 
     content = {
         "name": study.name,
@@ -407,6 +429,7 @@ def _hash(study: Study) -> str:
                 "settings": e.settings,
                 "noise": e.noise,
                 "files": _file_digests(e.settings, e.base),
+                **({"input_signal": e.input_signal or "filtered"} if study.belief.input_noise else {}),
             }
             for e in study.estimators
         ],

@@ -18,9 +18,11 @@ from harness.config.schema import ModelTable
 from harness.config.specs import ModelSpec, assembled
 from harness.models.assembly.assemble import Model
 from harness.models.assembly.placement import load_effect, place_of, split
+from harness.models.contracts import DRIVE_INPUTS
 from harness.models.roles import SENSORS, TYRES, VEHICLES
 
 Kind = Literal["process", "measurement"]
+_KINDS = ("process", "measurement", "input")
 _SIMPLE = (
     "vehicle",
     "parameters",
@@ -82,7 +84,7 @@ def stated(side: str, table: ModelTable, folder: Path, problems: Problems, paren
     """
     entries: dict[str, Any] = {k: v for k in _SIMPLE if (v := getattr(table, k)) is not None}
     entries |= {f"values.{k}": v for k, v in table.values.items()}
-    for kind in ("process", "measurement"):
+    for kind in _KINDS:
         entries |= {f"noise.{kind}.{k}": v for k, v in getattr(table.noise, kind).items()}
         if (scale := getattr(table.noise, f"{kind}_scale")) is not None:
             entries[f"noise.{kind}_scale"] = scale
@@ -142,6 +144,7 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
         "process": _noise(table, "process", model, found, step, problems),
         "measurement": _noise(table, "measurement", model, found, step, problems),
     }
+    input_noise = _input_noise(table, model, problems)
     if len(problems) > before:
         return None
     return ModelSpec(
@@ -157,6 +160,7 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
         process_noise=noise["process"],
         measurement_noise=noise["measurement"],
         unknown_inputs=tuple(table["unknown_inputs"] or ()),
+        input_noise=input_noise,
     )
 
 
@@ -333,11 +337,8 @@ def _noise(
     stretch = step / found.noise_step if process and not model.discrete else 1.0
     given = table.group(f"noise.{kind}")
     _refuse_unknown(table, f"noise.{kind}", given, names, "state" if process else "output", problems)
-    factor = _number(table, f"noise.{kind}_scale", "", problems, 1.0)
+    factor = _scale(table, kind, problems)
     if factor is None:
-        return {}
-    if factor < 0:
-        problems.add(table.key(f"noise.{kind}_scale"), f"a variance cannot be negative, got {factor:g}")
         return {}
     own_states = set(VEHICLES.load(table["vehicle"]).STATES)
     result: dict[str, float] = {}
@@ -363,6 +364,38 @@ def _noise(
     if table.side == "belief":
         _refuse_zero(table, kind, result, problems)
     return result
+
+
+def _scale(table: Stated, kind: str, problems: Problems) -> float | None:
+    """Return the factor on all variances of a kind, ``None`` if it is wrong."""
+    factor = _number(table, f"noise.{kind}_scale", "", problems, 1.0)
+    if factor is not None and factor < 0:
+        problems.add(table.key(f"noise.{kind}_scale"), f"a variance cannot be negative, got {factor:g}")
+        return None
+    return factor
+
+
+def _input_noise(table: Stated, model: Model, problems: Problems) -> dict[str, float]:
+    """Return the variances per sample of the inputs that are stated to be known with noise.
+
+    A rate has none of its own: it is known as well as the signal that it belongs to.
+    """
+    from harness.common.units import to_si
+
+    given, factor = table.group("noise.input"), _scale(table, "input", problems)
+    names = [n for n in model.inputs if n not in model.rates and n != "time"]
+    known = (*names, *(n for n in DRIVE_INPUTS if table.side == "plant" and n not in names))
+    _refuse_unknown(table, "noise.input", given, known, "input signal", problems)
+    found: dict[str, float] = {}
+    for name in (n for n in known if n in given):
+        key = table.key(f"noise.input.{name}")
+        with problems.catch(key):
+            variance = to_si(given[name], variance_unit(name), problems.at(key))
+            if variance < 0:
+                problems.add(key, f"a variance cannot be negative, got {variance:g}")
+            elif variance * (factor or 0.0) > 0:
+                found[name] = variance * (factor or 0.0)
+    return found
 
 
 def _refuse_zero(table: Stated, kind: Kind, variances: Mapping[str, float], problems: Problems) -> None:

@@ -78,11 +78,16 @@ class NoiseTable(Table):
 
     process_scale: Quantity | None = Field(default=None, description="factor on every process-noise variance")
     measurement_scale: Quantity | None = Field(default=None, description="factor on every measurement-noise variance")
+    input_scale: Quantity | None = Field(default=None, description="factor on every input-noise variance")
     process: dict[str, Quantity] = Field(
         default_factory=dict, description="variance per step by state, square of the state's SI unit"
     )
     measurement: dict[str, Quantity] = Field(
         default_factory=dict, description="variance per sample by output, square of the output's SI unit"
+    )
+    input: dict[str, Quantity] = Field(
+        default_factory=dict,
+        description="variance per sample by input signal, square of the signal's SI unit; other inputs are exact",
     )
 
 
@@ -134,12 +139,19 @@ class EstimatorTable(OpenTable):
 
     name: Name | None = Field(default=None, description="unique name in tables and figures (default: the kind)")
     kind: Name = Field(description="file in harness/estimation/methods")
+    input_signal: Literal["filtered", "measured"] | None = Field(
+        default=None,
+        description="what it takes for an input with noise: filtered over its past (default), or as measured",
+    )
 
 
 class FactorTable(Table):
     """``[[design.factor]]``: exactly one of ``levels``, ``shift``, ``bands`` and ``range``."""
 
-    parameter: Name = Field(description="parameter of the model, or process_noise_scale, measurement_noise_scale")
+    parameter: Name = Field(
+        description="parameter of the model, or a factor on variances: "
+        "process_noise_scale, measurement_noise_scale, input_noise_scale"
+    )
     of: Literal["plant", "belief", "both"] = Field(default="plant", description="whose value it replaces")
     unit: Name | None = Field(
         default=None, description="unit of the labels, and of plain numbers in this table (default: SI)"

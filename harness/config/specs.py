@@ -17,8 +17,11 @@ Side = Literal["plant", "belief", "both"]
 Integrator = Literal["euler", "heun", "rk4"]
 Sampling = Literal["sobol", "saltelli", "tolerance"]
 
-NOISE_SCALES: tuple[str, ...] = ("process_noise_scale", "measurement_noise_scale")
+NOISE_SCALES: tuple[str, ...] = ("process_noise_scale", "measurement_noise_scale", "input_noise_scale")
 """Pseudo-parameters a factor may vary: they multiply all variances of one kind; nominal value 1."""
+
+InputSignal = Literal["filtered", "measured"]
+"""What an estimator takes for an input that is measured with noise: given its past, or as measured."""
 
 NOISE_GROUPS: tuple[str, ...] = ("process", "unknown_inputs", "measurement")
 """Groups of variances that tuning multiplies by a factor each."""
@@ -40,6 +43,7 @@ class ModelSpec:
         values: Every parameter of vehicle, tyre and effects, SI.
         process_noise: Variance per step of every state (unknown inputs included), SI squared.
         measurement_noise: Variance per sample of every output, SI squared.
+        input_noise: Variance per sample of the inputs that estimators get with noise, SI squared; others are exact.
         unknown_inputs: Inputs estimated as random walks (belief only; Ziaukas 2023, 2.32 and 2.33).
     """
 
@@ -55,6 +59,7 @@ class ModelSpec:
     process_noise: dict[str, float]
     measurement_noise: dict[str, float]
     unknown_inputs: tuple[str, ...] = ()
+    input_noise: dict[str, float] = field(default_factory=dict)
 
     def model(self) -> Model:
         """Return the assembled model, augmented by the unknown inputs; the same object on every call."""
@@ -100,6 +105,7 @@ class EstimatorSpec:
         settings: Settings, checked and completed by the ``Settings`` of that file where it has one.
         base: Folder against which relative file names of the settings are resolved.
         noise: Factors on the variances it believes, by ``NOISE_GROUPS``; empty if it is not tuned.
+        input_signal: What it takes for inputs with noise, as stated; ``None`` if nothing is.
     """
 
     name: str
@@ -107,6 +113,7 @@ class EstimatorSpec:
     settings: dict[str, Any]
     base: Path = Path()
     noise: dict[str, float] = field(default_factory=dict)
+    input_signal: InputSignal | None = None
 
 
 @dataclass(frozen=True)

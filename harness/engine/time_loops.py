@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.engine.kernel_names import (
+    INPUT_ERRORS,
     LANES,
     NS,
     NW,
@@ -101,11 +102,13 @@ def simulate(u, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y
             put(get(ahead, i) + get(deviation_x, i) * get(noise, k, i), x, i)
 
 
-def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
+def estimate(inputs, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
     """Run the estimator over a batch and score it against the truth while it runs.
 
     Args:
-        u: Inputs the estimator knows ``(samples, nu, LANES)``.
+        inputs: What the estimator knows of them at the samples and during the step behind each, both
+            ``(samples, nu, LANES)``, and what independent errors of unit variance do to the latter and to those at the
+            next sample ``(samples, nu, m, LANES)``, which is not read where inputs are exact.
         y: Measurements ``(samples, ny, LANES)``, NaN where missing.
         truth: The plant's signals ``(samples, plant signals, LANES)``.
         rows: Row of ``truth`` of each state of the estimator, then of each target ``(nx + ns,)``; -1 where the
@@ -122,6 +125,7 @@ def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, s
             samples with a measurement, those inside, log-likelihood, repairs, sample of divergence.
         kept: Estimates and standard deviations of the targets, written ``(samples or 0, 2, ns, LANES)``.
     """
+    u, between, moved, moved_at = inputs
     work = workspace()
     covariance = np.zeros((NX, NX, LANES))
     mean, memory = np.empty((NX, LANES)), np.empty(first.memory.shape)
@@ -144,7 +148,9 @@ def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, s
     if kept.shape[0] > 0:
         keep(before, u[0], belief, s, slopes, kept[0])
     for k in range(1, samples):
-        step(before, u[k - 1], u[k], y[k], belief, work, after, info)
+        if INPUT_ERRORS:
+            spread_of_inputs(before.mean, between[k - 1], u[k], moved[k - 1], moved_at[k], belief)
+        step(before, between[k - 1], u[k], y[k], belief, work, after, info)
         before, after = after, before
         diverged = get(per_run, 9)
         signals(before.mean, u[k], belief.constants, s)
@@ -163,6 +169,42 @@ def estimate(u, y, truth, rows, until, belief, first, limits, options, bounds, s
         if kept.shape[0] > 0:
             write_covariance(before, work)
             keep(before, u[k], belief, s, slopes, kept[k])
+
+
+def spread_of_inputs(x, between, u, moved, moved_at, belief):
+    """Write what the errors of the inputs do to the next state and to the outputs: ``belief.input_errors``.
+
+    By central differences over a square root of three standard deviations to either side, the interval of Nørgaard,
+    Poulsen and Ravn (2000) for normal errors.
+
+    Args:
+        x: State ``(nx, LANES)``.
+        between: Inputs that lead to the next state ``(nu, LANES)``.
+        u: Inputs there ``(nu, LANES)``.
+        moved: What each error of unit variance does to the former ``(nu, m, LANES)``.
+        moved_at: What it does to the latter ``(nu, m, LANES)``.
+        belief: ``harness.engine.kernel_names.Belief``.
+    """
+    nu, reach = u.shape[0], np.sqrt(3.0)
+    w, one, other = np.empty((NW, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
+    ahead, seen, unlike = np.empty((NX, LANES)), np.empty((NY, LANES)), np.empty((NY, LANES))
+    shifted, back = np.empty((nu, LANES)), np.empty((nu, LANES))
+    next_state(x, between, belief.constants, ahead, w)
+    for c in range(moved.shape[1]):
+        for i in range(nu):
+            put(get(between, i) + reach * get(moved, i, c), shifted, i)
+            put(get(between, i) - reach * get(moved, i, c), back, i)
+        next_state(x, shifted, belief.constants, one, w)
+        next_state(x, back, belief.constants, other, w)
+        for i in range(NX):
+            put((get(one, i) - get(other, i)) / (2.0 * reach), belief.input_errors, i, c)
+        for i in range(nu):
+            put(get(u, i) + reach * get(moved_at, i, c), shifted, i)
+            put(get(u, i) - reach * get(moved_at, i, c), back, i)
+        output(ahead, shifted, belief.constants, seen)
+        output(ahead, back, belief.constants, unlike)
+        for a in range(NY):
+            put((get(seen, a) - get(unlike, a)) / (2.0 * reach), belief.input_errors, NX + a, c)
 
 
 def score_targets(s, truth, rows, active, scores):

@@ -47,7 +47,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -127,6 +127,20 @@ def load_estimator(kind: str) -> SimpleNamespace:
     return SimpleNamespace(**{**DEFAULTS, **vars(ESTIMATORS.load(kind))})
 
 
+class UncertainInputs(NamedTuple):
+    """What an estimator is told of inputs that are not exact.
+
+    Attributes:
+        between: Inputs during the step behind each sample ``(samples, nu, LANES)``.
+        before: What ``m`` independent errors of unit variance do to them ``(samples, nu, m, LANES)``.
+        at: What the same errors do to the inputs at the next sample ``(samples, nu, m, LANES)``.
+    """
+
+    between: Floats
+    before: Floats
+    at: Floats
+
+
 class Estimator:
     """An estimator compiled for the model it believes in.
 
@@ -135,13 +149,19 @@ class Estimator:
         compiled: The belief, with unknown inputs as states and the targets as signals.
         settings: The estimator's settings as in a study.
         folder: Folder of the study, to which files that settings name are relative.
+        uncertain: Whether ``run`` tells it of errors of the inputs.
 
     Raises:
         UserError: If a setting does not fit, or the estimator not the model.
     """
 
     def __init__(
-        self, kind: str, compiled: CompiledModel, settings: dict[str, Any] | None = None, folder: Path = Path()
+        self,
+        kind: str,
+        compiled: CompiledModel,
+        settings: dict[str, Any] | None = None,
+        folder: Path = Path(),
+        uncertain: bool = False,
     ) -> None:
         file = load_estimator(kind)
         self.kind, self.compiled = kind, compiled
@@ -162,7 +182,8 @@ class Estimator:
         else:
             size = int(file.memory_size(compiled.nx, compiled.ny))
             self._first_memory = lambda seeds: np.zeros((size, LANES))
-        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels_of(file)))
+        kernels = kernels_of(file, uncertain)
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels))
         valid = compiled.model.valid
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
@@ -217,6 +238,7 @@ class Estimator:
         belief: Belief,
         first: State,
         keep: bool = False,
+        uncertain: UncertainInputs | None = None,
     ) -> Scores:
         """Run over a batch and score it while it runs.
 
@@ -229,7 +251,13 @@ class Estimator:
             belief: From ``belief``.
             first: From ``init``.
             keep: Whether to keep the estimates of the targets over time.
+            uncertain: What is not known of the inputs; ``None`` where they are exact.
         """
+        nothing = np.empty((1, inputs.shape[1], 0, LANES))
+        told = UncertainInputs(inputs, nothing, nothing) if uncertain is None else uncertain
+        if told.at.shape[2]:
+            size = self.compiled.nx + self.compiled.ny
+            belief = belief._replace(input_errors=np.zeros((size, told.at.shape[2], LANES)))
         states, wanted = self.compiled.model.states, self.compiled.signal_names
         rows = np.array([truth_names.index(n) if n in truth_names else -1 for n in (*states, *wanted)])
         comparable = self.has_covariance and bool(np.all(rows[: len(states)] >= 0))
@@ -239,7 +267,7 @@ class Estimator:
         rows[len(states) :][~self.gives] = -1
         options = np.array([float(NEES_EVERY), float(comparable), float(self.has_covariance)])
         self._kernels.estimate(
-            inputs,
+            (inputs, *told),
             measurements,
             truth,
             rows,

@@ -11,6 +11,7 @@ import xarray as xr
 from harness import recordings
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.config import InputSignal
 from harness.identification.measured_inputs import Between, InputErrors, inputs_of
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.signals import signal_attributes
@@ -89,7 +90,9 @@ def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
             )
 
 
-def drive_from(recording: xr.Dataset, model: Model, name: str, between: Between = "held") -> Drive:
+def drive_from(
+    recording: xr.Dataset, model: Model, name: str, between: Between = "held", signal: InputSignal | None = None
+) -> Drive:
     """Return a recording in terms of a model.
 
     Args:
@@ -97,6 +100,7 @@ def drive_from(recording: xr.Dataset, model: Model, name: str, between: Between 
         model: Its inputs and outputs are looked for.
         name: Of the recording, for errors and reports.
         between: How inputs go on behind a sample.
+        signal: What of them is taken, see ``harness.identification.measured_inputs.inputs_of``.
 
     Raises:
         UserError: If a signal is missing or holds no number, or the recording is too short.
@@ -104,7 +108,7 @@ def drive_from(recording: xr.Dataset, model: Model, name: str, between: Between 
     time = recording["time"].to_numpy().astype(float)
     if len(time) < SHORTEST:
         raise UserError(f"{name}: has {len(time)} samples; a fit needs at least {SHORTEST}")
-    inputs = inputs_of(recording, model, step_of(recording), between)
+    inputs = inputs_of(recording, model, step_of(recording), between, signal)
     found = np.ascontiguousarray(recordings.measurements(recording, list(model.outputs)), dtype=float)
     for output, column in zip(model.outputs, found.T, strict=True):
         if not np.isfinite(column).any():

@@ -23,7 +23,7 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.config import ModelSpec
+from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification import time_loops
@@ -209,7 +209,9 @@ class FilteredModel(ABC):
         directions[[self._rows[n] for n in names], range(len(names))] = 1.0
         return directions
 
-    def drive(self, recording: xr.Dataset, name: str, between: Between = "held") -> Drive:
+    def drive(
+        self, recording: xr.Dataset, name: str, between: Between = "held", signal: InputSignal | None = None
+    ) -> Drive:
         """Return a recording in terms of this model, with the spread of the first state and what its inputs' errors do.
 
         How far the first state may lie from its mean is taken from a free run of the model at hand over the inputs of
@@ -220,6 +222,7 @@ class FilteredModel(ABC):
             recording: From ``harness.recordings.load_recording`` or ``harness.simulation.simulate.simulate_drive``.
             name: Of the recording, for errors and reports.
             between: How inputs go on behind a sample.
+            signal: What of them is taken, see ``harness.identification.measured_inputs.inputs_of``.
 
         Raises:
             UserError: If a signal is missing or the step is not the model's.
@@ -229,7 +232,7 @@ class FilteredModel(ABC):
                 f"{name}: its samples are {step_of(recording):g} s apart, those of the model {self.spec.step:g} s; "
                 "all recordings need the same step"
             )
-        drive = drive_from(steered(recording, self.spec.values), self.model, name, between)
+        drive = drive_from(steered(recording, self.spec.values), self.model, name, between, signal)
         states = self.free_run(drive, self.stated()).states[:, : self.nx]
         variance = np.mean((states - states[0]) ** 2, axis=0)
         variance[[i for i in self._started if i < self.nx]] = 0.0

@@ -74,7 +74,12 @@ class InputEffects:
         G, D = ahead[:, :, nx:], outputs[:, :, nx:]
         roots = errors.roots
         before = np.concatenate([G[:1], G[:-1]])  # the step that leads to a sample
-        effects = np.concatenate([before @ roots, D @ roots], axis=1)
+        if errors.of_samples:  # those of the step that leads to a sample are others than those at the sample
+            moved, seen = before @ np.concatenate([roots[:1], roots[:-1]]), D @ roots
+            columns = [(moved, np.zeros_like(moved)), (np.zeros_like(seen), seen)]
+            effects = np.concatenate([np.concatenate(pair, axis=2) for pair in columns], axis=1)
+        else:
+            effects = np.concatenate([before @ roots, D @ roots], axis=1)
         return np.ascontiguousarray(effects), self._spread(drive, A, H, G, D)
 
     def _tangents(

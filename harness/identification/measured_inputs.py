@@ -1,7 +1,9 @@
 """Inputs of a model from a recording: exact where a simulation wrote them, else smoothed, with their covariance.
 
 A recorded input is the true one and noise. What drives the model is the input given all its samples and its rate given
-them (``harness.recordings.kinematic_smoother``), never a difference of samples.
+them (``harness.recordings.kinematic_smoother``), never a difference of samples. What an estimator in a vehicle has is
+the input given the samples so far (``harness.recordings.causal_filter``), or each sample as it was measured; of the
+whole recording it knows the noise alone.
 """
 
 from __future__ import annotations
@@ -13,9 +15,11 @@ import numpy as np
 import xarray as xr
 
 from harness import recordings
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, Mask
+from harness.config import InputSignal
 from harness.models.assembly.assemble import Model
-from harness.recordings.kinematic_smoother import Smoothed, smoothed
+from harness.recordings.causal_filter import filtered
+from harness.recordings.kinematic_smoother import smoothed
 
 Between = Literal["held", "joined"]
 """How an input goes on behind a sample: held as in a simulation, or straight to the next one, as what was measured.
@@ -33,11 +37,14 @@ class InputErrors:
             a rate that is no input, by which the errors of the signal last.
         covariance: Of their errors at each sample ``(samples, m, m)``.
         lagged: Covariance of the errors at a sample with those at the one before ``(samples, m, m)``.
+        of_samples: Whether the signals' errors are the noise of single samples, so that those of a step are not those
+            of the outputs at its end.
     """
 
     rows: tuple[int, ...]
     covariance: Floats
     lagged: Floats
+    of_samples: bool = False
 
     @property
     def visible(self) -> list[int]:
@@ -77,7 +84,9 @@ class Inputs:
     errors: InputErrors
 
 
-def inputs_of(recording: xr.Dataset, model: Model, step: float, between: Between) -> Inputs:
+def inputs_of(
+    recording: xr.Dataset, model: Model, step: float, between: Between, signal: InputSignal | None = None
+) -> Inputs:
     """Return the inputs of a model over a recording.
 
     A rate of an exact input is its forward difference, as in a simulation.
@@ -87,19 +96,20 @@ def inputs_of(recording: xr.Dataset, model: Model, step: float, between: Between
         model: Its inputs are looked for.
         step: s between samples.
         between: How they go on behind a sample.
+        signal: ``filtered`` over the past of each sample, or as ``measured``; by default smoothed, given all samples.
 
     Raises:
         UserError: If a signal is missing, or a sample of it.
     """
     time = recording["time"].to_numpy().astype(float)
     at, behind = np.empty((len(time), len(model.inputs))), np.empty((len(time), len(model.inputs)))
-    known: dict[str, Smoothed] = {}
+    known: dict[str, _Known] = {}
     for i, name in enumerate(model.inputs):
         source = model.rates.get(name, name)
         values = time - time[0] if name == "time" else recordings.inputs(recording, [source])[:, 0]
         if name != "time" and measured(recording, source):
             if source not in known:
-                known[source] = smoothed(values, step, recordings.updated(recording, source))
+                known[source] = _known(values, step, recordings.updated(recording, source), signal)
             values = known[source].rate if name in model.rates else known[source].value
             at[:, i], behind[:, i] = values, _halfway(values)
             if between == "held":
@@ -113,7 +123,7 @@ def inputs_of(recording: xr.Dataset, model: Model, step: float, between: Between
         else:
             at[:, i] = values
             behind[:, i] = values if between == "held" else _halfway(values)
-    return Inputs(at, behind, _errors(model, known))
+    return Inputs(at, behind, _errors(model, known, signal == "measured"))
 
 
 def measured(recording: xr.Dataset, signal: str) -> bool:
@@ -128,13 +138,42 @@ def _halfway(values: Floats) -> Floats:
     return found
 
 
-def _errors(model: Model, known: dict[str, Smoothed]) -> InputErrors:
+@dataclass(frozen=True)
+class _Known:
+    """What is known of an input: value and rate, the covariance of their errors, and that with those one sample before.
+
+    ``noise`` is the standard deviation of a sample.
+    """
+
+    value: Floats
+    rate: Floats
+    covariance: Floats
+    lagged: Floats
+    noise: float
+
+
+def _known(values: Floats, step: float, new: Mask | None, signal: InputSignal | None) -> _Known:
+    """Return a measured input as it is wanted."""
+    whole = smoothed(values, step, new)
+    if signal is None or whole.noise == 0:
+        return _Known(whole.value, whole.rate, whole.covariance, whole.lagged, whole.noise)
+    past = filtered(values, step, whole.noise, new)
+    if signal == "filtered":
+        return _Known(past.value, past.rate, past.covariance, past.lagged, past.noise)
+    there = np.isfinite(values) if new is None else new & np.isfinite(values)
+    covariance = np.where(there[:, None, None], past.of_the_sample, past.covariance)
+    lagged = past.lagged.copy()
+    lagged[there, 0] = 0.0
+    return _Known(np.where(there, values, past.value), past.rate, covariance, lagged, past.noise)
+
+
+def _errors(model: Model, known: dict[str, _Known], of_samples: bool) -> InputErrors:
     """Return the joint covariance of all inputs that are not exact; different signals err independently."""
     uncertain = {n: f for n, f in known.items() if f.noise > 0}
     if not uncertain:
         return EXACT
     rates = {source: rate for rate, source in model.rates.items() if rate in model.inputs}
-    samples, sizes = len(next(iter(known.values())).value), [f.order + 1 for f in uncertain.values()]
+    samples, sizes = len(next(iter(known.values())).value), [f.covariance.shape[1] for f in uncertain.values()]
     covariance, lagged = (np.zeros((samples, sum(sizes), sum(sizes))) for _ in range(2))
     rows: list[int] = []
     for (name, found), size in zip(uncertain.items(), sizes, strict=True):
@@ -142,4 +181,4 @@ def _errors(model: Model, known: dict[str, Smoothed]) -> InputErrors:
         covariance[:, here, here], lagged[:, here, here] = found.covariance, found.lagged
         inputs = [name, rates.get(name, ""), ""][:size]
         rows += [model.inputs.index(n) if n in model.inputs else -1 for n in inputs]
-    return InputErrors(tuple(rows), covariance, lagged)
+    return InputErrors(tuple(rows), covariance, lagged, of_samples)

@@ -125,9 +125,10 @@ def contestants(study: Study, drive: str, duration: float) -> dict[str, Contesta
         )
     unit, case = Unit(0, 0, 0, 0, 1), [Case(0, 0)]
     batch, believed = evaluator.simulate(unit, case, samples), evaluator.parameters(unit, case, "belief")
-    belief, (inputs, measurements) = evaluator.compiled.belief, evaluator.seen(0, batch)
+    belief, measurements = evaluator.compiled.belief, evaluator.compiled.measured(batch.measurements)
+    inputs = [evaluator.inputs(i, 0, batch, believed)[0] for i in range(len(study.estimators))]
     return {
-        spec.name: Contestant(spec.kind, belief, *evaluator.begin(i, unit, case, believed), inputs, measurements)
+        spec.name: Contestant(spec.kind, belief, *evaluator.begin(i, unit, case, believed), inputs[i], measurements)
         for i, spec in enumerate(study.estimators)
     }
 

@@ -12,7 +12,7 @@ import xarray as xr
 
 from harness.models.quantities import listed, quantity, words
 from harness.recorded import figures
-from harness.recorded.run import SMOOTHED
+from harness.recorded.run import inputs_in_words
 from harness.recorded.summary import Summary, references_of, signals_of
 from harness.reporting import style
 from harness.reporting.document import (
@@ -126,7 +126,7 @@ def _answer(found: Estimated) -> list[Block]:
     return [
         Heading("Which estimator fits these recordings?"),
         Prose(strong(answer(found))),
-        Prose(plain(SMOOTHED)),
+        Prose(plain(inputs_in_words(found.runs))),
     ]
 
 

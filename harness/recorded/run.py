@@ -2,7 +2,8 @@
 
 A recording holds inputs and measurements as time went by; nobody knows the true state. What an estimator says is judged
 by its innovations, and where the recording holds a *reference* of a state or port (a signal that the estimator does not
-measure), by its error. Recorded inputs are smoothed; what is not known of them is in the covariance.
+measure), by its error. Recorded inputs are smoothed, or known from their past alone; what is not known of them is in
+the covariance.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.config import ModelSpec
+from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator, kernels_of, load_estimator
@@ -32,11 +33,31 @@ from harness.simulation.simulate import in_lanes, variances
 
 Inputs = Literal["joined", "held"]
 
+_UNKNOWN = "what is not known of them is in the stated standard deviations."
+
 SMOOTHED = (
-    "Recorded inputs and their rates are those given all samples of the recording, later ones as well; what is not "
-    "known of them is in the stated standard deviations. In a vehicle an estimator knows the past only."
+    f"Recorded inputs and their rates are those given all samples of the recording, later ones as well; {_UNKNOWN} In "
+    "a vehicle an estimator knows the past only."
 )
-"""What has to be said of every estimate on a recording."""
+"""What has to be said of an estimate on smoothed inputs."""
+
+_CAUSAL: dict[str, str] = {
+    "filtered": f"Recorded inputs and their rates are those given the samples so far; {_UNKNOWN}",
+    "measured": f"Recorded inputs are taken as measured, their rates given the samples so far; {_UNKNOWN}",
+}
+
+
+def inputs_in_words(runs: Sequence[xr.Dataset]) -> str:
+    """Say what estimators took for recorded inputs, of each kind once."""
+    said: dict[str, list[str]] = {}
+    for run in runs:
+        names = said.setdefault(str(run.attrs["comment"]), [])
+        if run.attrs["estimator"] not in names:
+            names.append(run.attrs["estimator"])
+    if len(said) == 1:
+        return next(iter(said))
+    return " ".join(f"{', '.join(names)}: {words}" for words, names in said.items())
+
 
 WANDERING = 10.0
 """s; an unknown input begins as far from zero as its random walk gets in this time."""
@@ -82,17 +103,22 @@ class RecordedModel:
         self.compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, self.signals)
         self.filtered = Innovations(spec, jobs=jobs)
 
-    def drive(self, recording: xr.Dataset, name: str = "recording") -> Drive:
+    def drive(self, recording: xr.Dataset, name: str = "recording", input_signal: InputSignal | None = None) -> Drive:
         """Return a recording in terms of the model, with the spread of the first state.
 
         A measured state begins as measured, others as the vehicle states, else at zero. How far they may be off is the
         vehicle's ``START_VARIANCE``, else the mean square of the state in a free run over the recording; of an unknown
         input, how far its random walk gets in ten seconds.
 
+        Args:
+            recording: As ``RecordedEstimator.run`` takes it.
+            name: For errors and reports.
+            input_signal: What of measured inputs is taken; by default smoothed ones.
+
         Raises:
             UserError: If a signal is missing, an input has a gap, or the step is not the model's.
         """
-        drive, spec = self.filtered.drive(recording, name, self.inputs), self.spec
+        drive, spec = self.filtered.drive(recording, name, self.inputs, input_signal), self.spec
         model, variance = spec.model(), drive.first_variance.copy()
         for i, state in enumerate(model.states):
             if state in model.start_variance:
@@ -156,6 +182,8 @@ class RecordedEstimator:
         settings: As in a study.
         folder: To which files that settings name are relative.
         name: In reports and results; the kind if empty.
+        input_signal: What it takes for measured inputs: ``filtered`` over their past or as ``measured``; by default
+            smoothed, given all samples of the recording.
 
     Raises:
         UserError, ModelError: If there is no such estimator, a setting does not fit, or it does not fit the model.
@@ -168,7 +196,9 @@ class RecordedEstimator:
         settings: Mapping[str, Any] | None = None,
         folder: Path = Path(),
         name: str = "",
+        input_signal: InputSignal | None = None,
     ) -> None:
+        self.input_signal = input_signal
         self.model, self.kind, self.settings, self.name = model, kind, dict(settings or {}), name or kind
         self._estimator = Estimator(kind, model.compiled, self.settings, folder)
         stem = f"estimate_recording_{kind}"
@@ -183,7 +213,7 @@ class RecordedEstimator:
                 signals in SI units over ``time``, equidistant by the step of the model. A missing measurement (NaN)
                 is skipped exactly; inputs may have no gaps.
             seed: Of estimators that draw random numbers.
-            drive: The same recording from ``RecordedModel.drive``, where that was asked for already.
+            drive: The same recording from ``RecordedModel.drive`` with smoothed inputs, where it was asked for already.
 
         Returns:
             Dataset over ``time`` (s) and ``output`` (measured quantities), with CF attributes (units, long_name,
@@ -215,7 +245,8 @@ class RecordedEstimator:
             UserError: If a signal is missing, an input has a gap, or the step is not the model's.
         """
         about = name_of(recording)
-        drive = self.model.drive(recording, about) if drive is None else drive
+        if drive is None or self.input_signal is not None:
+            drive = self.model.drive(recording, about, self.input_signal)
         compiled, estimator = self.model.compiled, self._estimator
         references = self.model.reference(recording)
         rows = np.array([compiled.signal_names.index(n) for n in references], dtype=np.int64)
@@ -285,7 +316,7 @@ class RecordedEstimator:
             "repairs": int(np.nansum(kept.facts[:, 3])),
             "updates": int(np.isfinite(drive.measurements[1:until]).any(axis=1).sum()),
             "inputs": self.model.inputs,
-            "comment": SMOOTHED,
+            "comment": SMOOTHED if self.input_signal is None else _CAUSAL[self.input_signal],
         }
         return data
 

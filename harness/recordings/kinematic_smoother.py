@@ -72,7 +72,8 @@ class Smoothed:
 
 
 @functools.cache
-def _loops() -> ModuleType:
+def kinematic_loops() -> ModuleType:
+    """Return the loops of ``smoother_loops``, compiled."""
     return load_source("kinematic_smoother", kernel_source("kinematic_smoother", smoother_loops.LOOPS))
 
 
@@ -150,7 +151,10 @@ class _Search:
         level = MODES * intensity
         chances = np.empty((len(self.y), len(MODES)))
         leave = 1.0 - np.exp(-self.step / CHANGE)
-        changing = _loops().run_modes(self.y, np.full(len(self.y), noise), level, leave, self.step, self.first, chances)
+        nothing = np.empty((0, 0)), np.empty((0, 0, 0))
+        noises = np.full(len(self.y), noise)
+        changing = kinematic_loops().run_modes(self.y, noises, level, leave, self.step, self.first, chances, *nothing)
+        kinematic_loops().smooth_modes(chances, leave)
         if changing > likelihood:
             self.shape = chances @ MODES
             middle = np.log(intensity / noise)
@@ -171,7 +175,7 @@ class _Search:
 
         def at(ratio: float) -> tuple[float, float]:
             """Return the noise that is likeliest for a ratio of intensity to noise, and the log-likelihood there."""
-            squares, logarithms, count = _loops().run_filter(
+            squares, logarithms, count = kinematic_loops().run_filter(
                 self.y, alike, np.exp(ratio) * self.shape, self.step, self.first / start, *nothing
             )
             if not np.isfinite(squares + logarithms):  # beyond what arithmetic can do
@@ -191,8 +195,10 @@ class _Search:
         samples, n = len(self.y), self.rates + 1
         means, covariances, lagged = np.empty((samples, n)), np.empty((samples, n, n)), np.empty((samples, n, n))
         intensities = intensity * self.shape
-        _loops().run_filter(self.y, np.full(samples, noise), intensities, self.step, self.first, means, covariances)
-        _loops().run_smoother(intensities, self.step, means, covariances, lagged)
+        kinematic_loops().run_filter(
+            self.y, np.full(samples, noise), intensities, self.step, self.first, means, covariances
+        )
+        kinematic_loops().run_smoother(intensities, self.step, means, covariances, lagged)
         covariances[:, 0, 0] += self.common
         lagged[1:, 0, 0] += np.sqrt(self.common[1:] * self.common[:-1])
         second = means[:, 2].copy() if n > 2 else np.full(samples, np.nan)

@@ -1,7 +1,6 @@
 """Loops over the samples of one signal: Kalman filter, smoother, and filters of several intensities side by side.
 
 The state is the signal and its first ``n - 1`` rates; the highest one is a random walk (an integrated Wiener process).
-Compiled by ``kinematic_smoother``.
 """
 
 from __future__ import annotations
@@ -183,11 +182,11 @@ def solve(A, B, X):
             X[r, i] *= scale[i]
 
 
-def run_modes(y, noise, modes, leave, step, first, chances):
+def run_modes(y, noise, modes, leave, step, first, chances, means, covariances):
     """Run a filter for each of several intensities, which the signal changes between; return the log-likelihood.
 
     The interacting multiple model filter (Blom and Bar-Shalom 1988): before every step the filters begin from
-    mixtures of each other. Backwards the probabilities are those of Kim (1994).
+    mixtures of each other. Nothing that it writes for a sample depends on a later one.
 
     Args:
         y: Samples, NaN where missing ``(samples,)``.
@@ -196,7 +195,9 @@ def run_modes(y, noise, modes, leave, step, first, chances):
         leave: Probability of a change in a step, to any of the others.
         step: s.
         first: Variances of the first state ``(n,)``.
-        chances: Probability of each intensity given all samples, written ``(samples, m)``.
+        chances: Probability of each intensity, written ``(samples, m)``.
+        means: Mean of the mixture, written ``(samples, n)``; of no samples if it is not kept.
+        covariances: Its covariance, written ``(samples, n, n)``.
     """
     n, m, samples = first.shape[0], modes.shape[0], y.shape[0]
     x, P = np.zeros((m, n)), np.zeros((m, n, n))
@@ -250,6 +251,29 @@ def run_modes(y, noise, modes, leave, step, first, chances):
             if seen > 3:
                 total += largest + np.log(likely)
         chances[k] = weight
+        if means.shape[0] > 0:
+            mix(weight, x, P, means[k], covariances[k])
+    return total
+
+
+def mix(weight, x, P, mean, covariance):
+    """Write mean ``(n,)`` and covariance ``(n, n)`` of a mixture of m normal distributions."""
+    mean[:] = 0.0
+    covariance[:] = 0.0
+    for j in range(weight.shape[0]):
+        for a in range(mean.shape[0]):
+            mean[a] += weight[j] * x[j, a]
+    for j in range(weight.shape[0]):
+        for a in range(mean.shape[0]):
+            d = x[j, a] - mean[a]
+            for b in range(mean.shape[0]):
+                covariance[a, b] += weight[j] * (P[j, a, b] + d * (x[j, b] - mean[b]))
+
+
+def smooth_modes(chances, leave):
+    """Overwrite the probabilities of intensities ``(samples, m)`` by those given all samples (Kim 1994)."""
+    samples, m = chances.shape
+    ahead, stay, other = np.empty(m), 1.0 - leave, leave / (m - 1)
     for k in range(samples - 2, -1, -1):
         back = 0.0
         for j in range(m):
@@ -261,7 +285,6 @@ def run_modes(y, noise, modes, leave, step, first, chances):
             whole += chances[k, j]
         for j in range(m):
             chances[k, j] /= whole
-    return total
 
 
-LOOPS = (predict, correct, run_filter, run_smoother, solve, run_modes)
+LOOPS = (predict, correct, run_filter, run_smoother, solve, run_modes, mix, smooth_modes)

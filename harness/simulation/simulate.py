@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,11 +33,13 @@ class Batch:
         measurements: Noisy outputs, ``(samples, ny, LANES)``.
         left_at: First sample outside the plant's range of validity, or at which a signal that is needed is no number,
             ``(LANES,)``; ``samples`` if there is none.
+        input_errors: By which inputs are off as estimators get them, by signal ``(samples, LANES)``; others are exact.
     """
 
     truth: Floats
     measurements: Floats
     left_at: Floats
+    input_errors: dict[str, Floats] = field(default_factory=dict)
 
 
 class Simulator:

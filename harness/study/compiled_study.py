@@ -64,7 +64,8 @@ class CompiledStudy:
         self.belief = _compile(study.belief, self.signals)
         self.simulator = Simulator(self.plant, [*study.targets, *exact])
         self._measured = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
-        self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base) for e in study.estimators]
+        uncertain = bool(study.belief.input_noise)
+        self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators]
 
     def _drive(self, study: Study, index: int) -> DriveInputs:
         profile = profile_of(study.plant, study.drives[index])

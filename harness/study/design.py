@@ -66,15 +66,18 @@ class RunParameters:
         values: Parameters in the order of ``model().parameter_names``, shape ``(run, np)``.
         process_noise: Variances per step in the order of the states, shape ``(run, nx)``.
         measurement_noise: Variances per sample in the order of the outputs, shape ``(run, ny)``.
+        input_noise: Variances per sample in the order of ``ModelSpec.input_noise``, shape ``(run, noisy inputs)``.
     """
 
     values: NDArray[np.float64]
     process_noise: NDArray[np.float64]
     measurement_noise: NDArray[np.float64]
+    input_noise: NDArray[np.float64]
 
     def of(self, runs: slice) -> RunParameters:
         """Return those of some of the runs."""
-        return RunParameters(self.values[runs], self.process_noise[runs], self.measurement_noise[runs])
+        noise = self.process_noise[runs], self.measurement_noise[runs], self.input_noise[runs]
+        return RunParameters(self.values[runs], *noise)
 
 
 @dataclass(frozen=True, order=True)
@@ -217,7 +220,8 @@ def run_parameters(
     parameters = np.tile([spec.values[n] for n in names], (runs, 1)).reshape(runs, len(names))
     process = np.tile([spec.process_noise[s] for s in model.states], (runs, 1))
     measurement = np.tile([spec.measurement_noise[o] for o in model.outputs], (runs, 1))
-    scaled = dict(zip(NOISE_SCALES, (process, measurement), strict=True))
+    inputs = np.tile(list(spec.input_noise.values()), (runs, 1))
+    scaled = dict(zip(NOISE_SCALES, (process, measurement, inputs), strict=True))
     varied: dict[str, NDArray[np.float64]] = {}
     for column, factor in enumerate(design.factors):
         if factor.of not in (side, "both"):
@@ -228,7 +232,7 @@ def run_parameters(
             varied[factor.parameter] = values[:, column]
     for name, changed in settled(spec.vehicle, spec.values, varied).items():
         parameters[:, names.index(name)] = changed
-    return RunParameters(parameters, process, measurement)
+    return RunParameters(parameters, process, measurement, inputs)
 
 
 def scale_noise(believed: RunParameters, belief: ModelSpec, factors: Mapping[str, float]) -> RunParameters:
@@ -246,6 +250,7 @@ def scale_noise(believed: RunParameters, belief: ModelSpec, factors: Mapping[str
         believed.values,
         believed.process_noise * np.array([factors.get(group, 1.0) for group in groups]),
         believed.measurement_noise * factors.get("measurement", 1.0),
+        believed.input_noise,
     )
 
 

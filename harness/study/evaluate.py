@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -12,11 +13,12 @@ from harness.common.arrays import Floats
 from harness.config import Study
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Scores
+from harness.estimation.contract import Scores, UncertainInputs
 from harness.simulation.simulate import Batch, first_state
 from harness.study.compiled_study import CompiledStudy
 from harness.study.design import RunParameters, Unit, points, run_parameters, scale_noise
 from harness.study.error_windows import ErrorWindows
+from harness.study.noisy_inputs import NoisyInputs
 from harness.study.run_noise import Case, RunNoise
 from harness.study.scores import (
     ESTIMATOR_DIVERGED,
@@ -48,6 +50,7 @@ class StudyEvaluator:
     def __init__(self, study: Study) -> None:
         self.study, self.compiled, self.noise = study, CompiledStudy(study), RunNoise(study)
         self.windows = ErrorWindows(study, self.compiled)
+        self._noisy = NoisyInputs(study.belief) if study.belief.input_noise else None
         self._points: dict[int, NDArray[np.float64]] = {}
 
     def warm_up(self, index: int) -> str:
@@ -127,7 +130,7 @@ class StudyEvaluator:
         plant = self.parameters(unit, group, "plant") if plant is None else plant
         model, inputs = self.compiled.plant, self.compiled.drives[unit.drive].plant[:samples]
         noise = self.noise.draw(unit, group, len(inputs), model.nx + model.ny)
-        return self.compiled.simulator.run(
+        batch = self.compiled.simulator.run(
             inputs,
             model.constants(plant.values.T),
             np.ascontiguousarray(plant.process_noise.T),
@@ -135,22 +138,28 @@ class StudyEvaluator:
             noise,
             first_state(model.model, plant.values.T, self.compiled.drives[unit.drive].profile),
         )
+        errors = {
+            signal: np.sqrt(plant.input_noise[:, i]) * self.noise.of_input(unit, group, len(inputs), signal)
+            for i, signal in enumerate(self.study.plant.input_noise)
+        }
+        return replace(batch, input_errors=errors)
 
     def estimate(
         self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool = False
     ) -> Scores:
         """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
         belief, first = self.begin(index, unit, group, believed)
-        inputs, measurements = self.seen(unit.drive, batch)
+        inputs, uncertain = self.inputs(index, unit.drive, batch, believed)
         return self.compiled.estimators[index].run(
             inputs,
-            measurements,
+            self.compiled.measured(batch.measurements),
             batch.truth,
             self.compiled.plant.signal_names,
             batch.left_at,
             belief,
             first,
             keep,
+            uncertain,
         )
 
     def begin(self, index: int, unit: Unit, group: list[Case], believed: RunParameters) -> tuple[Belief, State]:
@@ -167,9 +176,15 @@ class StudyEvaluator:
         seeds = self.noise.seeds(unit, group, self.study.estimators[index].name)
         return belief, estimator.init(mean, self.compiled.first_variance(process), seeds)
 
-    def seen(self, drive: int, batch: Batch) -> tuple[Floats, Floats]:
-        """Return what an estimator sees of a simulated batch: inputs ``(samples, nu, LANES)`` and measurements."""
-        return self.compiled.known(drive, batch), self.compiled.measured(batch.measurements)
+    def inputs(
+        self, index: int, drive: int, batch: Batch, believed: RunParameters
+    ) -> tuple[Floats, UncertainInputs | None]:
+        """Return the inputs an estimator gets ``(samples, nu, LANES)``, and what it is told of their errors, if any."""
+        table = self.compiled.known(drive, batch)
+        if self._noisy is None:
+            return table, None
+        kind = self.study.estimators[index].input_signal or "filtered"
+        return self._noisy.known(batch, table, believed.input_noise.T, kind)
 
     def _enter(
         self,

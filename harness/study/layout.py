@@ -159,6 +159,7 @@ def root_attributes(study: Study) -> dict[str, Any]:
             "unknown_inputs": list(spec.unknown_inputs),
             "process_noise": spec.process_noise,
             "measurement_noise": spec.measurement_noise,
+            "input_noise": spec.input_noise,
         }
         for side, spec in sides.items()
     }

@@ -49,6 +49,16 @@ class RunNoise:
         noise[:, :, len(group) :] = noise[:, :, len(group) - 1 : len(group)]
         return noise
 
+    def of_input(self, unit: Unit, group: Sequence[Case], samples: int, signal: str) -> NDArray[np.float64]:
+        """Return standard normal numbers ``(samples, LANES)`` for an input, which no other noise depends on."""
+        tag = zlib.crc32(signal.encode())
+        keys = [(*self.key(unit, case), tag, 1) for case in group]
+        drawn = {
+            key: np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key)).standard_normal(samples)
+            for key in dict.fromkeys(keys)
+        }
+        return np.stack([drawn[key] for key in (*keys, *keys[-1:] * (LANES - len(keys)))], axis=1)
+
     def seeds(self, unit: Unit, group: Sequence[Case], estimator: str) -> list[np.random.SeedSequence]:
         """Return the seed of an estimator in each lane; it depends on its name, not on its place in the study."""
         tag = zlib.crc32(estimator.encode())

@@ -146,6 +146,7 @@ def _losses(evaluator: StudyEvaluator, index: int, runs: list[tuple[int, Any]], 
                 believed.values,
                 np.stack([r.process_noise[k] for k, r in enumerate(rows)]),
                 np.stack([r.measurement_noise[k] for k, r in enumerate(rows)]),
+                believed.input_noise,
             )
             scores = evaluator.estimate(index, unit, case, batch, candidates)
             lost = ~np.isfinite(scores.log_likelihood) | (scores.diverged_at < len(batch.truth))

@@ -61,3 +61,27 @@ def test_the_report_is_that_of_the_command(found, tmp_path):
 def test_what_cannot_be_is_said(car, runs, estimators, said):
     with pytest.raises((h.UserError, h.ModelError), match=said):
         h.estimate(car, runs, estimators)
+
+
+def test_measured_inputs_are_smoothed_or_known_from_the_past(car):
+    """A logged drive: smoothed inputs see the future, filtered ones and the samples themselves do not."""
+    whole = h.simulate(car, h.drive("winding_road", duration="30 s", speed="20 m/s"), seed=3)
+    rng, logged = np.random.default_rng(4), whole.to_dataframe()
+    logged["speed"] += 0.3 * rng.normal(size=len(logged))
+    logged["steering_wheel_angle"] += np.radians(0.4) * rng.normal(size=len(logged))
+    recording = h.read_recording(logged.drop(columns=[c for c in logged if c.startswith("true_")]))
+    recording["true_lateral_velocity"] = whole["true_lateral_velocity"]
+    ways = {n: h.Estimator("ekf", input_signal=n) for n in ("filtered", "measured")} | {"smoothed": h.Estimator("ekf")}
+    found = h.estimate(car, recording, ways)
+    errors = found.errors.xs("lateral_velocity", level="signal").droplevel("recording")
+    assert errors.rmse["smoothed"] < errors.rmse["filtered"]
+    assert errors.nees.between(0.5, 2.0).all()
+    assert found.summary.nis.between(0.9, 1.1).all()
+    assert "smoothed: Recorded inputs and their rates are those given all samples" in found.notes[-1]
+    assert "measured: Recorded inputs are taken as measured" in found.notes[-1]
+    later = recording.copy(deep=True)
+    later["speed"][2000:] += 1.0
+    one, two = (h.Estimator("ekf", input_signal="measured").run(car, r) for r in (recording, later))
+    before, behind = slice(None, 2000), slice(2000, None)
+    moved = np.abs(one.lateral_velocity - two.lateral_velocity)
+    assert moved[before].max() < 0.01 * moved[behind].max()  # by the noise of the whole recording alone

@@ -80,8 +80,8 @@ def test_documentation_has_every_key_and_no_other(heading, table):
     keys = set(schema["properties"] if table is None else schema["$defs"][table]["properties"])
     if table == "ModelTable":
         noise = schema["$defs"]["NoiseTable"]["properties"]
-        keys = keys - {"values", "noise"} | {"values.<parameter>"}
-        keys |= {f"noise.{k}{'' if 'scale' in k else {'process': '.<state>'}.get(k, '.<output>')}" for k in noise}
+        keys, own = keys - {"values", "noise"} | {"values.<parameter>"}, {"process": ".<state>", "input": ".<signal>"}
+        keys |= {f"noise.{k}{'' if 'scale' in k else own.get(k, '.<output>')}" for k in noise}
     documented = {key.strip("[]") for key in _documented(heading)}
     assert documented == keys
 
@@ -89,7 +89,7 @@ def test_documentation_has_every_key_and_no_other(heading, table):
 def test_ten_line_study_of_the_documentation_loads(tmp_path):
     text = (ROOT / "docs" / "studies.md").read_text()
     blocks = [b.split("```")[0] for b in text.split("```toml\n")[1:]]
-    study, tyre, joint = blocks
+    study, tyre, joint, inputs = blocks
     assert len(study.strip().splitlines()) == 10
     shutil.copytree(ROOT / "studies" / "drives", tmp_path / "drives")
     path = tmp_path / "friction.toml"
@@ -100,4 +100,7 @@ def test_ten_line_study_of_the_documentation_loads(tmp_path):
     assert loaded.limits == {"lateral_force_axle_21": 5000.0}
     assert loaded.design("tyre").band_labels == ("±10 %", "±20 %", "±30 %")
     runs = [d.bands * d.samples * d.repeats * len(loaded.drives) for d in loaded.designs]
+    assert tomllib.loads(inputs)["plant"] == {
+        "noise": tomllib.loads((ROOT / "studies" / "input-noise.toml").read_text())["plant"]["noise"]
+    }
     assert runs == [120, 3 * 32 * 5 * 6, 256 * 4 * 6]

@@ -59,7 +59,7 @@ def test_filter_and_smoother_are_the_dense_solution(n):
     intensities = rng.uniform(1.0, 1e3, samples)
     first = np.array([25.0, 100.0, 400.0])[:n]
     exact, spread, lagged, density = dense(y, noise, intensities, first)
-    loops = kinematic_smoother._loops()
+    loops = kinematic_smoother.kinematic_loops()
     means, covariances = np.empty((samples, n)), np.empty((samples, n, n))
     squares, logarithms, count = loops.run_filter(y, noise, intensities, STEP, first, means, covariances)
     assert count == np.isfinite(y).sum() - 3
@@ -101,7 +101,7 @@ def test_the_likelihood_is_largest_where_it_says():
     y = u + 0.02 * rng.normal(size=len(u))
     search = kinematic_smoother._Search(y, STEP, 1)
     noise, intensity, likelihood = search._likeliest(*search.bounds, 7)
-    loops = kinematic_smoother._loops()
+    loops = kinematic_smoother.kinematic_loops()
 
     def at(noise, intensity):
         parts = np.full(len(y), noise), np.full(len(y), intensity), STEP, search.first

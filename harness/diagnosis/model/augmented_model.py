@@ -14,7 +14,7 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
-from harness.config import ModelSpec
+from harness.config import InputSignal, ModelSpec
 from harness.diagnosis.model import time_loops
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
@@ -74,9 +74,11 @@ class AugmentedModel(FilteredModel):
                 values[i] = p.grid[0] if p.grid else p.upper if p.per_drive else p.lower
         return values
 
-    def drive(self, recording: xr.Dataset, name: str, between: Between = "joined") -> Drive:
+    def drive(
+        self, recording: xr.Dataset, name: str, between: Between = "joined", signal: InputSignal | None = None
+    ) -> Drive:
         """Return a recording in terms of this model; its inputs run straight between samples."""
-        return super().drive(recording, name, between)
+        return super().drive(recording, name, between, signal)
 
     def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
         self._loop.filter_whole(

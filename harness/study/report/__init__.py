@@ -20,6 +20,7 @@ from harness.study.report.sections import (
     consistency,
     drives,
     history,
+    inputs,
     made,
     over_time,
     paired,
@@ -33,6 +34,7 @@ from harness.study.results import read
 
 _SECTIONS = {
     "How large are the errors?": boxes.blocks,
+    "How much of the error comes from the inputs?": inputs.blocks,
     "Which parameter drives the error?": sensitivity.blocks,
     "How far may the vehicle drift in all factors at once?": tolerance.blocks,
     "Which parameter causes the error, and when?": over_time.blocks,

@@ -17,6 +17,9 @@ from harness.study.scores import OK
 NEGLIGIBLE = 0.01
 """Share of the error below which a difference between estimators is negligible."""
 
+EXACT_AT_ZERO = ("input_noise_scale", "both")
+"""Factor and owner: with it at zero, inputs are exact and estimators know it."""
+
 HARDLY_MORE = 0.001
 """Share of the runs by which an estimator may lose more than another and still be compared by its median."""
 
@@ -135,6 +138,29 @@ class Findings:
     def ranking(self) -> Ranking:
         """Sobol indices of a ``saltelli`` design."""
         return Ranking(self.design, self.seed)
+
+    @cached_property
+    def input_shares(self) -> NDArray[np.float64] | None:
+        """Share of the mean square error that the noise of the inputs has, ``(target, band, estimator, 3)``.
+
+        With its interval. Runs are compared with those in which the inputs are exact, which share drive and all other
+        noise; ``None`` where no band of the design is that.
+        """
+        d = self.design
+        exact = [b for f in d.factors if (f.name, f.of) == EXACT_AT_ZERO for b in np.flatnonzero(f.upper == 0.0)]
+        if not exact or len(d.factors) > 1:
+            return None
+        shares = [
+            [
+                [
+                    statistics.share_of_squares(d.rmse[t, exact[0], e], d.rmse[t, b, e], d.strata, seed=self.seed)
+                    for e in range(len(d.estimators))
+                ]
+                for b in range(len(d.bands))
+            ]
+            for t in range(len(d.targets))
+        ]
+        return np.array(shares)
 
     @property
     def told(self) -> list[int | None]:

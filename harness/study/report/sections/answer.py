@@ -13,7 +13,7 @@ from harness.reporting.style import number, percent, probability, span, with_uni
 from harness.study.report.analysis import Analysis, Findings, Paired
 from harness.study.report.opening import ALIKE, answer_in_short, at
 from harness.study.report.ranking import limits_of, tolerances
-from harness.study.report.sections import boxes, sensitivity, tolerance
+from harness.study.report.sections import boxes, inputs, sensitivity, tolerance
 from harness.study.report.sections.history import inside
 from harness.study.results import FATES, Design
 from harness.study.scores import OK, PENDING
@@ -34,6 +34,7 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
     for target, quantity in enumerate(findings.design.targets):
         sentences = [*_errors(findings, target), *_better(findings, target)]
         items.append(f"{strong(_capital(quantity.words) + '.')} {plain(' '.join(sentences))}")
+    items += [f"{strong('Inputs.')} {plain(text)}" for text in inputs.in_short(findings)]
     items.append(f"{strong('Lost runs.')} {plain(_lost(analysis))}")
     if findings.with_covariance:
         items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")

@@ -109,7 +109,7 @@ def _timing(run: dict[str, Any]) -> dict[str, Any]:
 
 
 _SIDES = ("plant", "belief")
-_NOISES = {"process_noise": "process", "measurement_noise": "measurement"}
+_NOISES = {"process_noise": "process", "measurement_noise": "measurement", "input_noise": "input"}
 
 
 def _sides(store: StudyResults) -> dict[str, dict[str, Any]]:
@@ -159,7 +159,7 @@ def _noise(store: StudyResults) -> list[Block]:
     header = ["noise", "signal", "unit", "σ plant", "σ belief", "variance plant", "variance belief"]
     caption = (
         "Noise: standard deviation σ in the unit named, and the variance in SI units as a study states it; process "
-        "noise per step, measurement noise per sample."
+        "noise per step, measurement and input noise per sample."
     )
     return [Sheet(header, rows, caption, left=3)]
 
