@@ -12,12 +12,13 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from harness.common import locations, registry
-from harness.common.errors import ModelError, UserError
+from harness.common.errors import UserError
 from harness.common.files import parse_toml, read_text, read_toml, refuse_control_characters, toml_text
 from harness.common.units import refuse_misread
 from harness.config.designs import resolve_design
 from harness.config.factors import Models, number
 from harness.config.model import resolve_model, stated
+from harness.config.pair import check_pair
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.quick import shortened
 from harness.config.report_options import limits, over_time
@@ -25,7 +26,6 @@ from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import with_tuning
-from harness.models.contracts import DRIVE_INPUTS
 from harness.models.drive_options import options_of
 
 _Table = TypeVar("_Table", bound=BaseModel)
@@ -105,7 +105,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
         if entry.name == "history":
             problems.add(f"design[{i}].name", "'history' is where the store keeps the runs over time; choose another")
     if plant is not None and belief is not None:
-        _check_pair(plant, belief, raw, problems)
+        check_pair(plant, belief, raw, problems)
         for i, table in enumerate(raw.design):
             design = resolve_design(table, f"design[{i}]", Models(plant, belief), problems)
             designs += [] if design is None else [design]
@@ -278,59 +278,6 @@ def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Proble
         )
     _refuse_twice([s.name for s in specs], "estimator", "name", problems)
     return specs
-
-
-def _check_pair(plant: ModelSpec, belief: ModelSpec, raw: StudyFile, problems: Problems) -> None:
-    """What plant and belief must share: sample time, measured outputs, known inputs, targets."""
-    if plant.step != belief.step:
-        problems.add(
-            "belief.step",
-            f"{belief.step:g} s differs from the plant's {plant.step:g} s; both run on the same samples. "
-            "Use belief.substeps for finer integration",
-        )
-    truth, held = plant.model(), belief.model()
-    for output in held.outputs:
-        if output not in truth.outputs:
-            problems.add(
-                "belief.sensors",
-                f"the belief measures '{output}', which the plant's sensors do not give"
-                f"{registry.closest(output, list(truth.outputs))}",
-            )
-    for name in held.inputs:
-        given = {*truth.inputs, *truth.outputs, *truth.states, *truth.ports, *DRIVE_INPUTS, *held.rates, "time"}
-        given |= set(held.otherwise)
-        if name not in given:
-            problems.add(
-                "belief.vehicle",
-                f"the belief needs input '{name}', which the plant does not have; add it to belief.unknown_inputs",
-            )
-    _check_input_noise(plant, belief, problems)
-    for i, target in enumerate(raw.targets):
-        if target in raw.targets[:i]:
-            problems.add(f"targets[{i}]", f"'{target}' is named twice; remove one")
-        for side, model in (("plant", truth), ("belief", held)):
-            try:
-                model.resolve(target)
-            except ModelError as error:
-                problems.add(f"targets[{i}]", f"the {side} cannot give it: {error}")
-                break
-
-
-def _check_input_noise(plant: ModelSpec, belief: ModelSpec, problems: Problems) -> None:
-    """What is read with noise must be known to be; what the vehicle itself supplies has the noise of its sensors."""
-    for name in plant.input_noise:
-        key = f"plant.noise.input.{name}"
-        if name not in belief.model().inputs:
-            problems.add(key, f"no estimator reads '{name}' as an input; remove the key")
-        elif name not in plant.model().inputs and name not in DRIVE_INPUTS:
-            problems.add(
-                key, f"'{name}' is what a sensor gives, whose noise is noise.measurement.{name}; remove the key"
-            )
-        elif name not in belief.input_noise:
-            problems.add(
-                f"belief.noise.input.{name}",
-                f"estimators read '{name}' with noise; state the variance that they believe it to have",
-            )
 
 
 def _refuse_twice_history(raw: StudyFile, problems: Problems) -> None:

@@ -215,11 +215,6 @@ REFUSALS = {
         ],
         "design[0].factor[0].levels[0]: an estimator cannot work with variances of zero",
     ),
-    "input noise to scale that there is not": (
-        [("trailer_mass", "input_noise_scale"), ('["8 t", "24 t", "32 t"]', "[0, 1]")],
-        "design[0].factor[0].parameter: the plant has no noise of inputs to multiply; state it, e.g. "
-        "plant.noise.input.speed",
-    ),
 }
 
 
@@ -341,30 +336,6 @@ APPENDED = {
     "history repeat": (
         '[history]\ndesign = "level"\ndrive = "sine"\nrepeat = 2\nlevels = { trailer_mass = "8 t" }\n',
         "history.repeat: design 'level' has 2, counted from 0",
-    ),
-    "noise of an input that there is not": (
-        '[plant.noise.input]\nspede = "1 m^2/s^2"\n',
-        "plant.noise.input.spede: the plant has no input signal 'spede'; closest: speed",
-    ),
-    "noise of a rate": (
-        '[plant.noise.input]\nspeed_rate = "1 m^2/s^4"\n',
-        "plant.noise.input.speed_rate: the plant has no input signal 'speed_rate'; closest: speed",
-    ),
-    "noise of an input that nobody reads": (
-        '[plant.noise.input]\nsteering_wheel_angle = "1 deg^2"\n',
-        "plant.noise.input.steering_wheel_angle: no estimator reads 'steering_wheel_angle' as an input; remove the key",
-    ),
-    "noise of an input that estimators take for exact": (
-        '[plant.noise.input]\nspeed = "1 m^2/s^2"\n[belief.noise.input]\nspeed = 0\n',
-        "belief.noise.input.speed: estimators read 'speed' with noise; state the variance",
-    ),
-    "negative noise of an input": (
-        '[plant.noise.input]\nspeed = "-1 m^2/s^2"\n',
-        "plant.noise.input.speed: a variance cannot be negative, got -1",
-    ),
-    "what an estimator takes for its inputs": (
-        '[[estimator]]\nname = "more"\nkind = "ekf"\ninput_signal = "smoothed"\n',
-        "estimator[1].input_signal: ",
     ),
 }
 
