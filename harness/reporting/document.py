@@ -18,6 +18,7 @@ import typst
 
 from harness.common.failures import RAISED, Failures
 from harness.common.files import write_files
+from harness.reporting import screen
 
 
 @dataclass(frozen=True)
@@ -253,14 +254,9 @@ def _compiled(document: Document) -> tuple[bytes, bytes]:
         # The warnings only repeat that HTML export is young.
         html, _ = compiler.compile_with_warnings(format="html", sys_inputs={"medium": "screen"})
         pdf, _ = compiler.compile_with_warnings(format="pdf", sys_inputs={"medium": "paper"}, timestamp=0)
-    css = (here / "page.css").read_text(encoding="utf-8")
     assert isinstance(html, bytes)  # lists of pages are for images only
     assert isinstance(pdf, bytes)
-    page = html.decode("utf-8")
-    head, mark, rest = page.partition("</head>")
-    if not mark:
-        raise RuntimeError("typst wrote HTML without a head")
-    return f"{head}<style>{css}</style>{mark}{rest}".encode(), pdf
+    return screen.page(html.decode("utf-8")), pdf
 
 
 def write(document: Document, directory: Path, stem: str = "report", failures: Failures | None = None) -> list[Path]:

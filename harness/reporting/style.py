@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import html
 import io
+import json
 import math
+import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import quote, unquote
 from weakref import WeakKeyDictionary
 
 import matplotlib as mpl
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
 from matplotlib.figure import Figure
@@ -22,6 +27,8 @@ TALLEST = 9.3  # inches: the most a figure may take of a page
 HALF = 4.3  # inches: of a figure that shares a page with another one and both captions
 _PAD = 0.04  # inches around a panel with its labels
 _used: WeakKeyDictionary[Figure, float] = WeakKeyDictionary()  # inches that ``head`` took of a figure
+_MARK = "mark:"  # how the id of an artist begins that ``mark`` said something of
+_MARKED = re.compile(rf'<g id="{_MARK}([^"]*)">')
 TRUTH = "#000000"
 MEASURED = "#9a9a9a"
 SHADE = "#e9e9e9"
@@ -179,13 +186,32 @@ def figure(height: float, **layout: Any) -> Figure:
     return fig
 
 
+def mark(artists: Artist | Iterable[Artist], series: str, text: str = "") -> None:
+    """Say of what an artist is drawn, so that a reader on screen can switch it off and read its numbers.
+
+    Args:
+        artists: One or several.
+        series: Name that is switched, an estimator's; nothing for what is always shown.
+        text: What is told when a pointer rests on it; the series by default.
+    """
+    for artist in [artists] if isinstance(artists, Artist) else artists:
+        artist.set_gid(_MARK + quote(json.dumps([series, text or series])))  # quoted: however XML quotes an id
+
+
 def svg(fig: Figure) -> bytes:
     """Return the figure as SVG that depends on its content only (no date, fixed ids)."""
     _lay_out(fig)
     _lay_out(fig)  # the ticks, and with them the room for their labels, depend on the height of a panel
     stream = io.BytesIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=200)
-    return stream.getvalue()
+    return _MARKED.sub(_told, stream.getvalue().decode("utf-8")).encode()
+
+
+def _told(found: re.Match[str]) -> str:
+    """Return the group of an artist with what ``mark`` said of it, in the words of SVG."""
+    series, text = json.loads(unquote(found[1]))
+    named = f' data-series="{html.escape(series)}"' if series else ""
+    return f"<g{named}><title>{html.escape(text)}</title>"
 
 
 def _lay_out(fig: Figure) -> None:

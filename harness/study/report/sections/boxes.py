@@ -150,15 +150,12 @@ def _boxes(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> N
     width = 0.8 / count
     for e, name in enumerate(design.estimators):
         look = analysis.looks[name]
-        places, boxes = [], []
-        for band in range(len(design.bands)):
-            summary = findings.summaries[target][band][e]
-            if summary.n:
-                places.append(band + (e - (count - 1) / 2) * width)
-                boxes.append(_statistics(summary))
-        if not boxes:
+        bands = [band for band in range(len(design.bands)) if findings.summaries[target][band][e].n]
+        if not bands:
             continue
-        axes.bxp(
+        places = [band + (e - (count - 1) / 2) * width for band in bands]
+        boxes = [_statistics(findings.summaries[target][band][e]) for band in bands]
+        drawn = axes.bxp(
             boxes,
             positions=places,
             widths=0.82 * width,
@@ -170,9 +167,13 @@ def _boxes(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> N
             capprops={"color": look.line, "linewidth": 0.8},
             medianprops={"color": "black", "linewidth": 1.0},
         )
+        for number, band in enumerate(bands):
+            parts = [drawn[kind][number] for kind in ("boxes", "medians")]
+            parts += [drawn[kind][2 * number + side] for kind in ("whiskers", "caps") for side in range(2)]
+            style.mark(parts, name, _in_words(findings, target, band, e))
         low, high = [b["low"] for b in boxes], [b["high"] for b in boxes]
-        axes.vlines(places, low, high, color="white", lw=3.6, zorder=5)
-        axes.vlines(places, low, high, color="black", lw=2.2, zorder=6)
+        style.mark(axes.vlines(places, low, high, color="white", lw=3.6, zorder=5), name)
+        style.mark(axes.vlines(places, low, high, color="black", lw=2.2, zorder=6), name)
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
@@ -187,6 +188,19 @@ def scale_errors(axes: Axes, errors: np.ndarray) -> None:
         style.logarithmic(axes, float(finite.min()), float(finite.max()))
     else:
         axes.set_ylim(bottom=0)
+
+
+def _in_words(findings: Findings, target: int, band: int, e: int) -> str:
+    """Return what a box says, for a reader on screen."""
+    design, s = findings.design, findings.summaries[target][band][e]
+    unit = design.targets[target].unit
+    where = f", {design.bands[band]}" if len(design.bands) > 1 else ""
+    return (
+        f"{design.estimators[e]}{where}: median {style.with_unit(s.median.value, unit)} "
+        f"({style.span(s.median.lower, s.median.upper, unit)}), quartiles "
+        f"{style.span(s.lower_quartile, s.upper_quartile, unit)}, smallest {style.with_unit(s.minimum, unit)}, largest "
+        f"{style.with_unit(s.maximum, unit)}, {s.n} runs"
+    )
 
 
 def _statistics(s: Summary) -> dict[str, Any]:

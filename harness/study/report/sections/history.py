@@ -128,10 +128,11 @@ def _panel(axes: Axes, data: xr.Dataset, row: Quantity, chosen: dict[str, Look])
         mine = one.sel(estimator=name)
         estimate = row.scale * mine["estimate"].values
         reach = 2.0 * row.scale * mine["std"].values
-        axes.plot(*thin(time, estimate), color=look.line, ls=look.dashes, lw=1.1, zorder=4)
+        style.mark(axes.plot(*thin(time, estimate), color=look.line, ls=look.dashes, lw=1.1, zorder=4), name)
         if np.isfinite(reach).any():
             times, lower, upper = envelope(time, estimate - reach, estimate + reach)
-            axes.fill_between(times, lower, upper, color=look.line, alpha=0.18, lw=0, zorder=2)
+            band = axes.fill_between(times, lower, upper, color=look.line, alpha=0.18, lw=0, zorder=2)
+            style.mark(band, name, f"{name}, ± 2σ")
         if np.isfinite(estimate[-1]):
             shown.append(estimate)  # one that diverges would flatten all others; it leaves the panel instead
     _limit(axes, shown)

@@ -85,10 +85,14 @@ def _differences(axes: Axes, analysis: Analysis, findings: Findings, target: int
         found = [findings.compared(target, a, b, band) for band in range(len(design.bands))]
         values, low, high = np.array([c.result.difference for c in found]).T
         places = np.arange(len(found)) + offset
-        axes.vlines(places, low, high, color=look.line, lw=1.4)
-        shown = np.array([c.shown for c in found])
-        for chosen, face in ((shown, look.line), (~shown, "white")):
-            axes.plot(places[chosen], values[chosen], look.marker, ms=5.5, mec=look.line, mfc=face)
+        name = design.estimators[b]
+        style.mark(axes.vlines(places, low, high, color=look.line, lw=1.4), name)
+        unit = design.targets[target].unit
+        for place, value, one, band in zip(places, values, found, design.bands, strict=True):
+            face = look.line if one.shown else "white"
+            points = axes.plot(place, value, look.marker, ms=5.5, mec=look.line, mfc=face)
+            told = f"{name} − {design.estimators[a]}, {band}: {style.with_unit(value, unit)} "
+            style.mark(points, name, f"{told}({style.span(one.result.difference[1], one.result.difference[2], unit)})")
     quantity = design.targets[target]
     axes.set_ylabel(f"difference of RMSE{style.in_unit(quantity.unit)}")
     axes.set_title(quantity.words, loc="left")
