@@ -11,7 +11,7 @@ from harness.reporting import style
 from harness.reporting.document import Bullets, Prose
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import answer_in_short
-from harness.study.report.sections import answer
+from harness.study.report.sections import answer, in_numbers
 from support.report_parts import everything
 
 
@@ -23,17 +23,23 @@ def _words(analysis: Analysis) -> str:
 def test_words_when_nothing_is_left(one_design):
     lost = one_design(status=everything)
     text = _words(lost)
-    assert "At 8 t no run has a score." in text
     assert "plant left its range in 84 (EKF 42, UKF 42)" in text
+
+
+def _row(findings: Findings, estimator: str) -> dict[str, str]:
+    """The cells of an estimator's first row in the table of the answer, by header."""
+    sheet = in_numbers.table(findings)
+    cells = next(row for row in sheet.rows if row[1] == estimator)
+    return dict(zip(sheet.header, cells, strict=True))
 
 
 def test_no_difference_is_called_none(one_design):
     analysis = one_design()
     design = analysis.main.design
     design.rmse[:, :, 1] = design.rmse[:, :, 0]
-    text = _words(Analysis(analysis.store))
-    assert "no difference between UKF and EKF is shown" in text
-    assert "is better than" not in text
+    row = _row(Findings(design, 0), "UKF")
+    assert row["same run, all levels"] == "not shown"
+    assert _row(Findings(design, 0), "EKF")["same run, all levels"] == "compared with"
 
 
 def test_a_difference_that_is_shown_may_still_be_negligible(one_design):
@@ -45,14 +51,21 @@ def test_a_difference_that_is_shown_may_still_be_negligible(one_design):
     assert pair.shown
     assert pair.negligible
     assert pair.relative == pytest.approx(-0.0005, rel=0.05)
-    text = " ".join(answer._better(findings, 0))
-    assert "UKF and EKF differ negligibly" in text
-    assert "0.050 % of the median RMSE" in text
-    assert "is better than" not in text
+    assert _row(findings, "UKF")["same run, all levels"] == "within 1 %"
     design.rmse[:, :, 1] = design.rmse[:, :, 0] * 0.9
-    text = " ".join(answer._better(Findings(design, 0), 0))
-    assert "UKF is better than EKF on the same run by" in text
-    assert "10 % of the median RMSE" in text
+    assert _row(Findings(design, 0), "UKF")["same run, 24 t"] == "−10 %"
+
+
+def test_the_table_of_the_answer_has_the_medians_and_their_growth(one_design):
+    design = one_design().main.design
+    medians = _medians(design)
+    row = _row(Findings(design, 0), "UKF")
+    assert row["24 t"].startswith(f"{style.number(medians[0, 4, 1])} (")
+    assert row["8 t"] == f"{style.number(medians[0, 0, 1])} ({style.number(medians[0, 0, 1] / medians[0, 4, 1], 2)}×)"
+    assert "lost" not in row
+    single = in_numbers.table(one_design(estimators=("EKF",), levels=(24.0,)).main)
+    assert list(single.header) == ["target", "estimator", "24 t"]
+    assert single.caption == "Median RMSE as believed with its 95 % interval."
 
 
 def _medians(design) -> np.ndarray:
@@ -143,7 +156,7 @@ def _lose_on_the_first_drive(fates: np.ndarray) -> None:
     fates[:, :, 0, :, 0] = 1
 
 
-def test_many_estimators_are_grouped_and_compared_with_the_best(one_design):
+def test_many_estimators_are_compared_with_the_best(one_design):
     """KF is best on the runs it survives: that makes it neither the reference nor the best."""
     design = one_design(estimators=SEVEN, repeats=20, status=_lose_on_the_first_drive).main.design
     for e, factor in enumerate((0.5, 1.0, 0.999, 1.001, 1.002, 1.5, 2.0)):
@@ -151,13 +164,19 @@ def test_many_estimators_are_grouped_and_compared_with_the_best(one_design):
     findings = Findings(design, 0)
     assert design.estimators[findings.reference] == "UKF"
     assert findings.pairs == [(2, e) for e in (0, 1, 3, 4, 5, 6)]
-    text = " ".join(answer._errors(findings, 0) + answer._better(findings, 0))
-    assert " kN for EKF, UKF, CDKF and ST-CDKF (" in text
-    assert " kN for NARX (" in text
-    assert (
-        "Over all levels, against UKF on the same run, better: KF by 50 %; worse: PF by 50 % and NARX by 100 %" in text
-    )
-    assert "within 1 %: " in text
+    rows = {name: _row(findings, name) for name in SEVEN}
+    shown = {name: row["same run, all levels"] for name, row in rows.items()}
+    assert shown == {
+        "KF": "−50 %",
+        "EKF": "within 1 %",
+        "UKF": "compared with",
+        "CDKF": "within 1 %",
+        "ST-CDKF": "within 1 %",
+        "PF": "+50 %",
+        "NARX": "+100 %",
+    }
+    assert rows["KF"]["lost"] == str(int((design.status[:, 0] != 0).sum())) != "0"
+    assert rows["PF"]["lost"] == "0"
 
 
 def test_lost_runs_name_the_drive_they_share(one_design):
@@ -178,7 +197,7 @@ def test_the_matched_level_is_called_what_it_is(one_design, of, says):
     design = one_design().main.design
     factor = design.factors[0]
     object.__setattr__(factor, "of", of)
-    assert f"With the trailer mass {says} (24 t) the median RMSE" in answer._errors(Findings(design, 0), 0)[0]
+    assert in_numbers.table(Findings(design, 0)).caption.startswith(f"Median RMSE {says} (24 t) with its 95 % interval")
 
 
 def test_a_few_runs_behind_a_large_nees_are_counted(one_design):

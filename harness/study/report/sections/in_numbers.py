@@ -1,0 +1,115 @@
+"""The answer in numbers: the errors where plant and belief agree, at the ends of the range, and on the same runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.models.quantities import listed
+from harness.reporting.document import Sheet
+from harness.reporting.style import in_unit, number, percent
+from harness.study.report.analysis import Findings, Paired
+from harness.study.results import Design
+from harness.study.scores import OK
+
+
+def home(findings: Findings) -> int | None:
+    """Return the band that others are compared with: the matched one, or the only one."""
+    if findings.design.matched is None and len(findings.design.bands) == 1:
+        return 0
+    return findings.design.matched
+
+
+def table(findings: Findings) -> Sheet:
+    """Return the table that the answer rests on: targets and estimators down, levels and comparisons across."""
+    design, start = findings.design, home(findings)
+    ends = _ends(findings, start)
+    lost = [int((design.status[:, e] != OK).sum()) for e in range(len(design.estimators))]
+    told = findings.told if findings.pairs else []
+    header = ["target", "estimator"]
+    header += [_level(design, start)] if start is not None else []
+    header += [_level(design, band) for band in ends]
+    header += [f"same run, {_where(design, band)}" for band in told]
+    header += ["lost"] if any(lost) else []
+    rows = []
+    for target, quantity in enumerate(design.targets):
+        for e, name in enumerate(design.estimators):
+            row = ["" if e else f"{quantity.words}{in_unit(quantity.unit)}", name]
+            row += [_at_home(findings, target, start, e)] if start is not None else []
+            row += [_grown(findings, target, start, band, e) for band in ends]
+            row += [_compared(findings, target, band, e) for band in told]
+            row += [str(lost[e])] if any(lost) else []
+            rows.append(row)
+    return Sheet(header, rows, _caption(findings, start, ends, any(lost)), left=2)
+
+
+def _caption(findings: Findings, start: int | None, ends: list[int], lost: bool) -> str:
+    design = findings.design
+    text = "Median RMSE"
+    if start is not None:
+        text += f" {design.matched_is}" if design.matched is not None else ""
+        text += f" ({design.bands[start]})" if len(design.bands) > 1 else ""
+        text += " with its 95 % interval"
+    if ends:
+        varied = listed([f.words for f in design.factors])
+        where = f"at the ends of the {varied}" if len(design.factors) == 1 else "at the level of the largest error"
+        text += f", and {where}" + (" (times as much)" if start is not None else "")
+    text += "."
+    if findings.pairs:
+        first = design.estimators[findings.pairs[0][0]]
+        text += (
+            f" Same run: median difference from {first} in percent of its median RMSE; “not shown”: p of at least 0.05 "
+            "after Holm's correction."
+        )
+    if lost:
+        text += " Lost: runs without a score, in no median; the median of who loses more is that of easier runs."
+    return text
+
+
+def _ends(findings: Findings, start: int | None) -> list[int]:
+    """Return the ends of a single factor's range, or else the band with the largest median of all."""
+    design, medians = findings.design, findings.medians
+    if len(design.factors) == 1:
+        centres = (design.factors[0].lower + design.factors[0].upper) / 2
+        found = list(dict.fromkeys([int(np.argmin(centres)), int(np.argmax(centres))]))
+    elif np.isfinite(medians[0]).any():
+        found = [int(np.nanargmax(np.nanmax(np.where(np.isfinite(medians[0]), medians[0], -np.inf), axis=1)))]
+    else:
+        found = []
+    return [b for b in found if b != start]
+
+
+def _level(design: Design, band: int) -> str:
+    return "whole box" if design.sampling == "saltelli" else design.bands[band]
+
+
+def _where(design: Design, band: int | None) -> str:
+    return "all levels" if band is None else _level(design, band)
+
+
+def _at_home(findings: Findings, target: int, band: int, e: int) -> str:
+    s = findings.summaries[target][band][e]
+    return f"{number(s.median.value)} ({number(s.median.lower)} to {number(s.median.upper)})" if s.n else "–"
+
+
+def _grown(findings: Findings, target: int, start: int | None, band: int, e: int) -> str:
+    medians = findings.medians[target]
+    if start is None or not medians[start, e] > 0 or not np.isfinite(medians[band, e]):
+        return number(medians[band, e])
+    return f"{number(medians[band, e])} ({number(medians[band, e] / medians[start, e], 2)}×)"
+
+
+def _compared(findings: Findings, target: int, band: int | None, e: int) -> str:
+    """Return by how much an estimator is worse or better than the one all are compared with, on the same run."""
+    if e == findings.pairs[0][0]:
+        return "compared with"
+    return _difference(findings.compared(target, *next(p for p in findings.pairs if p[1] == e), band))
+
+
+def _difference(pair: Paired) -> str:
+    if not pair.result.n:
+        return "–"
+    if not pair.shown:
+        return "not shown"
+    if pair.negligible:
+        return "within 1 %"
+    return f"{'+' if pair.relative > 0 else '−'}{percent(abs(pair.relative))}"
