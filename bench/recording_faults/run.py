@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from time import perf_counter
 
@@ -19,6 +21,8 @@ from harness.recordings.check import Findings, check_tables
 from harness.recordings.consistency import DISAGREES
 
 CLEAN = "nothing planted"
+Key = tuple[str, str, tuple[str, ...]]
+"""Drive, kind and signals of a check."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,7 @@ class Scored:
 
     Attributes:
         drive, kind: Which drive, and what was planted in it.
+        signals: Of which any one names it.
         measured: Whether the drive is a measured one.
         size: Of the fault.
         named: Whether it was named first: its kind and its signal.
@@ -39,6 +44,7 @@ class Scored:
 
     drive: str
     kind: str
+    signals: tuple[str, ...]
     measured: bool
     size: float
     named: bool
@@ -73,7 +79,7 @@ def scored(drive: Drive, clean: Findings, fault: Planted, measured: bool) -> Sco
         found, seconds = check_drive(fault.into(drive))
     except Exception as error:
         said = (f"ended without an answer: {type(error).__name__}: {error}",)
-        return Scored(drive.name, fault.kind, measured, fault.size, False, False, False, 0, said, np.nan)
+        return Scored(drive.name, fault.kind, fault.signals, measured, fault.size, False, False, False, 0, said, np.nan)
     before = _keys(clean)
     named = any(_names(fault, f.kind, f.signals) for f in found.found)
     others = [f for h in found.examination.hypotheses[1:] for f in h.faults]
@@ -89,39 +95,72 @@ def scored(drive: Drive, clean: Findings, fault: Planted, measured: bool) -> Sco
         and not _names(fault, f.kind, f.signals)
         and f.kind not in fault.also
     ]
-    return Scored(drive.name, fault.kind, measured, fault.size, named, alternatives, passes, len(further),
-                  tuple(map(str, found.found)), seconds)  # fmt: skip
+    return Scored(drive.name, fault.kind, fault.signals, measured, fault.size, named, alternatives, passes,
+                  len(further), tuple(map(str, found.found)), seconds)  # fmt: skip
 
 
-def score_drive(make: Callable[[], Drive], seed: int, measured: bool) -> list[Scored]:
-    """Check a drive as it is, and with every fault that it can show."""
+def score_drive(make: Callable[[], Drive], seed: int, measured: bool, there: Collection[Key] = ()) -> Iterator[Scored]:
+    """Check a drive as it is and with every fault that it can show, but for what is there already; one by one."""
     drive = make()
+    faults = planted(drive, np.random.default_rng([seed, 7]))
+    faults = [f for f in faults if (drive.name, f.kind, f.signals) not in there]
+    if not faults and (drive.name, CLEAN, ()) in there:
+        return
     clean, seconds = check_drive(drive)
-    silent = not clean.found
-    found = [Scored(drive.name, CLEAN, measured, 0.0, silent, silent, silent, len(clean.found),
-                    tuple(map(str, clean.found)), seconds)]  # fmt: skip
-    return found + [scored(drive, clean, f, measured) for f in planted(drive, np.random.default_rng([seed, 7]))]
+    if (drive.name, CLEAN, ()) not in there:
+        silent = not clean.found
+        yield Scored(drive.name, CLEAN, (), measured, 0.0, silent, silent, silent, len(clean.found),
+                     tuple(map(str, clean.found)), seconds)  # fmt: skip
+    for fault in faults:
+        yield scored(drive, clean, fault, measured)
 
 
-def _simulated(task: tuple[str, int]) -> list[Scored]:
-    vehicle, seed = task
-    return score_drive(lambda: getattr(drives, vehicle)(seed), seed, False)
+def _check_all(task: tuple[str, int, Path, Sequence[Key]]) -> list[Scored]:
+    """Check one drive and append every check to the file at once."""
+    kind, number, path, there = task
+    is_measured = kind == "measured"
+    make = drives.measured()[number] if is_measured else partial(getattr(drives, kind), number)
+    found = []
+    for each in score_drive(make, number, is_measured, there):
+        found.append(each)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(_line(each))
+    return found
 
 
-def _measured(number: int) -> list[Scored]:
-    return score_drive(drives.measured()[number], number, True)
+def run(seeds: Iterable[int], jobs: int, path: Path, with_measured: bool = True) -> Iterator[list[Scored]]:
+    """Check drives of every vehicle for every seed, and the measured ones that are there; yields drive by drive.
 
-
-def run(seeds: Iterable[int], jobs: int, with_measured: bool = True) -> Iterable[list[Scored]]:
-    """Check drives of every vehicle for every seed, and the measured ones that are there; yields drive by drive."""
-    tasks = [(v, s) for s in seeds for v in ("car", "semitrailer")]
-    with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(_simulated, tasks)
-        if with_measured:
-            yield from pool.map(_measured, range(len(drives.measured())))
-
-
-def save(found: Sequence[Scored], path: Path) -> None:
-    """Keep every check as a line of JSON."""
+    Args:
+        seeds: Of the simulated drives.
+        jobs: Processes.
+        path: File with a line for every check, appended to as soon as it is done; what it holds is not done again.
+        with_measured: Whether measured drives are checked.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(json.dumps(asdict(s), ensure_ascii=False) + "\n" for s in found), encoding="utf-8")
+    there = kept(path)
+    path.write_text("".join(map(_line, there)), encoding="utf-8")
+    keys = tuple((s.drive, s.kind, s.signals) for s in there)
+    measured = [("measured", n) for n in range(len(drives.measured()) if with_measured else 0)]
+    simulated = [(vehicle, seed) for seed in seeds for vehicle in ("car", "semitrailer")]
+    by_turns = [t for pair in zip_longest(measured, simulated) for t in pair if t is not None]
+    tasks = [(*task, path, keys) for task in by_turns]
+    yield there
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(_check_all, tasks)
+
+
+def _line(check: Scored) -> str:
+    return json.dumps(asdict(check), ensure_ascii=False) + "\n"
+
+
+def kept(path: Path) -> list[Scored]:
+    """Return the checks that a file holds; a line that an interruption cut off is none."""
+    found = []
+    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
+        try:
+            row = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        found.append(Scored(**{**row, "signals": tuple(row["signals"]), "found": tuple(row["found"])}))
+    return found

@@ -14,6 +14,7 @@ from harness.common.errors import UserError
 from harness.config.parameter_set import load_set
 from harness.recordings import readers, remedy
 from harness.recordings.axle_curves import Axle, axles_of
+from harness.recordings.calibration import DELAY
 from harness.recordings.channel_map import ESTIMATE, load_map, map_content
 from harness.recordings.channels import plain_map
 from harness.recordings.consistency import DISAGREES, DelayUnknown, verdicts
@@ -26,6 +27,9 @@ __all__ = ["Findings", "Remedy", "check_recording", "check_tables"]
 
 _ROUNDS = 2
 """Times that a mended map is examined again: a large fault hides a small one."""
+
+_ABSURD = 30.0
+"""Factor between the step that a map wants and that of the samples beyond which one of them is in a wrong unit."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ def check_tables(tables: list[Table], file: str, content: Mapping[str, Any] | No
         UserError: If tables and map do not fit each other.
     """
     given = remedy.content_of(plain_map(tables, file)) if content is None else content
-    recording, examination = _examined(tables, file, given)
+    recording, examination, _ = _examined(tables, file, given)
     found = list(examination.findings)
     after, last = given, examination
     mended: Remedy | None = None
@@ -130,11 +134,12 @@ def check_tables(tables: list[Table], file: str, content: Mapping[str, Any] | No
             break
         after = better
         try:
-            _, last = _examined(tables, file, after)
+            _, last, estimated = _examined(tables, file, after)
         except UserError:
             break
         mended = Remedy(after, tuple(remedy.lines(given, after)), last.fits)
-        found = [f for f in found if f.kind != "unexplained"] + list(last.findings)
+        found = [f for f in found if f.kind != "unexplained" and not (f.kind == DELAY and estimated & set(f.signals))]
+        found += last.findings
     return Findings(recording, examination, tuple(_once(found)), mended)
 
 
@@ -144,27 +149,38 @@ def _once(found: list[Finding]) -> list[Finding]:
     return list(reversed(kept.values()))
 
 
-def _examined(tables: list[Table], file: str, content: Mapping[str, Any]) -> tuple[xr.Dataset, Examination]:
-    """Read a recording and examine it; a delay that cannot be estimated is taken as none, with a warning."""
-    step = _finest(tables, content)
+def _examined(
+    tables: list[Table], file: str, content: Mapping[str, Any]
+) -> tuple[xr.Dataset, Examination, frozenset[str]]:
+    """Read a recording and examine it; return the signals as well whose delay was estimated.
+
+    What they are late by is what the map asks for, and no fault. If one cannot be estimated, as another fault hides it,
+    all are taken as none, with a warning.
+    """
+    step, estimated = _finest(tables, content), _to_be_estimated(content)
     try:
         recording = recording_of(tables, file, content, step)
     except DelayUnknown as error:
-        plain = {
-            k: {**v, "delay": 0.0} if isinstance(v, dict) and v.get("delay") == ESTIMATE else v
-            for k, v in content.items()
-        }
+        plain = {k: {**v, "delay": 0.0} if k in estimated else v for k, v in content.items()}
+        estimated = frozenset()
         recording = recording_of(tables, file, plain, step)
         recording.attrs["warnings"].append(f"{error}; taken as 0")
     place = {c: n for n, table in enumerate(tables) for c in table.columns}
     channels = {c.signal: c for c in load_map(content).channels}
     clocks = {name: place[c.channel] for name, c in channels.items()}
     clocks |= {p: clocks["latitude"] for p in ("position_x", "position_y") if "latitude" in clocks and p not in clocks}
-    return recording, examine(recording, {name: c.scale for name, c in channels.items()}, clocks)
+    return recording, examine(recording, {name: c.scale for name, c in channels.items()}, clocks), estimated
+
+
+def _to_be_estimated(content: Mapping[str, Any]) -> frozenset[str]:
+    return frozenset(k for k, v in content.items() if isinstance(v, dict) and v.get("delay") == ESTIMATE)
 
 
 def _finest(tables: list[Table], content: Mapping[str, Any]) -> float | None:
-    """Return the step of the fastest of several clocks, in s; None where the map states one, or there is one clock."""
+    """Return the step of the fastest of several clocks, in s; None where the map states one, or there is one clock.
+
+    A step that is stated does not hold if no unit of time could be right with it.
+    """
     mapping = load_map(content)
     used = {c.channel for c in mapping.channels}
     steps = []
@@ -173,7 +189,11 @@ def _finest(tables: list[Table], content: Mapping[str, Any]) -> float | None:
         if clock is not None and used & set(table.columns) and len(table.columns[clock]) > 2:
             steps.append(mapping.clocks.get(clock, (1.0,))[0] * float(np.nanmedian(np.diff(table.columns[clock]))))
     finest = min((s for s in steps if s > 0), default=0.0)
-    return finest if len(steps) > 1 and finest > 0 and not np.isfinite(mapping.step) else None
+    if finest == 0.0:
+        return None
+    if np.isfinite(mapping.step):
+        return finest if not 1 / _ABSURD < mapping.step / finest < _ABSURD else None
+    return finest if len(steps) > 1 else None
 
 
 def _mended(
@@ -182,7 +202,6 @@ def _mended(
     """Return the map without what was found wrong."""
     clocks = load_map(content).clocks
     named = {n: next((c for c in clocks if c in t.columns), "") for n, t in enumerate(tables)}
-    estimated = {k for k, v in content.items() if isinstance(v, dict) and v.get("delay") == ESTIMATE}
-    causes = [c for c in examination.causes if not (c.kind == "delay" and estimated & set(c.signals))]
+    causes = [c for c in examination.causes if not (c.kind == DELAY and _to_be_estimated(content) & set(c.signals))]
     duration = float(recording["time"][-1])
     return remedy.mended(content, examination.faults, causes, named, duration)

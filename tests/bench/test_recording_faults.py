@@ -52,7 +52,7 @@ def test_the_score_counts_what_is_missed(drive):
 
 @pytest.mark.proof
 def test_table_and_summary_of_a_drive():
-    found = score_drive(lambda: drives.semitrailer(5), 5, measured=False)
+    found = list(score_drive(lambda: drives.semitrailer(5), 5, measured=False))
     assert {s.kind for s in found} > {CLEAN, "time: ms, us, s for ms"}
     assert len(table(found).splitlines()) == len({s.kind for s in found} - {CLEAN}) + 2
     words, recall, alarms = summary(found, measured=False)
