@@ -24,7 +24,8 @@ NOTHING, UNRESOLVED, PARAMETER, CURVE = "nothing", "unresolved", "a parameter", 
 _PARAMETER = "parameter:"
 _UNTRACED: dict[str, Any] = {
     "verdict": "failed",
-    **{key: [] for key in ("added", "parameters", "confusable", "candidates")},
+    **{key: [] for key in ("added", "parameters", "candidates")},
+    **dict.fromkeys(("confusable", "posterior")),
     "excess": {"before": None, "after": None},
 }
 _SHOWN = {"rad": (180.0 / math.pi, "°"), "N": (1e-3, "kN"), "N*m": (1e-3, "kN·m"), "s": (1e3, "ms")}
@@ -48,7 +49,7 @@ class Scored:
         first: The first claim: an effect, the true one where the claim is an equivalent of it, or one of the words
             for traces that name none; of an unlisted effect ``unresolved`` where that is the verdict.
         named: How many of the true effects were added, under their own name or an equivalent.
-        found: The same, or stand in a confusable set of an addition.
+        found: The same, or stand in the confusable set.
         extra: Effects added that are not true.
         misplaced: True effects that were added, but at another axle, body or sensor.
         right: Whether the case counts as solved.
@@ -159,10 +160,10 @@ def _oracle(file: Path) -> float:
 
 
 def _alike(traced: Mapping[str, Any]) -> set[str]:
-    """Return everything in a confusable set of an addition, parameters with their prefix."""
-    names = {name for group in traced["confusable"] for name in group}
-    tried = {(c["name"], c["kind"]) for c in traced["candidates"] if c["name"] in names}
-    return {_PARAMETER + name if kind == "parameter" else split(name)[0] for name, kind in tried}
+    """Return everything in the confusable set, parameters with their prefix."""
+    models = (traced["confusable"] or {"models": []})["models"]
+    found = [h for m in models for alike in m["added"] for h in alike]
+    return {_PARAMETER + h["name"] if h["kind"] == "parameter" else split(h["name"])[0] for h in found}
 
 
 def _first(traced: Mapping[str, Any], accepted: Mapping[str, str], kind: str) -> str:

@@ -85,7 +85,7 @@ def _nearly(cases: Cases) -> str:
 
 
 _ASKED: tuple[tuple[str, str, Callable[[Cases], str]], ...] = (
-    ("true effect added, or in a confusable set of what was", "95 %", lambda c: _right(c, "effect")),
+    ("true effect added, or in the confusable set", "95 %", lambda c: _right(c, "effect")),
     ("true effect added itself", "–", _named),
     ("no effect claimed where none is", "95 %", lambda c: _right(c, *SOUND)),
     ("parameter error, median", "5 %", _errors),

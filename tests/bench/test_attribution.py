@@ -58,7 +58,7 @@ def case(folder, kind="effect", true=(), excess=(4.0, 0.0), oracle=None, magnitu
     verdict = {"none": "adequate", "parameters": "adequate", "unlisted": "unresolved"}.get(kind, "amended")
     sealed = {"case": name, "repeat": repeat, "vehicle": "semitrailer", "kind": kind, "expected_verdict": verdict}
     sealed |= {"effects": list(true), "parameters": {}, "noise": {"yaw_rate_tractor": 0.003}}
-    trace = {"verdict": "amended", "added": [], "parameters": [], "confusable": [], "candidates": []}
+    trace = {"verdict": "amended", "added": [], "parameters": [], "confusable": None, "candidates": []}
     trace |= {"excess": {"before": excess[0], "after": excess[1]}} | traced
     own = folder / f"{name}-{repeat}"
     (own / "trace").mkdir(parents=True)
@@ -79,18 +79,22 @@ def test_an_effect_that_was_added_is_found_with_the_error_of_its_parameter(tmp_p
     assert found.size == "8.00 kN·m"
 
 
+def confusable(*hypotheses):
+    """Return a confusable set of models with one hypothesis each, by name and kind."""
+    return {"models": [{"added": [[{"name": n, "kind": k}]], "share": 0.5} for n, k in hypotheses]}
+
+
 def test_values_of_an_equation_of_another_form_are_not_judged(tmp_path):
     own = added("kingpin_friction", kingpin_friction=7600.0)
     assert case(tmp_path, true=[effect(form="similar")], added=[own]).errors == {}
 
 
 def test_another_effect_is_wrong_unless_the_true_one_stands_in_its_confusable_set(tmp_path):
-    tried = [CANDIDATE, {**CANDIDATE, "name": "kingpin_damping"}]
-    claim = {"added": [added("kingpin_damping")], "candidates": tried}
+    claim = {"added": [added("kingpin_damping")]}
     wrong = case(tmp_path, true=[effect()], **claim)
     assert (wrong.right, wrong.found, wrong.first, wrong.extra) == (False, 0, "kingpin_damping", ("kingpin_damping",))
-    group = [["kingpin_damping", "kingpin_friction"]]
-    alike = case(tmp_path, true=[effect()], repeat=1, confusable=group, **claim)
+    found = confusable(("kingpin_damping", "effect"), ("kingpin_friction", "effect"))
+    alike = case(tmp_path, true=[effect()], repeat=1, confusable=found, **claim)
     assert (alike.right, alike.found, alike.named) == (True, 1, 0)
 
 
@@ -104,9 +108,9 @@ def test_a_parameter_counts_for_an_effect_only_where_the_seal_says_so(tmp_path):
 
 
 def test_a_parameter_in_a_confusable_set_is_not_taken_for_the_effect_of_the_same_name(tmp_path):
-    tried = [{**CANDIDATE, "name": "steering_ratio", "kind": "parameter"}]
-    claim = {"added": [added("steering_lag")], "confusable": [["steering_lag", "steering_ratio"]]}
-    assert not case(tmp_path, true=[effect("steering_ratio")], candidates=tried, **claim).right
+    found = confusable(("steering_lag", "effect"), ("steering_ratio", "parameter"))
+    claim = {"added": [added("steering_lag")], "confusable": found}
+    assert not case(tmp_path, true=[effect("steering_ratio")], **claim).right
 
 
 def test_an_effect_at_another_sensor_is_said_to_be_misplaced(tmp_path):

@@ -21,7 +21,7 @@ def scored(folder, verdict, added, kind="none", effects=(), recording=(LATE, DRI
     seal |= {"expected_verdict": expected, "effects": list(effects), "parameters": {}, "noise": {"yaw_rate_tractor": 1}}
     seal |= {"quality": "field", "recording": list(recording)}
     found = [{"effect": name, "place": place, "parameters": {}} for name, place in added]
-    traced = {"verdict": verdict, "added": found, "parameters": [], "confusable": [], "candidates": []}
+    traced = {"verdict": verdict, "added": found, "parameters": [], "confusable": None, "candidates": []}
     traced |= {"excess": {"before": 4.0, "after": 1.0}}
     (folder / "trace").mkdir(parents=True, exist_ok=True)
     (folder / "sealed.json").write_text(json.dumps(seal))

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.report.summary import _certainty, scaled
+from harness.diagnosis.report.how_likely import scaled
+from harness.diagnosis.report.summary import _certainty
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.verdict import verdict_of
 from harness.diagnosis.selection.acceptance import (
@@ -131,7 +132,7 @@ def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_pa
     roll, gain = candidate("accelerometer_roll", 1, 2900.0, 16.9, 0.09), candidate("gain", 1, 2400.0, 17.0, 0.1)
     found = added(other, roll, gain)
     assert found.added is roll
-    assert found.confusable == ("accelerometer_roll", "gain")
+    assert found.alike == ("accelerometer_roll", "gain")
     assert added(other).added is None
     for nothing in (
         candidate("roll", 1, 2900.0, 16.9, 0.11),  # less than half of it
@@ -248,7 +249,7 @@ def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
     gain, inertia = Hypothesis("sensor_gain", "effect", ("gain",)), Hypothesis("inertia", "parameter", ("inertia",))
     held_out = SimpleNamespace(log_likelihood=30.0)
     added = SimpleNamespace(hypothesis=gain, held_out=held_out, bic=900.0)
-    round_ = SimpleNamespace(added=added, before=SimpleNamespace(log_likelihood=10.0), confusable=("sensor_gain",))
+    round_ = SimpleNamespace(added=added, before=SimpleNamespace(log_likelihood=10.0))
 
     def certainty(*kept):
         dropped = tuple(h for h in (gain,) if h not in kept)
@@ -306,4 +307,6 @@ def test_a_model_that_left_its_range_makes_nothing_little():
 
 def test_frequencies_are_shown_in_hertz_and_rates_in_degrees():
     assert scaled("roll_frequency", 2 * np.pi, "rad/s") == (1.0, "Hz")
+    assert scaled("steering_lag", 0.048, "s") == (48.0, "ms")
+    assert scaled("crosswind_onset", 12.0, "s") == (12.0, "s")
     assert scaled("sensor_bias_yaw_rate", np.pi, "rad/s") == (180.0, "°/s")

@@ -9,6 +9,7 @@ import pytest
 
 from harness.common.failures import FILE, Failures
 from harness.common.files import json_text
+from harness.common.statistics import Interval
 from harness.diagnosis import run
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
@@ -25,6 +26,7 @@ from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.forward_selection import trace as search_for
+from harness.diagnosis.selection.posterior import HORIZONS, Alike, Model, Posterior
 from harness.diagnosis.selection.score_test import Score
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.whiteness import whiteness
@@ -69,7 +71,7 @@ def reported(outcome, folder):
 def test_a_trace_that_found_nothing_has_a_report(outcome, tmp_path):
     text, record = reported(dataclasses.replace(outcome, failures=Failures(tmp_path)), tmp_path)
     assert next(iter(record)) == "schema_version"
-    assert record["schema_version"] == 1
+    assert record["schema_version"] == 2
     assert record["verdict"] == "unresolved"
     assert record["not_made"] == []
     assert not (tmp_path / FILE).exists()
@@ -218,3 +220,45 @@ def test_a_missing_output_and_a_short_drive_are_no_obstacle():
 def test_what_is_not_finite_is_null():
     content = {"a": np.float64("nan"), "b": [np.inf, np.int64(3)], "c": (np.bool_(True), None), "d": 0.1}
     assert json.loads(json_text(content)) == {"a": None, "b": [None, 3], "c": [True, None], "d": 0.1}
+
+
+def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcome, tmp_path):
+    """A lag of 48 ms with nine tenths, a gain or an arm that act the same with the rest, and something else at 0.2."""
+    fitted = outcome.trace.nominal
+    values = fitted.point.values.copy()
+    values[outcome.trace.fitting.augmented.row("steering_lag")] = 0.048
+    fitted = dataclasses.replace(fitted, point=dataclasses.replace(fitted.point, values=values))
+    lag = Hypothesis("steering_lag", "effect", ("steering_lag",))
+    ratio = Hypothesis("steering_ratio", "parameter", ("steering_ratio",))
+    roll = Hypothesis("accelerometer_roll", "effect", ("accelerometer_roll",))
+
+    def model(share, hypotheses, shares):
+        density = np.full(len(HORIZONS), -100.0 * share)
+        alike = (Alike(hypotheses, shares),) if hypotheses else ()
+        return Model(alike, fitted, -4.0, density, Interval(-3.0, -9.0, 2.0), share, 0.8 * share)
+
+    models = (model(0.86, (lag,), (1.0,)), model(0.12, (ratio, roll), (0.75, 0.25)), model(0.02, (), ()))
+    posterior = Posterior(models, 0.2, np.full(len(HORIZONS), 0.94))
+    said = dataclasses.replace(outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior))
+    text, record = reported(said, tmp_path)
+    assert "9 in 10: steering lag (48.0 ms)" in text
+    assert "1 in 10: the stated steering ratio is wrong (found 1.00)" in text
+    assert "or accelerometer roll, which acts the same" in text
+    assert "2 in 10: none of these; something else is there" in text
+    assert "2 in 100: nothing is missing" in text
+    found = record["posterior"]
+    assert found["none_of_these"] == 0.2
+    assert {h["name"]: round(h["probability"], 6) for h in found["hypotheses"]} == {
+        "steering_lag": 0.688,
+        "steering_ratio": 0.072,
+        "accelerometer_roll": 0.024,
+    }
+    assert list(found["models"][0]["log_predictive_density"]) == ["0", "0.1", "1", "10", "inf"]
+    assert [m["probability"] for m in found["models"]] == pytest.approx([0.688, 0.096, 0.016])
+    assert record["confusable"]["mass"] == pytest.approx(0.98)
+    assert [len(m["added"][0]) for m in record["confusable"]["models"]] == [1, 2]
+
+
+def test_without_probabilities_the_rest_is_written(outcome, tmp_path):
+    record = reported(outcome, tmp_path)[1]
+    assert record["posterior"] is record["confusable"] is None

@@ -7,10 +7,12 @@ its likelihood one run of one compiled filter, and trying an effect compiles not
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
@@ -25,6 +27,25 @@ from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
 from harness.models.roles import VEHICLES
+
+_FAR = 1.0
+"""s; horizon from which the errors of the inputs count as what they do to a free run: they last about as long."""
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """How a model predicts a recording at several horizons; one row per sample behind the first.
+
+    Attributes:
+        densities: Logarithm of the density of each sample's measurements ``(samples, horizons)``; minus infinity where
+            the prediction left its range.
+        squares: Their squared distance from the prediction over its covariance ``(samples, horizons)``.
+        seen: How many were measured ``(samples,)``.
+    """
+
+    densities: Floats
+    squares: Floats
+    seen: NDArray[np.int_]
 
 
 class AugmentedModel(FilteredModel):
@@ -81,6 +102,43 @@ class AugmentedModel(FilteredModel):
         return super().drive(recording, name, between, signal)
 
     def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
+        self._filter_ahead(drive, candidates, total, notes, self._ahead((), drive, 0))
+
+    def _ahead(self, horizons: Sequence[float], drive: Drive, samples: int) -> tuple[Floats, ...]:
+        """Return what ``time_loops.keep_ahead`` needs for horizons in samples; nothing is kept of no samples."""
+        lanes = np.ones((1, LANES))
+        lanes[0, : len(horizons)] = horizons
+        far = (lanes * self.spec.step >= _FAR).astype(float)
+        return lanes, far, drive.spread, np.zeros((samples, LANES)), np.zeros((samples, LANES))
+
+    def predict(self, drive: Drive, point: Candidates, horizons: Sequence[float]) -> Ahead:
+        """Predict the measurements of a recording at several horizons, with the model's own covariance.
+
+        From every restart a prediction runs as many samples as its horizon, without their measurements, and then
+        begins again from the filter. An infinite horizon is that of the free run.
+
+        Args:
+            drive: The recording.
+            point: One candidate.
+            horizons: Samples, at most ``LANES`` of them; the first one is 1, that of the filter.
+        """
+        kept = self._ahead(horizons, drive, len(drive.inputs))
+        self._filter_ahead(drive, point.in_lanes(), np.empty((2, LANES)), self._notes(0), kept)
+        densities, squares = (part[1:, : len(horizons)] for part in kept[3:])
+        return Ahead(
+            np.where(np.isfinite(densities), densities, -np.inf),
+            np.where(np.isfinite(squares), squares, np.inf),
+            np.isfinite(drive.measurements[1:]).sum(axis=1),
+        )
+
+    def _filter_ahead(
+        self,
+        drive: Drive,
+        candidates: Candidates,
+        total: Floats,
+        notes: tuple[Floats, ...],
+        ahead: tuple[Floats, ...],
+    ) -> None:
         self._loop.filter_whole(
             drive.inputs,
             drive.between,
@@ -96,6 +154,7 @@ class AugmentedModel(FilteredModel):
             (self._limited, self._limits[self._limited]),
             total,
             notes,
+            ahead,
         )
 
 

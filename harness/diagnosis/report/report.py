@@ -15,7 +15,7 @@ from harness.diagnosis.report import (
     summary,
 )
 from harness.diagnosis.report.figures import called
-from harness.diagnosis.report.summary import scaled
+from harness.diagnosis.report.how_likely import scaled
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.diagnosis.result.verdict import COLOURED
@@ -256,7 +256,7 @@ def _made(outcome: Outcome, command: str) -> list[Block]:
     text = (
         f"{len(trace.rounds[0].candidates)} hypotheses, {len(trace.fitting.drives)} fitted and "
         f"{len(trace.held_out.drives)} held-out drives, {trace.fitting.samples} fitted values. Nominal parameters "
-        f"refitted: {', '.join(words(n) for n in trace.free)}. Hypotheses count as hardly "
-        f"distinguishable if the cosine of their responses exceeds {ALIKE:g}."
+        f"refitted: {', '.join(words(n) for n in trace.free)}. In the place of each "
+        f"addition up to three hypotheses were fitted of which the cosine of the responses exceeds {ALIKE:g}."
     )
     return [Heading("How was it made?"), Prose(plain(text)), Listing(command, "sh")]

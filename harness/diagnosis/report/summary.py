@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.report.figures import called
-from harness.diagnosis.result.outcome import Outcome, Value
+from harness.diagnosis.report.how_likely import likely, scaled, size
+from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.wording import unmodelled_words
 from harness.diagnosis.selection.acceptance import BIC_NEEDED
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.models.quantities import listed, print_unit, quantity, words
+from harness.models.quantities import listed, quantity
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Heading, Prose, Section, Sheet, plain, strong
 
@@ -65,6 +64,7 @@ def _table(outcome: Outcome) -> Sheet:
     if outcome.where.unmodelled is not None:
         rows += [["what", f"not in the library: {text}"] for text in unmodelled_words(outcome.where.unmodelled)]
     rows += [["how large", line] for line in _sizes(outcome)]
+    rows += [["how likely", line] for line in likely(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]
     if isinstance(outcome.study_gain, StudyGain):
@@ -80,30 +80,16 @@ def _sizes(outcome: Outcome) -> list[str]:
         values = outcome.values[h.name]
         if h.name == ALL_PARAMETERS:
             moved = sorted(values, key=lambda v: -abs(v.value - stated[v.name]) / v.std if v.std else 0.0)[:3]
-            found += [f"{_size(v)}, stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" for v in moved]
+            found += [f"{size(v)}, stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" for v in moved]
             continue
         for v in values:
             was = f", stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" if v.name in stated else ""
-            found.append(f"{_size(v)}{was}")
+            found.append(f"{size(v)}{was}")
     return found
 
 
-def _size(v: Value) -> str:
-    value, unit = scaled(v.name, v.value, v.unit)
-    spread = f" ± {style.number(scaled(v.name, v.std, v.unit)[0], 2)}" if math.isfinite(v.std) else ""
-    return f"{words(v.name.replace('@', ' in '))} {style.number(value)}{spread} {unit}".rstrip()
-
-
-def scaled(name: str, value: float, unit: str) -> tuple[float, str]:
-    """Return a parameter in SI units as reports show it, with its unit: angles in degrees, frequencies in Hz."""
-    if "frequency" in name and unit == "rad/s":
-        return value / (2 * math.pi), "Hz"
-    angle = unit == "rad" or unit.startswith("rad/")
-    return (math.degrees(value) if angle else value), print_unit(unit.replace("rad", "deg", 1) if angle else unit)
-
-
 def _certainty(outcome: Outcome) -> list[str]:
-    """Return the evidence for each addition, and what these drives hardly distinguish from it."""
+    """Return the evidence for each addition."""
     found = []
     for r in outcome.trace.rounds:
         if r.added is None or r.added.held_out is None or r.added.hypothesis not in outcome.trace.added:
@@ -115,8 +101,7 @@ def _certainty(outcome: Outcome) -> list[str]:
         )
         if r is not outcome.trace.rounds[0]:
             text += ", both over the model with what earlier rounds had added"
-        others = [called(n) for n in r.confusable[1:]]
-        found.append(f"{text}; hardly distinguishable from {listed(others)}" if others else text)
+        found.append(text)
     if instead := _in_place(outcome.trace):
         names = listed([called(h.name) for h in outcome.trace.dropped])
         found += [
@@ -167,7 +152,7 @@ def _rounds(outcome: Outcome) -> list[str]:
         if r.added is not None:
             sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
         elif any(c.fitted for c in r.candidates):
-            best = called(r.confusable[0])
+            best = called(r.alike[0])
             sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
         else:
             sentences.append(f"Round {number} added nothing: {r.reason}.")

@@ -20,11 +20,12 @@ from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.wording import described
 from harness.diagnosis.selection.acceptance import Candidate, Round
+from harness.diagnosis.selection.posterior import HORIZONS, MASS, Model, Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.signals import SIGNALS
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Version of the keys of ``trace.json``: one more when a key is removed or changes its meaning."""
 
 
@@ -51,7 +52,8 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
         "unnamed": lambda: unmodelled_record(outcome.where.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
-        "confusable": lambda: [list(r.confusable) for r in trace.rounds if r.added and len(r.confusable) > 1],
+        "posterior": lambda: _posterior(trace.posterior),
+        "confusable": lambda: _confusable(trace.posterior),
         "not_excited": lambda: [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
     }
 
@@ -83,8 +85,46 @@ def _round(r: Round, outputs: list[str]) -> dict[str, Any]:
         "held_out_excess_by_output": _by_output(r.before, outputs),
         "added": r.added.hypothesis.name if r.added else None,
         "reason": r.reason,
-        "confusable": list(r.confusable),
     }
+
+
+def _posterior(found: Posterior | None) -> dict[str, Any] | None:
+    """Return how likely every model and every hypothesis is; horizons in s."""
+    if found is None:
+        return None
+
+    def by_horizon(values: Floats) -> dict[str, float]:
+        return {f"{h:g}": float(v) for h, v in zip(HORIZONS, values, strict=True)}
+
+    return {
+        "none_of_these": found.none,
+        "hypotheses": [{"name": h.name, "kind": h.kind, "probability": v} for h, v in found.inclusion().items()],
+        "models": [
+            {
+                **_model(m),
+                "probability": m.probability,
+                "log_prior": m.log_prior,
+                "log_predictive_density": by_horizon(m.densities),
+                "difference": dict(zip(("value", "lower", "upper"), m.difference, strict=True)),
+            }
+            for m in found.models
+        ],
+        "coverage_95": by_horizon(found.coverage),
+    }
+
+
+def _confusable(found: Posterior | None) -> dict[str, Any] | None:
+    """Return the smallest set of models that holds the right one, if one is right, with its mass."""
+    if found is None:
+        return None
+    chosen = found.confusable()
+    models = [{**_model(m), "share": m.share} for m in chosen]
+    return {"asked": MASS, "mass": sum(m.share for m in chosen), "models": models}
+
+
+def _model(m: Model) -> dict[str, Any]:
+    """Return what a model has; names that stand together are what the drives cannot tell apart at all."""
+    return {"added": [[{"name": h.name, "kind": h.kind} for h in alike.hypotheses] for alike in m.added]}
 
 
 def _study_gain(study_gain: StudyGain) -> dict[str, Any]:

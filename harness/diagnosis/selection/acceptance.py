@@ -68,7 +68,7 @@ class Round:
         before: The model without any of them, on the held-out drives, where it was refitted as its fits do best there.
         added: The one that was added; ``None`` in the last round.
         reason: Why, or why not, in a sentence.
-        confusable: Names of what these drives hardly distinguish from the best, itself first.
+        alike: Names of what acts like the best or comes near it, itself first.
         hopeful: What was not added, but may be with a further addition.
     """
 
@@ -76,7 +76,7 @@ class Round:
     before: Judgement
     added: Candidate | None
     reason: str
-    confusable: tuple[str, ...]
+    alike: tuple[str, ...]
     hopeful: Candidate | None = None
 
 

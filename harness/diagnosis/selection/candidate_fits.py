@@ -10,6 +10,7 @@ from harness.config.parameter_set import stated_std
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
+from harness.diagnosis.selection.score_test import Score
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 
 Say = Callable[[str], None]
@@ -31,6 +32,9 @@ class CandidateFits:
         free: Parameters of the nominal model that are fitted in any case.
         say: Is told what is being tried.
         kept: Fits of an earlier, unfinished trace; none by default.
+
+    Attributes:
+        models: Every model that was fitted, by what it has, with its likeliest fit.
     """
 
     def __init__(
@@ -46,12 +50,17 @@ class CandidateFits:
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
         self._log_samples = math.log(fitting.samples)
+        self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
 
     def fit(self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS) -> Fitted:
         """Fit the free parameters, additions and noise."""
         moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
-        return self._kept.fit(self.fitting, moved, start, (iterations, turns))
+        found = self._kept.fit(self.fitting, moved, start, (iterations, turns))
+        known = self.models.get(frozenset(added))
+        if known is None or found.objective > known[1].objective:
+            self.models[frozenset(added)] = added, found
+        return found
 
     def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
         """Fit to the end only what comes near an objective."""
@@ -78,6 +87,22 @@ class CandidateFits:
                 values[self.augmented.row(name)] = value
                 found.append(replace(point, values=values))
         return found
+
+    def start(self, point: Point, s: Score) -> Point:
+        """Return the best start for a joint fit: what the score predicts, or a value of the amplitudes' grids."""
+        h, row = s.hypothesis, self.augmented.row
+        values = point.values.copy()
+        for name, value in zip(h.shared, [*s.amplitudes, *s.shapes], strict=True):
+            values[row(name)] = value
+        for j, name in enumerate(h.change_times):
+            values[row(name)] = s.change_times[:, j]
+        starts = [replace(point, values=values)]
+        for share in (0.5, 0.25):
+            less = values.copy()
+            rows = [row(n) for n in h.amplitudes]
+            less[rows] = point.values[rows] + share * (values[rows] - point.values[rows])
+            starts.append(replace(point, values=less))
+        return self.fitting.best([*starts[1:], *self.on_grids(starts[0], h.amplitudes)])
 
     def without(self, added: Added, rest: Added, best: Fitted) -> tuple[Fitted, float]:
         """Return the model with some of its additions only, and what it loses in BIC."""

@@ -21,6 +21,8 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.acceptance import BIC_NEEDED, Round, with_further
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
+from harness.diagnosis.selection.model_comparison import compared
+from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import Drive
@@ -50,6 +52,7 @@ class Trace:
         before: The nominal model on the held-out drives.
         after: The final one there.
         cut_short: Why the search ended before everything was tried; empty if it did not.
+        posterior: How likely each model is that was fitted; ``None`` if that could not be computed.
     """
 
     fitting: Fitting
@@ -63,6 +66,7 @@ class Trace:
     before: Judgement
     after: Judgement
     cut_short: str = ""
+    posterior: Posterior | None = None
 
     @property
     def effects(self) -> tuple[Hypothesis, ...]:
@@ -143,6 +147,9 @@ class _Search:
         kept, best = self.failures.attempt(
             "the checks of what was added", lambda: self._checked(added, best, rounds), lambda _: (added, best)
         )
+        posterior = self.failures.attempt(
+            "the probability of each model", lambda: compared(candidate_fits, rounds, kept, best), lambda _: None
+        )
         return Trace(
             candidate_fits.fitting,
             candidate_fits.held_out,
@@ -155,6 +162,7 @@ class _Search:
             candidate_fits.judge((), nominal.point),
             candidate_fits.judge(kept, best.point),
             self.cut_short,
+            posterior,
         )
 
     def _round(self, added: Added, best: Fitted, number: int) -> tuple[SelectionRound | None, list[Round]]:
@@ -240,6 +248,6 @@ def _stand_ins(rounds: Sequence[Round], added: Sequence[Hypothesis]) -> list[Hyp
     found: dict[Hypothesis, None] = {}
     for r in rounds:
         if r.added is not None and r.added.hypothesis in added and r.added.hypothesis.kind == "parameter":
-            alike = [c.hypothesis for c in r.candidates if c.hypothesis.name in r.confusable]
+            alike = [c.hypothesis for c in r.candidates if c.hypothesis.name in r.alike]
             found |= {h: None for h in alike if h.kind == "parameter" and h.name != ALL_PARAMETERS and h not in added}
     return list(found)

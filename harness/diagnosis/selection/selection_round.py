@@ -203,7 +203,7 @@ class SelectionRound:
 
         def fitted(s: Score) -> Fitted:
             added = (*self.added, s.hypothesis)
-            starts = [self.start(point, s) for point in (self.best.point, near) if point is not None]
+            starts = [self.candidate_fits.start(point, s) for point in (self.best.point, near) if point is not None]
             found = self.candidate_fits.fit(added, self.candidate_fits.fitting.best(starts))
             self.candidate_fits.judge(added, found.point)
             return found
@@ -231,22 +231,6 @@ class SelectionRound:
         rows = [augmented.row(n) for n in (*h.shared, *h.change_times)]
         values[rows] = self.best.point.values[rows]
         return replace(fitted.point, values=values)
-
-    def start(self, point: Point, s: Score) -> Point:
-        """Return the best start for a joint fit: what the score predicts, or a value of the amplitudes' grids."""
-        h, row = s.hypothesis, self.candidate_fits.augmented.row
-        values = point.values.copy()
-        for name, value in zip(h.shared, [*s.amplitudes, *s.shapes], strict=True):
-            values[row(name)] = value
-        for j, name in enumerate(h.change_times):
-            values[row(name)] = s.change_times[:, j]
-        starts = [replace(point, values=values)]
-        for share in (0.5, 0.25):
-            less = values.copy()
-            rows = [row(n) for n in h.amplitudes]
-            less[rows] = point.values[rows] + share * (values[rows] - point.values[rows])
-            starts.append(replace(point, values=less))
-        return self.candidate_fits.fitting.best([*starts[1:], *self.candidate_fits.on_grids(starts[0], h.amplitudes)])
 
     def again(self) -> Fitted:
         """Refit the model without addition from where the best hypothesis left its parameters and noise.

@@ -1,0 +1,93 @@
+"""How likely each explanation is, and how large what it holds would be, in words of the first page."""
+
+from __future__ import annotations
+
+import math
+
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.report.figures import called
+from harness.diagnosis.result.outcome import Outcome, Value
+from harness.diagnosis.selection.forward_selection import Trace
+from harness.diagnosis.selection.posterior import Alike, Model
+from harness.models.quantities import listed, print_unit, words
+from harness.reporting import style
+
+_SHOWN = 3
+"""Explanations that are named; ``trace.json`` has all."""
+
+_LEAST = 0.01
+"""Probability from which one is named."""
+
+
+def likely(outcome: Outcome) -> list[str]:
+    """Return the likeliest explanations with their probabilities, if one of them is right, and that of none of them."""
+    found = outcome.trace.posterior
+    if found is None:
+        return []
+    chosen = [m for m in found.models if m.share >= _LEAST]
+    lines = [f"{in_words(m.share)}: {_explained(outcome.trace, m)}" for m in chosen[:_SHOWN]]
+    if len(chosen) > _SHOWN:
+        lines.append(f"{in_words(sum(m.share for m in chosen[_SHOWN:]))}: one of {len(chosen) - _SHOWN} others")
+    if found.none >= _LEAST:
+        lines.append(f"{in_words(found.none)}: none of these; something else is there, in place of them or beside them")
+    return lines
+
+
+def in_words(probability: float) -> str:
+    """Write a probability as a number of cases: ``9 in 10``."""
+    if probability > 0.995:
+        return "more than 99 in 100"
+    tenths = 0.05 <= probability < 0.95
+    return f"{round(10 * probability)} in 10" if tenths else f"{round(100 * probability)} in 100"
+
+
+def _explained(trace: Trace, m: Model) -> str:
+    """Return what a model has, with sizes; that nothing is missing, if it has nothing."""
+    if not m.added:
+        return "nothing is missing"
+    moved = m.fitted.coordinates
+    errors = dict(zip((c.name for c in moved), trace.fitting.standard_errors(m.fitted), strict=True))
+    return listed([_one(trace, m, alike, errors) for alike in m.added])
+
+
+def _one(trace: Trace, m: Model, alike: Alike, errors: dict[str, float]) -> str:
+    first = alike.hypotheses[0]
+    others = [_name(h) for h in alike.hypotheses[1:]]
+    return f"{_sized(trace, m, first, errors)}{f', or {listed(others)}, which acts the same' if others else ''}"
+
+
+def _sized(trace: Trace, m: Model, h: Hypothesis, errors: dict[str, float]) -> str:
+    """Return a hypothesis with its one amplitude; several are too many for a line."""
+    if len(h.amplitudes) != 1:
+        return _name(h)
+    (name,) = h.amplitudes
+    augmented = trace.fitting.augmented
+    row = augmented.row(name)
+    value, std = float(m.fitted.point.values[row, 0]), errors.get(name, math.inf)
+    shown, unit = scaled(name, value, augmented.model.parameters[row].unit)
+    spread = f" ± {style.number(scaled(name, std, augmented.model.parameters[row].unit)[0], 2)}" * math.isfinite(std)
+    found = "found " if h.kind == "parameter" else ""
+    return f"{_name(h)} ({found}{style.number(shown)}{spread} {unit})".replace(" )", ")")
+
+
+def _name(h: Hypothesis) -> str:
+    if h.kind == "parameter" and h.name != ALL_PARAMETERS:
+        return f"the stated {words(h.name)} is wrong"
+    return called(h.name)
+
+
+def size(v: Value) -> str:
+    """Return a parameter with value, standard error and unit."""
+    value, unit = scaled(v.name, v.value, v.unit)
+    spread = f" ± {style.number(scaled(v.name, v.std, v.unit)[0], 2)}" if math.isfinite(v.std) else ""
+    return f"{words(v.name.replace('@', ' in '))} {style.number(value)}{spread} {unit}".rstrip()
+
+
+def scaled(name: str, value: float, unit: str) -> tuple[float, str]:
+    """Return a parameter in SI units as reports show it: angles in degrees, frequencies in Hz, lags in ms."""
+    if "frequency" in name and unit == "rad/s":
+        return value / (2 * math.pi), "Hz"
+    if unit == "s" and ("lag" in name or "delay" in name):
+        return 1e3 * value, "ms"
+    angle = unit == "rad" or unit.startswith("rad/")
+    return (math.degrees(value) if angle else value), print_unit(unit.replace("rad", "deg", 1) if angle else unit)

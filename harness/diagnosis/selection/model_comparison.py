@@ -1,0 +1,174 @@
+"""Compare all models that a trace has fitted: gather them, predict the held-out drives with each, weigh them.
+
+What acts like an addition and was not fitted in its place, because it promised less, is fitted here: a hypothesis that
+was not tried has no probability.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from harness.common.arrays import Floats
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
+from harness.diagnosis.model.augmented_model import Ahead
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike
+from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
+from harness.diagnosis.selection.posterior import (
+    HORIZONS,
+    Alike,
+    Model,
+    Posterior,
+    by_block,
+    coverage,
+    inflated,
+    interval,
+    misfit,
+    probabilities,
+)
+from harness.diagnosis.selection.priors import ODDS, log_odds, log_size
+from harness.diagnosis.selection.score_test import cosine
+
+_SAME = 0.999
+"""Cosine of two responses from which the drives cannot tell hypotheses apart at all; only one of them is fitted."""
+
+_ALTERNATIVES = 3
+"""Hypotheses at most that are fitted in the place of each addition."""
+
+
+@dataclass(frozen=True)
+class _Predicted:
+    """The held-out drives as a model predicts them, sample by sample, with what it costs to fit its change times there.
+
+    ``blocks`` is the log density by block ``(blocks, horizons)``.
+    """
+
+    added: Added
+    fitted: Fitted
+    aheads: tuple[Ahead, ...]
+    penalty: float
+    blocks: Floats
+
+
+def compared(fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted) -> Posterior:
+    """Return how likely every model of a trace is.
+
+    Args:
+        fits: With all models that were fitted.
+        rounds: Of the selection.
+        added: What the final model has.
+        best: Its fit.
+    """
+    _fit_alternatives(fits, rounds, added, best)
+    fits.say("how likely is each model?")
+    models = list(fits.models.values())
+    predicted = fits.augmented.share(lambda model: _predicted(fits, *model), models)
+    blocks = np.array([p.blocks for p in predicted])
+    possible = np.isfinite(blocks).all(axis=1).any(axis=0)  # at this horizon at least one model can be driven
+    odds = log_odds(hypotheses(fits.augmented, fits.free))
+    classes = [[_alike(h, rounds, odds) for h in p.added] for p in predicted]
+    priors = np.array([_log_prior(p, c, odds) for p, c in zip(predicted, classes, strict=True)])
+    densities = blocks[:, :, possible].mean(axis=2)
+    shares = probabilities(priors, densities)
+    order = np.argsort(-shares, kind="stable")
+    first = predicted[order[0]]
+    factors = misfit(_ahead(fits.fitting, first.fitted.point))
+    none = by_block([inflated(a, factors) for a in first.aheads], fits.held_out.drives, first.penalty)
+    joint = probabilities(
+        np.append(priors, priors[order[0]] + math.log(ODDS["none"])),
+        np.vstack([densities, none[:, possible].mean(axis=1)]),
+    )
+    found = tuple(
+        Model(
+            tuple(classes[i]),
+            predicted[i].fitted,
+            float(priors[i]),
+            blocks[i].sum(axis=0),
+            interval(densities[i] - densities[order[0]]),
+            float(shares[i]),
+            float(joint[i]),
+        )
+        for i in order
+    )
+    return Posterior(found, float(joint[-1]), coverage(first.aheads))
+
+
+def _predicted(fits: CandidateFits, added: Added, fitted: Fitted) -> _Predicted:
+    judged = fits.judge(added, fitted.point)
+    aheads = tuple(_ahead(fits.held_out.fitting, judged.point))
+    penalty = sum(d.log_likelihood for d in judged.drives) - judged.log_likelihood
+    penalty = penalty if math.isfinite(penalty) else 0.0
+    blocks = by_block([a.densities for a in aheads], fits.held_out.drives, penalty)
+    return _Predicted(added, fitted, aheads, penalty, blocks)
+
+
+def _ahead(fitting: Fitting, point: Point) -> list[Ahead]:
+    """Return every drive as the model at a point predicts it."""
+    step = fitting.augmented.spec.step
+    samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
+    each = zip(fitting.drives, fitting.candidates([point]), strict=True)
+    return [fitting.augmented.predict(drive, held, samples) for drive, held in each]
+
+
+def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, str], float]) -> float:
+    """Return the logarithm of the prior of a model, over that of the nominal one; what is alike counts together."""
+    each = [logsumexp([odds[h.kind, h.name] for h in c.hypotheses]) for c in classes]
+    return float(sum(each)) + log_size(p.fitted, p.added)
+
+
+def _alike(h: Hypothesis, rounds: Sequence[Round], odds: dict[tuple[str, str], float]) -> Alike:
+    """Return a hypothesis with those that were not fitted, because these drives show the same of them."""
+    found = [h]
+    own = _tried(h, rounds)
+    if own is not None:
+        r, c = own
+        found += [
+            o.hypothesis
+            for o in r.candidates
+            if o.fitted is None and o.score.excited and abs(cosine(o.score, c.score)) > _SAME
+        ]
+    weights = np.exp([odds[k.kind, k.name] for k in found])
+    return Alike(tuple(found), tuple(map(float, weights / weights.sum())))
+
+
+def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | None:
+    """Return the first round in which a hypothesis was fitted."""
+    return next(((r, c) for r in rounds for c in r.candidates if c.hypothesis == h and c.fitted is not None), None)
+
+
+def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted) -> None:
+    """Fit what may stand in the place of each addition, and the model without it, if that was not fitted yet."""
+    open_: dict[frozenset[Hypothesis], tuple[Added, Point]] = {}
+    for h in added:
+        rest = tuple(k for k in added if k != h)
+        base = _without(fits, best.point, h, rest)
+        choices = {rest: base}
+        own = _tried(h, rounds)
+        for c in [] if own is None else _like(*own, rest)[:_ALTERNATIVES]:
+            choices[*rest, c.hypothesis] = fits.start(base, c.score)
+        open_ |= {frozenset(a): (a, p) for a, p in choices.items() if frozenset(a) not in fits.models}
+    if open_:
+        fits.say("fitting what may stand in the place of what was found")
+        fits.augmented.share(lambda choice: fits.fit(*choice), open_.values())
+
+
+def _like(r: Round, own: Candidate, rest: Added) -> list[Candidate]:
+    """Return what acts like a hypothesis and what else was fitted beside it, the most promising first."""
+    others = [c for c in r.candidates if c.hypothesis not in (own.hypothesis, *rest)]
+    others = [c for c in others if c.hypothesis.name != ALL_PARAMETERS and c.score.excited]
+    alike = [c for c in others if acts_alike(c.score, own.score) and abs(cosine(c.score, own.score)) <= _SAME]
+    return sorted({id(c): c for c in (*alike, *(c for c in others if c.fitted))}.values(), key=lambda c: -c.bic)
+
+
+def _without(fits: CandidateFits, point: Point, h: Hypothesis, rest: Added) -> Point:
+    """Return a point with what is a hypothesis's own as stated."""
+    kept = {n for k in rest for n in (*k.shared, *k.change_times)}
+    rows = [fits.augmented.row(n) for n in (*h.shared, *h.change_times) if n not in kept]
+    values = point.values.copy()
+    values[rows] = fits.augmented.stated()[rows, None]
+    return replace(point, values=values)

@@ -1,0 +1,179 @@
+"""How likely is each model of a trace: what it predicts of drives that were never fitted, and what was known before.
+
+The criterion is the log predictive density of the held-out drives, a strictly proper score (Gneiting and Raftery 2007,
+section 4.1), at horizons from one sample to the whole drive, each with the model's own covariance. One step alone
+chooses by what shows from sample to sample, where a filter hides what is missing; the free run alone does not see
+what is quick. All horizons count alike. Samples near each other are not independent, so densities are summed over
+blocks, and the blocks are weighted anew again and again: with ``z_ij`` the density of model ``i`` in block ``j`` of
+``B``, weights ``w`` from the Dirichlet distribution with all parameters 1 and priors ``pi``, the probability is the
+mean over the draws of ``pi_i exp(B sum_j w_j z_ij) / sum_k pi_k exp(B sum_j w_j z_kj)``, which is pseudo-BMA+ (Yao,
+Vehtari, Simpson and Gelman 2018, section 3.4) over blocks, with priors. Where all blocks say the same, these are Bayes
+factors; where they disagree, it says how often a model would be the best of drives like these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import softmax
+from scipy.stats import chi2
+
+from harness.common.arrays import Floats
+from harness.common.statistics import Interval
+from harness.diagnosis.fitting.fit import Fitted
+from harness.diagnosis.model.augmented_model import Ahead
+from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.identification.data import Drive
+
+HORIZONS = (0.0, 0.1, 1.0, 10.0, math.inf)
+"""s; one sample, then decades from what sensors and steering do to what a manoeuvre does, and the whole drive."""
+
+BLOCK = 5.0
+"""s; longer than what is left of a manoeuvre in the next one, and short enough for two dozen blocks in 120 s."""
+
+MASS = 0.9
+"""Probability that the confusable set holds."""
+
+MISFIT = 1.5
+"""Factor by which squared errors differ from what a model predicts, at one horizon or more, where none is right."""
+
+_DRAWS = 1000
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Hypotheses that the drives cannot tell apart at all.
+
+    Attributes:
+        hypotheses: The one that was fitted first.
+        shares: Of each in the probability of all, by the priors.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    shares: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model that was fitted and judged.
+
+    Attributes:
+        added: What it has beyond the nominal model.
+        fitted: Its fit.
+        log_prior: Logarithm of its prior, up to what all have in common.
+        densities: Log predictive density of the held-out drives ``(horizons,)``.
+        difference: Mean of these less that of the likeliest model, with a 90 % interval by blocks.
+        share: Its probability if one of the models is right.
+        probability: Its probability.
+    """
+
+    added: tuple[Alike, ...]
+    fitted: Fitted
+    log_prior: float
+    densities: Floats
+    difference: Interval
+    share: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """All models of a trace.
+
+    Attributes:
+        models: The likeliest first.
+        none: Probability that none of them is right.
+        coverage: Share of the held-out samples within the 95 % region that the likeliest predicts ``(horizons,)``.
+    """
+
+    models: tuple[Model, ...]
+    none: float
+    coverage: Floats
+
+    def confusable(self, mass: float = MASS) -> tuple[Model, ...]:
+        """Return the smallest set of models that holds the right one with a probability, if one of them is right."""
+        before = np.cumsum([0.0, *(m.share for m in self.models)])
+        return tuple(m for m, b in zip(self.models, before, strict=False) if b < mass)
+
+    def inclusion(self) -> dict[Hypothesis, float]:
+        """Return the probability of each hypothesis: that of all models with it, by the priors among what is alike."""
+        found: dict[Hypothesis, float] = {}
+        for m in self.models:
+            for alike in m.added:
+                for h, share in zip(alike.hypotheses, alike.shares, strict=True):
+                    found[h] = found.get(h, 0.0) + m.probability * share
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def blocks_of(values: Floats, time: Floats) -> Floats:
+    """Return sums over blocks ``(blocks, n)`` of values at samples ``(samples, n)``; a short rest goes to the last."""
+    count = max(1, round((time[-1] - time[0]) / BLOCK))
+    number = np.minimum(((time - time[0]) / BLOCK).astype(int), count - 1)
+    found = np.zeros((count, values.shape[1]))
+    np.add.at(found, number, values)
+    return found
+
+
+def weights(blocks: int, seed: int = 0) -> Floats:
+    """Return weights of the blocks, of mean 1, for every draw of the Bayesian bootstrap ``(draws, blocks)``."""
+    return blocks * np.random.default_rng(seed).dirichlet(np.ones(blocks), _DRAWS)
+
+
+def probabilities(log_priors: Floats, densities: Floats) -> Floats:
+    """Return the probability of each model ``(models,)``.
+
+    Args:
+        log_priors: Up to a constant ``(models,)``.
+        densities: Log predictive density of each block ``(models, blocks)``; minus infinity where a model cannot
+            be driven, of which there must be one that can.
+    """
+    usable = np.isfinite(densities).all(axis=1)
+    found = np.zeros(len(densities))
+    drawn = weights(densities.shape[1]) @ densities[usable].T + log_priors[usable]
+    found[usable] = softmax(drawn, axis=1).mean(axis=0)
+    return found
+
+
+def interval(differences: Floats) -> Interval:
+    """Return the sum of differences in log density by block ``(blocks,)`` with its 90 % interval."""
+    if not np.isfinite(differences).all():
+        return Interval(-math.inf, -math.inf, -math.inf)
+    low, high = np.quantile(weights(len(differences)) @ differences, (0.05, 0.95))
+    return Interval(float(differences.sum()), float(low), float(high))
+
+
+def misfit(fitted: Sequence[Ahead]) -> Floats:
+    """Return the factors on the predicted covariance, by horizon, with which none of the models would be right.
+
+    They are the mean squares of the errors on the fitted drives where these differ by the factor ``MISFIT`` at least,
+    else 1; at the horizon where they differ most it is ``MISFIT`` in any case, because else nothing would be claimed.
+    """
+    squares = np.sum([a.squares.sum(axis=0) for a in fitted], axis=0)
+    away = np.clip(np.log(squares / sum(int(a.seen.sum()) for a in fitted)), -10.0, 10.0)
+    most, least = int(np.argmax(np.abs(away))), math.log(MISFIT)
+    found = np.where(np.abs(away) >= least, away, 0.0)
+    if abs(away[most]) < least:
+        found[most] = math.copysign(least, away[most])
+    return np.exp(found)
+
+
+def inflated(ahead: Ahead, factors: Floats) -> Floats:
+    """Return the log densities ``(samples, horizons)`` with predicted covariances times factors ``(horizons,)``."""
+    with np.errstate(invalid="ignore"):
+        more = 0.5 * ahead.squares * (1.0 - 1.0 / factors) - 0.5 * ahead.seen[:, None] * np.log(factors)
+    return np.where(np.isfinite(ahead.densities), ahead.densities + more, -np.inf)
+
+
+def coverage(held_out: Sequence[Ahead]) -> Floats:
+    """Return the share of the samples within the 95 % region that a model predicts ``(horizons,)``."""
+    within = [a.squares <= chi2.ppf(0.95, np.maximum(a.seen, 1))[:, None] for a in held_out]
+    return np.asarray(np.concatenate([w[a.seen > 0] for w, a in zip(within, held_out, strict=True)]).mean(axis=0))
+
+
+def by_block(densities: Sequence[Floats], drives: Sequence[Drive], penalty: float = 0.0) -> Floats:
+    """Return log densities of several drives by block ``(blocks, horizons)``, less what was fitted to them there."""
+    found = np.concatenate([blocks_of(d, drive.time[1:]) for d, drive in zip(densities, drives, strict=True)])
+    return found - penalty / len(found)

@@ -1,0 +1,195 @@
+"""Probabilities of models: known answers of linear Gaussian models, equivalents, intervals, and what is predicted."""
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, multivariate_normal
+
+from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.model.augmented_model import Ahead
+from harness.diagnosis.model.hypotheses import PRIOR, Hypothesis, hypotheses
+from harness.diagnosis.selection import posterior as p
+from harness.diagnosis.selection.forward_selection import first_variances
+from harness.diagnosis.selection.priors import ODDS, kind_of, log_odds, log_size
+from harness.identification.coordinates import Coordinate
+from support.driven_car import FREE, driven
+
+
+def walk(samples, q, r, seed):
+    """Return measurements of a random walk, with their joint covariance."""
+    rng = np.random.default_rng(seed)
+    y = np.cumsum(rng.normal(0.0, math.sqrt(q), samples)) + rng.normal(0.0, math.sqrt(r), samples)
+    k = np.arange(1, samples + 1)
+    return y, q * np.minimum(k[:, None], k) + r * np.eye(samples)
+
+
+def one_step(y, q, r):
+    """Return the one-step log densities of a random walk's Kalman filter (Simon 2006, 5.1)."""
+    x, P, found = 0.0, 0.0, []
+    for value in y:
+        P += q
+        S = P + r
+        found.append(-0.5 * ((value - x) ** 2 / S + math.log(2 * math.pi * S)))
+        x, P = x + P / S * (value - x), P * r / S
+    return np.array(found)
+
+
+def test_bayes_factors_of_linear_gaussian_models_are_the_analytic_ones(monkeypatch):
+    """The one-step densities add up to the joint density, and blocks that agree leave nothing to chance."""
+    y, covariance = walk(200, 0.1, 1.0, 3)
+    choices = [(0.1, 1.0), (0.12, 1.0), (0.1, 1.05)]
+    joint = [multivariate_normal(np.zeros(200), walk(200, q, r, 3)[1]).logpdf(y) for q, r in choices]
+    steps = np.array([one_step(y, q, r).sum() for q, r in choices])
+    assert steps == pytest.approx(np.array(joint), abs=1e-8)
+    priors = np.log([0.5, 0.3, 0.2])
+    exact = np.exp(joint - np.max(joint)) * np.exp(priors)
+    found = p.probabilities(priors, np.repeat(steps[:, None] / 20, 20, axis=1))
+    assert found == pytest.approx(exact / exact.sum(), rel=1e-9)
+    assert np.linalg.det(covariance) > 0
+
+
+def test_models_that_predict_alike_share_the_mass_by_their_priors():
+    block = np.random.default_rng(0).normal(0.0, 50.0, 24)
+    found = p.probabilities(np.log([0.3, 0.1]), np.array([block, block]))
+    assert found == pytest.approx([0.75, 0.25])
+
+
+def test_blocks_that_disagree_leave_it_open_and_a_model_that_cannot_be_driven_is_out():
+    rng = np.random.default_rng(1)
+    same, noisy = np.zeros(24), rng.normal(0.0, 100.0, 24)
+    noisy += (120.0 - noisy.sum()) / 24  # ahead by a quarter of its standard error of some 490
+    never = np.full(24, -np.inf)
+    found = p.probabilities(np.zeros(3), np.array([same, noisy, never]))
+    assert found[2] == 0.0
+    assert 0.5 < found[1] < 0.75
+    sure = p.probabilities(np.zeros(2), np.array([same, same + 5.0]))
+    assert sure[1] > 0.999999
+
+
+def test_the_interval_of_a_difference_covers():
+    """Of the sums of 24 blocks drawn again and again, a 90 % interval holds the expected one in 90 % of the cases."""
+    rng = np.random.default_rng(2)
+    inside = []
+    for _ in range(400):
+        found = p.interval(rng.normal(2.0, 10.0, 24))
+        inside.append(found.lower <= 48.0 <= found.upper)
+        assert found.lower <= found.value <= found.upper
+    assert 0.84 <= np.mean(inside) <= 0.94
+    assert p.interval(np.array([1.0, -np.inf])).upper == -math.inf
+
+
+def test_blocks_hold_every_sample_once():
+    time = 0.01 * np.arange(1, 12_400)
+    found = p.blocks_of(np.ones((len(time), 2)), time)
+    assert found.shape == (25, 2)
+    assert found.sum(axis=0) == pytest.approx(len(time))
+    assert found[:-1] == pytest.approx(500, abs=1)
+    assert len(p.blocks_of(np.ones((3, 1)), time[:3])) == 1
+
+
+def ahead(square, samples=4000, seed=0):
+    """Return predictions of one signal at two horizons whose squared errors are off by a factor each."""
+    squares = np.random.default_rng(seed).chisquare(1, (samples, len(square))) * square
+    return Ahead(-0.5 * (squares + math.log(2 * math.pi)), squares, np.ones(samples, dtype=int))
+
+
+def test_none_of_these_wins_where_a_horizon_is_missed_and_loses_where_none_is():
+    drives = [SimpleNamespace(time=0.03 * np.arange(4001))]
+    for square, wins in (((1.0, 1.0), False), ((1.0, 1.1), False), ((1.0, 1.6), True), ((1.0, 0.5), True)):
+        factors = p.misfit([ahead(square, seed=1)])
+        held_out = ahead(square, seed=2)
+        model, none = (
+            p.by_block([d], drives).mean(axis=1) for d in (held_out.densities, p.inflated(held_out, factors))
+        )
+        found = p.probabilities(np.log([1.0, ODDS["none"]]), np.array([model, none]))
+        assert (found[1] > 0.9) == wins, square
+        assert wins or found[1] < 0.01, square
+
+
+def test_a_covariance_times_a_factor_has_the_density_that_it_should():
+    held = ahead((1.0, 1.0), 50)
+    found = p.inflated(held, np.array([2.0, 1.0]))
+    errors = np.sqrt(held.squares[:, 0])
+    exact = [multivariate_normal(0.0, 2.0).logpdf(e) for e in errors]
+    assert found[:, 0] == pytest.approx(np.array(exact))
+    assert found[:, 1] == pytest.approx(held.densities[:, 1])
+
+
+def test_coverage_is_that_of_the_chi_square_region():
+    found = p.coverage([ahead((1.0, 4.0), 20_000)])
+    assert found == pytest.approx([0.95, chi2.cdf(chi2.ppf(0.95, 1) / 4.0, 1)], abs=0.01)
+
+
+def model(name, share, alike=()):
+    names = (name, *alike)
+    same = p.Alike(tuple(Hypothesis(n, "effect", (n,)) for n in names), (0.75, 0.25)[: len(names)] if alike else (1.0,))
+    return p.Model((same,), None, 0.0, np.zeros(5), None, share, 0.8 * share)
+
+
+def test_the_confusable_set_is_the_smallest_with_its_mass():
+    found = p.Posterior((model("lag", 0.7), model("delay", 0.25, ("ratio",)), model("gain", 0.05)), 0.2, np.zeros(5))
+    assert [m.added[0].hypotheses[0].name for m in found.confusable()] == ["lag", "delay"]
+    assert len(found.confusable(0.5)) == 1
+    assert len(found.confusable(0.96)) == 3
+    inclusion = {h.name: round(v, 6) for h, v in found.inclusion().items()}
+    assert inclusion == {"lag": 0.56, "delay": 0.15, "ratio": 0.05, "gain": 0.04}
+
+
+def test_the_odds_of_a_kind_are_shared_and_places_share_those_of_their_effect(augmented):
+    tried = hypotheses(augmented, FREE)
+    odds = log_odds(tried)
+    for kind, together in ODDS.items():
+        of_kind = [h for h in tried if kind_of(h) == kind]
+        assert not of_kind or sum(math.exp(odds[h.kind, h.name]) for h in of_kind) == pytest.approx(together)
+    places = [h for h in tried if h.name.split("@")[0] == "tyre_force_offset"]
+    assert len(places) > 1
+    assert sum(math.exp(odds[h.kind, h.name]) for h in places) == pytest.approx(
+        math.exp(odds["effect", "steering_lag"])
+    )
+
+
+def test_a_stated_value_off_by_a_factor_costs_by_its_prior():
+    mass = Hypothesis("mass", "parameter", ("mass",))
+    c = Coordinate("mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg")
+    fitted = SimpleNamespace(coordinates=(c,), point=SimpleNamespace(value=lambda _: 1800.0))
+    assert log_size(fitted, (mass,)) == pytest.approx(-0.5 * (math.log(1.8) / PRIOR) ** 2)
+    assert log_size(fitted, (Hypothesis("lag", "effect", ("mass",)),)) == 0.0
+
+
+@pytest.fixture(scope="module")
+def predicted(augmented):
+    drive = augmented.drive(driven(77, duration=30.0), "drive")
+    fitting = Fitting(augmented, [drive], first_variances(augmented, [drive]))
+    (held,) = fitting.candidates([fitting.first()])
+    return drive, held, augmented.predict(drive, held, [1, 10, 100, math.inf])
+
+
+def test_the_first_horizon_is_the_filter(augmented, predicted):
+    drive, held, found = predicted
+    run = augmented.run(drive, held)
+    assert found.densities[:, 0].sum() == pytest.approx(run.log_likelihood, rel=1e-12)
+    assert found.squares[:, 0] == pytest.approx(np.nansum(run.whitened[1:] ** 2, axis=1), rel=1e-9)
+
+
+def test_the_last_horizon_is_the_free_run(augmented, predicted):
+    """Where its covariance is that of the measurements, its squared errors are those of the free run."""
+    drive, held, _ = predicted
+    quiet = dataclasses.replace(held, process=1e-30 * held.process)
+    exact = dataclasses.replace(drive, first_variance=1e-30 * drive.first_variance)
+    found = augmented.predict(exact, quiet, [1, math.inf])
+    free = augmented.free_run(exact, held.values[:, 0]).outputs
+    squares = ((drive.measurements - free)[1:] ** 2 / held.measurement[:, 0]).sum(axis=1)
+    assert found.squares[:, 1] == pytest.approx(squares, rel=1e-6)
+
+
+def test_a_horizon_begins_again_where_the_filter_is(augmented, predicted):
+    """Behind a restart the first prediction is that of the filter; after that it is less certain or as certain."""
+    drive, _, found = predicted
+    for column, horizon in ((1, 10), (2, 100)):
+        first = np.arange(horizon, len(found.densities), horizon)
+        assert found.densities[first, column] == pytest.approx(found.densities[first, 0], rel=1e-12)
+        assert not np.allclose(found.densities[first + 5, column], found.densities[first + 5, 0], rtol=1e-6)
+    assert np.isfinite(drive.measurements).all()
