@@ -153,8 +153,7 @@ class AugmentedModel(FilteredModel):
             np.repeat(drive.first_variance[:, None], LANES, axis=1),
             (self._limited, self._limits[self._limited]),
             total,
-            notes,
-            ahead,
+            (notes, ahead),
         )
 
 

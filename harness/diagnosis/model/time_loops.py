@@ -35,9 +35,7 @@ NX_WHOLE: Any = StandIn("NX_WHOLE")
 NW_WHOLE: Any = StandIn("NW_WHOLE")
 
 
-def filter_whole(
-    u, between, nominal, y, errors, constants, nominal_constants, Q, R, x0, P0, valid, total, notes, ahead
-):
+def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q, R, x0, P0, valid, total, kept):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
@@ -55,11 +53,11 @@ def filter_whole(
         P0: First variances of the nominal model ``(nx, LANES)``.
         valid: States of the augmented model that have a limit, and their largest magnitudes.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
-        notes: What ``keep_first_lane`` writes to; of no samples if nothing is kept.
-        ahead: What ``keep_ahead`` needs to predict farther than a sample in lanes of one candidate; of no samples if
-            every lane is a filter.
+        kept: What ``keep_first_lane`` writes to, of no samples if nothing is kept, and what ``keep_ahead`` needs to
+            predict farther than a sample in lanes of one candidate, of no samples if every lane is a filter.
     """
     samples, nu = u.shape
+    notes, ahead = kept
     horizons, far, spread, densities, squares = ahead
     noise, since = R.copy(), np.zeros((1, LANES))
     w, w_whole = np.empty((NW, LANES)), np.empty((NW_WHOLE, LANES))
