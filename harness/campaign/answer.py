@@ -179,9 +179,10 @@ def _errors(axes: Axes, joint: Joint, target: int) -> None:
     quantity = joint.design.targets[target]
     for e, name in enumerate(joint.design.estimators):
         look = joint.looks[name]
-        axes.vlines(e, low[e], high[e], color=look.line, lw=2.0)
-        axes.plot(e, median[e], look.marker, color=look.line, ms=7)
-        axes.plot(e, joint.believed[target, e], "_", color="black", ms=16, mew=1.6)
+        with style.series(axes, name):
+            axes.vlines(e, low[e], high[e], color=look.line, lw=2.0)
+            axes.plot(e, median[e], look.marker, color=look.line, ms=7)
+            axes.plot(e, joint.believed[target, e], "_", color="black", ms=16, mew=1.6)
     lowest = min(float(low.min()), float(np.nanmin(joint.believed[target])))
     style.logarithmic(axes, lowest, float(high.max()))
     axes.set_xticks(range(len(joint.design.estimators)), joint.design.estimators)

@@ -139,9 +139,10 @@ def figure(outcome: xr.Dataset) -> Picture:
         upper, lower = fig.subplots(2, 1)
         for name in names:
             look, load = looks[name], 1e-4 * shown.sel(pace=_CYCLE, estimator=name).values / cycle
-            upper.plot(outcome["time"].values, load, color=look.line, lw=0.5, alpha=0.8)
-            for pace, width in ((_CYCLE, 1.3), (_WARM, 0.6)):
-                _exceedance(lower, shown.sel(pace=pace, estimator=name).values, look, width)
+            with style.series(upper, name), style.series(lower, name):
+                upper.plot(outcome["time"].values, load, color=look.line, lw=0.5, alpha=0.8)
+                for pace, width in ((_CYCLE, 1.3), (_WARM, 0.6)):
+                    _exceedance(lower, shown.sel(pace=pace, estimator=name).values, look, width)
         per_cycle = 1e-4 * shown.sel(pace=_CYCLE) / cycle
         style.logarithmic(upper, float(per_cycle.min()), float(per_cycle.max()))
         upper.set_ylabel("load of the cycle in %")

@@ -8,8 +8,8 @@ import json
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote, unquote
@@ -196,6 +196,14 @@ def mark(artists: Artist | Iterable[Artist], series: str, text: str = "") -> Non
     """
     for artist in [artists] if isinstance(artists, Artist) else artists:
         artist.set_gid(_MARK + quote(json.dumps([series, text or series])))  # quoted: however XML quotes an id
+
+
+@contextmanager
+def series(axes: Axes, name: str) -> Iterator[None]:
+    """Mark everything that is drawn into a panel meanwhile as of a series, where nothing else is said of it."""
+    before = set(axes.get_children())
+    yield
+    mark([a for a in axes.get_children() if a not in before and a.get_gid() is None], name)
 
 
 def svg(fig: Figure) -> bytes:

@@ -88,8 +88,9 @@ def _ratios(axes: Axes, analysis: Analysis, findings: Findings, score: str) -> N
         known = np.isfinite(ratios)
         places = np.arange(len(found))[known] + _place(findings, number)
         heights = (upper - lower)[known]
-        axes.bar(places, heights, 2.2 * half, bottom=lower[known], color="black", alpha=0.25, lw=0)
-        axes.plot(places, ratios[known], look.marker, ms=5.5, color=look.colour, mec="black", mew=0.4)
+        with style.series(axes, design.estimators[e]):
+            axes.bar(places, heights, 2.2 * half, bottom=lower[known], color="black", alpha=0.25, lw=0)
+            axes.plot(places, ratios[known], look.marker, ms=5.5, color=look.colour, mec="black", mew=0.4)
         extremes += [*ratios[known], *lower[known], *upper[known]]
     name = _SCORES[score]
     axes.set_title(f"{name}: above the bounds over-confident, below cautious", loc="left")
@@ -111,7 +112,8 @@ def _shares(axes: Axes, analysis: Analysis, findings: Findings) -> None:
         for score, face in (("nees", look.colour), ("nis", "white")):
             shares = [100 * findings.consistency(score, b, e).inside for b in range(len(design.bands))]
             places = np.arange(len(shares)) + _place(findings, number)
-            axes.plot(places, shares, look.marker, ms=5.5, mec=look.colour, mfc=face)
+            points = axes.plot(places, shares, look.marker, ms=5.5, mec=look.colour, mfc=face)
+            style.mark(points, design.estimators[e], f"{design.estimators[e]}, {_SCORES[score]}")
     axes.set_title("samples inside the 95 % region (filled: NEES, open: NIS)", loc="left")
     axes.set_ylabel("share in %")
     axes.set_ylim(-3, 103)

@@ -86,20 +86,22 @@ def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, t
     for e, name in enumerate(design.estimators):
         look = analysis.looks[name]
         runs = values[:, e]
-        axes.plot(
-            x.ravel(),
-            runs.ravel(),
-            look.marker,
-            ms=2.2,
-            mew=0,
-            color=look.colour,
-            alpha=0.35,
-            rasterized=pixels,
-        )
+        with style.series(axes, name):
+            axes.plot(
+                x.ravel(),
+                runs.ravel(),
+                look.marker,
+                ms=2.2,
+                mew=0,
+                color=look.colour,
+                alpha=0.35,
+                rasterized=pixels,
+            )
         points = np.moveaxis(runs, 2, 1).reshape(*factor.values.shape, -1)
         some = np.isfinite(points).any(axis=-1)
         middle = np.nanmedian(points[some], axis=-1)
-        axes.plot(factor.values[some], middle, look.marker, ms=3.4, color=look.colour, mec=look.line, mew=0.4)
+        with style.series(axes, name):
+            axes.plot(factor.values[some], middle, look.marker, ms=3.4, color=look.colour, mec=look.line, mew=0.4)
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")

@@ -198,10 +198,11 @@ def _dots(
             look = analysis.looks[name]
             places = np.arange(len(order)) + ((k + 0.5) / len(shown) - 0.5) * 0.8
             total = np.array([found.total[i] for i in order])
-            axes.hlines(places, total[:, 1], total[:, 2], color=look.line, lw=1.2)
-            axes.plot(total[:, 0], places, look.marker, ms=4.2, color=look.line, label=name)
             first = [found.first[i].value for i in order]
-            axes.plot(first, places, look.marker, ms=4.2, mec=look.line, mfc="white", mew=0.7)
+            with style.series(axes, name):
+                axes.hlines(places, total[:, 1], total[:, 2], color=look.line, lw=1.2)
+                axes.plot(total[:, 0], places, look.marker, ms=4.2, color=look.line, label=name)
+                axes.plot(first, places, look.marker, ms=4.2, mec=look.line, mfc="white", mew=0.7)
         _factor_rows(axes, ranking, order)
         axes.set_xlim(left=min(axes.get_xlim()[0], -0.02))
         axes.set_xlabel(label)

@@ -117,11 +117,12 @@ def _picture(
             look, one = analysis.looks[name], borne[t, e]
             places = np.arange(len(design.factors) + 1) + ((e + 0.5) / len(design.estimators) - 0.5) * 0.8
             low, high = -np.append(one.box, one.lower), np.append(one.box, one.upper)
-            axes.hlines(places, low, high, color=look.line, lw=1.2)
-            for ends in (low, high):
-                held = np.abs(ends) >= 1.0
-                axes.plot(ends[~held], places[~held], look.marker, ms=4.2, color=look.line)
-                axes.plot(ends[held], places[held], look.marker, ms=4.2, mec=look.line, mfc="white", mew=0.7)
+            with style.series(axes, name):
+                axes.hlines(places, low, high, color=look.line, lw=1.2)
+                for ends in (low, high):
+                    held = np.abs(ends) >= 1.0
+                    axes.plot(ends[~held], places[~held], look.marker, ms=4.2, color=look.line)
+                    axes.plot(ends[held], places[held], look.marker, ms=4.2, mec=look.line, mfc="white", mew=0.7)
         _rows(axes, design)
         handles = [
             Line2D([], [], color=analysis.looks[n].line, marker=analysis.looks[n].marker, label=n)
