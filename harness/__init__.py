@@ -10,6 +10,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from harness.api.check import Check as Check
+    from harness.api.check import check as check
     from harness.api.diagnosis import Diagnosis as Diagnosis
     from harness.api.drive import Drive as Drive
     from harness.api.drive import drive as drive
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from harness.common.errors import UserError as UserError
 
 _PLACES = {
+    "harness.api.check": ("Check", "check"),
     "harness.api.diagnosis": ("Diagnosis",),
     "harness.api.drive": ("Drive", "drive"),
     "harness.api.estimates": ("Estimates", "estimate"),

@@ -104,7 +104,11 @@ def check_recording(
     if channels is not None:
         load_map(channels)  # names the file in its messages
         content = map_content(channels)
-    found = check_tables(readers.read_tables(file), str(file), content)
+    return with_axles(check_tables(readers.read_tables(file), str(file), content), parameters)
+
+
+def with_axles(found: Findings, parameters: str | None) -> Findings:
+    """Return findings with the curves of the axles, if the parameters of the car are given."""
     if parameters is None:
         return found
     values = load_set(parameters, Path(), "--parameters").values

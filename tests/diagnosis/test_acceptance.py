@@ -290,7 +290,10 @@ def test_the_answer_tells_what_becomes_of_the_error():
         normalised_excess_mses = (np.array([before]), np.array([after]))
         return gap(*(Judgement(0.0, np.zeros(1), e, (), None) for e in normalised_excess_mses))
 
-    assert said(4.0, 1.0) == " The simulation error on the held-out drives, beyond the sensor noise, falls by 50 %."
+    assert (
+        said(4.0, 1.0)
+        == " The simulation error on the held-out drives, beyond the noise of sensors and inputs, falls by 50 %."
+    )
     assert said(4.0, 4.0) == said(0.0, 0.0) == " The simulation error on the held-out drives does not fall."
     assert said(np.inf, 4.0).endswith("leaves the model's range; that of the final model stays within it.")
     assert said(np.inf, np.inf).endswith("; that of the final model does so too.")

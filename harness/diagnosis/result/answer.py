@@ -63,4 +63,6 @@ def gap(before: Judgement, after: Judgement) -> str:
     if before.normalised_excess_mse <= 0 or not after.normalised_excess_mse < before.normalised_excess_mse:
         return " The simulation error on the held-out drives does not fall."
     fall = 100 * (1 - math.sqrt(after.normalised_excess_mse / before.normalised_excess_mse))
-    return f" The simulation error on the held-out drives, beyond the sensor noise, falls by {fall:.0f} %."
+    return (
+        f" The simulation error on the held-out drives, beyond the noise of sensors and inputs, falls by {fall:.0f} %."
+    )

@@ -16,7 +16,7 @@ BIC_NEEDED = 50.0
 """Gain in BIC on the fitted drives below which nothing is added."""
 
 ERROR_NEEDED = 0.2
-"""Share of the simulation error on the held-out drives, beyond the sensor noise, that an addition must take away."""
+"""Share of the simulation error on held-out drives, beyond the noise of sensors and inputs, that one must take."""
 
 AHEAD = 50.0
 """Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""

@@ -1,0 +1,141 @@
+"""``harness.check``: does a recording agree with itself, and which lines of its map mend what does not?"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness.api import _show
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from harness.recordings.check import Findings
+
+
+def check(
+    source: str | os.PathLike[str] | pd.DataFrame | xr.Dataset,
+    channels: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    *,
+    parameters: str | None = None,
+) -> Check:
+    """Compare the signals of a recording with each other, explain what does not agree, and mend its map.
+
+    Args:
+        source: As ``harness.read_recording`` takes it: a path, a DataFrame or a Dataset, as it was recorded.
+        channels: Channel map: path of a TOML file or its content as a mapping; none where columns are signals.
+        parameters: Parameter set or parameter file of a car, for the curves of its axles.
+
+    Returns:
+        What was found.
+
+    Raises:
+        UserError: If source or map cannot be read or do not fit each other, or the axle curves lack a signal.
+        ModelError: If there is no such parameter set.
+
+    Example:
+        >>> import numpy as np, pandas as pd, harness as h
+        >>> time = np.arange(0, 60, 0.01)
+        >>> heading = 0.6 * np.sin(0.5 * time) + 0.2 * np.sin(2 * time)
+        >>> log = pd.DataFrame({"time": time, "heading": heading, "gyro": np.degrees(np.gradient(heading, 0.01))})
+        >>> channels = {
+        ...     "time": {"channel": "time", "unit": "s"},
+        ...     "heading": {"channel": "heading", "unit": "rad"},
+        ...     "yaw_rate": {"channel": "gyro", "unit": "rad/s"},
+        ... }
+        >>> found = h.check(log, channels)
+        >>> [f.kind for f in found.findings], found.passes, found.mended["yaw_rate"]["unit"]
+        (['unit'], True, 'deg/s')
+    """
+    import pandas as pd
+    import xarray as xr
+
+    from harness.recordings.channel_map import map_content
+    from harness.recordings.check import check_recording, check_tables, with_axles
+    from harness.recordings.in_memory import tables_of
+
+    mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
+    if not isinstance(source, pd.DataFrame | xr.Dataset):
+        return Check(check_recording(Path(source), mapped, parameters))
+    name = str(source.attrs.get("name") or type(source).__name__)
+    content = None if mapped is None else map_content(mapped)
+    return Check(with_axles(check_tables(tables_of(source, mapped is not None), name, content), parameters))
+
+
+class Check:
+    """What a check found; made by ``harness.check``."""
+
+    def __init__(self, findings: Findings) -> None:
+        self._found = findings
+
+    @property
+    def findings(self) -> list[Any]:
+        """What is wrong, the largest first; each has ``kind``, ``signals``, ``words`` and ``evidence``."""
+        return list(self._found.found)
+
+    @property
+    def comparisons(self) -> pd.DataFrame:
+        """One row per comparison, by its name.
+
+        Columns ``verdict``, ``slope``, ``slope_std``, ``offset`` (SI), ``delay``, ``delay_std`` and ``drift`` (s),
+        ``explained`` (share of the variance), ``reasons``.
+        """
+        import pandas as pd
+
+        columns = ["verdict", "slope", "slope_std", "offset", "delay", "delay_std", "drift", "explained"]
+        rows = {f.name: [*(getattr(f, c) for c in columns), ", ".join(f.reasons)] for f in self._found.fits}
+        return pd.DataFrame.from_dict(rows, orient="index", columns=[*columns, "reasons"]).rename_axis("comparison")
+
+    @property
+    def recording(self) -> xr.Dataset:
+        """The recording as the given map reads it."""
+        return self._found.recording
+
+    @property
+    def mended(self) -> dict[str, Any] | None:
+        """The whole channel map as it should be; ``None`` if there is nothing to mend."""
+        return None if self._found.remedy is None else self._found.remedy.content
+
+    @property
+    def passes(self) -> bool:
+        """Whether nothing disagrees as the mended map reads the recording, or as the given one does."""
+        from harness.recordings.consistency import DISAGREES
+
+        fits = self._found.fits if self._found.remedy is None else self._found.remedy.fits
+        return all(f.verdict != DISAGREES for f in fits)
+
+    @property
+    def answer(self) -> str:
+        """The result in sentences."""
+        from harness.recordings.check_report import answer
+
+        return " ".join(answer(self._found))
+
+    @property
+    def notes(self) -> list[str]:
+        """All irregularities of the recording, with the evidence."""
+        return self._found.warnings
+
+    def report(self, folder: str | Path) -> list[Path]:
+        """Write ``check.html``, ``check.pdf`` and, where there is something to mend, ``mended.toml``; return the paths.
+
+        Raises:
+            UserError: If the folder cannot be written.
+        """
+        from harness.recordings.check_report import write_check
+
+        return write_check(self._found, Path(folder))
+
+    def _facts(self) -> dict[str, Any]:
+        return {"answer": self.answer, **{f"finding {i + 1}": str(f) for i, f in enumerate(self.findings)}}
+
+    def __repr__(self) -> str:
+        """Return the result in a few lines."""
+        return _show.text("Check", self._facts())
+
+    def _repr_html_(self) -> str:
+        table = self.comparisons
+        return _show.html("Check", self._facts(), table, f"{len(table)} comparisons")

@@ -1,0 +1,65 @@
+"""``harness.check``: the same as the command, from memory or from a file."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import harness as h
+
+CHANNELS = {
+    "time": {"channel": "t", "unit": "s"},
+    "heading": {"channel": "psi", "unit": "rad"},
+    "yaw_rate": {"channel": "gyro", "unit": "rad/s"},
+}
+
+
+@pytest.fixture(scope="module")
+def log():
+    time, rng = np.arange(0, 80, 0.01), np.random.default_rng(1)
+    heading = 0.6 * np.sin(0.5 * time) + 0.2 * np.sin(2 * time)
+    gyro = -np.gradient(heading, 0.01) + 0.002 * rng.normal(size=len(time))
+    return pd.DataFrame({"t": time, "psi": heading + 0.0005 * rng.normal(size=len(time)), "gyro": gyro})
+
+
+def test_a_reversed_gyro_is_named_and_mended_from_memory_as_from_a_file(log, tmp_path):
+    found = h.check(log, CHANNELS)
+    assert [(f.kind, f.signals) for f in found.findings] == [("sign", ("yaw_rate",))]
+    assert found.mended["yaw_rate"]["sign"] == -1
+    assert found.passes
+    assert "nothing disagrees any more" in found.answer
+    assert found.comparisons.verdict.tolist() == ["does not agree"]
+    log.to_csv(tmp_path / "log.csv", index=False)
+    again = h.check(tmp_path / "log.csv", CHANNELS)
+    assert again.answer == found.answer
+    written = {p.name for p in again.report(tmp_path / "report")}
+    assert written == {"check.html", "check.pdf", "mended.toml"}
+    clean = h.check(log, found.mended)
+    assert clean.findings == []
+    assert clean.mended is None
+    assert clean.passes
+    assert "wrong sign" in repr(found)
+    assert "comparisons" in found._repr_html_()
+
+
+def test_a_step_that_fits_no_unit_of_time_is_no_reason_to_refuse(log):
+    """The map wants 10 ms; read in seconds, the stamps in microseconds would make eight thousand million samples."""
+    found = h.check(log.assign(t=1e6 * log.t, gyro=-log.gyro), {**CHANNELS, "recording": {"step": "10 ms"}})
+    assert [f.kind for f in found.findings] == ["time"]
+    assert found.mended["time"][0]["unit"] == "us"
+    assert found.passes
+
+
+def test_a_delay_that_the_map_wants_estimated_is_no_finding(log):
+    late = np.interp(log.t - 0.06, log.t, -log.gyro)
+    wanted = {**CHANNELS, "yaw_rate": {"channel": "gyro", "unit": "rad/s", "delay": "estimate"}}
+    for factor, kinds in ((1.0, []), (np.degrees(1.0), ["unit"])):
+        found = h.check(log.assign(gyro=factor * late), wanted)
+        assert [f.kind for f in found.findings] == kinds
+        assert found.passes
+    plain = h.check(log.assign(gyro=late), CHANNELS)
+    assert [f.kind for f in plain.findings] == ["delay"]
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    with pytest.raises(h.UserError, match=r"none\.csv"):
+        h.check(tmp_path / "none.csv", CHANNELS)
