@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.common.files import toml_text
 from harness.common.units import scale, to_si
-from harness.models.signals import SIGNALS
+from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings.calibration import DELAY, DRIFT, OFFSET, SCALE, Cause
 from harness.recordings.channel_map import ChannelMap, MapFile
 from harness.recordings.faults import EXCHANGED, HEADING, SIGN, TIME, Fault
@@ -28,9 +28,14 @@ _UNITS = {
 
 
 def content_of(mapping: ChannelMap) -> dict[str, Any]:
-    """Return the content of a map for a file that needs none: every column under its own name, in SI units."""
+    """Return the content of a map for a file that needs none: every column under its own name, in SI units.
+
+    Without what a simulation wrote as the truth: it is exact, and no sensor's.
+    """
     content: dict[str, Any] = {"time": [{"channel": clock, "unit": "s"} for clock in mapping.clocks]}
     for channel in mapping.channels:
+        if channel.signal.startswith(TRUTH):
+            continue
         content[channel.signal] = {"channel": channel.channel, "unit": SIGNALS[channel.signal].unit}
     return content
 

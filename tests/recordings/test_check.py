@@ -247,7 +247,9 @@ def test_check_prints_and_writes_what_it_found(tmp_path):
     signals["lateral_velocity"][1000:1500] = np.nan
     for name in ("position_x", "position_y", "yaw_acceleration", "longitudinal_acceleration"):
         del signals[name]
-    path, _ = stored(tmp_path, {"time": TIME, **signals})
+    path, _ = stored(
+        tmp_path, {"time": TIME, **signals, "true_yaw_rate": -signals["yaw_rate"]}
+    )  # as harness simulate does
     out = tmp_path / "report"
     arguments = ["check", str(path), "--out", str(out), "--parameters", "lex_2015"]
     done = CliRunner().invoke(app, arguments)
@@ -259,6 +261,7 @@ def test_check_prints_and_writes_what_it_found(tmp_path):
     assert page.count("data:image/svg") >= 3  # agreement, axles, signals
     assert "wrong sign" in page
     assert "mended.toml" in done.output
+    assert "true_yaw_rate" not in (out / "mended.toml").read_text()
     assert (out / "check.pdf").read_bytes().startswith(b"%PDF")
     refused = CliRunner().invoke(app, ["check", str(path), "--out", str(out), "--parameters", "ziaukas_2023"])
     assert refused.exit_code == 2
