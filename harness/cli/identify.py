@@ -25,8 +25,9 @@ def identify(
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of parameters.toml, identify.json and the report.")],
     free: Annotated[
-        str, typer.Option("--free", "-f", help="Parameters to estimate, comma-separated; empty lists them.")
-    ] = "",
+        list[str] | None,
+        typer.Option("--free", "-f", help="Parameters to estimate, comma-separated; repeatable; empty lists them."),
+    ] = None,
     test: Annotated[
         list[Path] | None, typer.Option("--test", "-t", help="Held-out recording to validate the fit on; repeatable.")
     ] = None,
@@ -62,7 +63,7 @@ def identify(
     found = identified(
         chosen,
         [read_recording(path, channels) for path in data],
-        listed(free),
+        listed(free or []),
         test=[read_recording(path, channels) for path in test or []],
         method=method,
         settings=pairs(setting, "--setting"),

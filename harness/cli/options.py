@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -119,9 +119,9 @@ def quantity(given: str, unit: str, option: str) -> float:
     return number
 
 
-def listed(given: str) -> tuple[str, ...]:
-    """Return the names of a comma-separated option."""
-    return tuple(n for n in (part.strip() for part in given.split(",")) if n)
+def listed(given: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of an option that is repeated, or holds several with commas between them, each once."""
+    return tuple(dict.fromkeys(n for each in given for n in (part.strip() for part in each.split(",")) if n))
 
 
 def command() -> str:

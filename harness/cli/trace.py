@@ -35,11 +35,18 @@ def trace(
     sensors: RecordedSensorsOption = None,
     values: SetOption = None,
     free: Annotated[
-        str, typer.Option("--free", help="Nominal parameters that are always fitted; cornering stiffnesses if absent.")
-    ] = "",
+        list[str] | None,
+        typer.Option(
+            "--free", help="Nominal parameters that are always fitted, repeatable; cornering stiffnesses if absent."
+        ),
+    ] = None,
     estimators: Annotated[
-        str, typer.Option("--estimators", help="Estimators run on the test drives before and after; empty for none.")
-    ] = "ekf,ukf,cdkf",
+        list[str] | None,
+        typer.Option(
+            "--estimators",
+            help="Estimators run on the test drives before and after, repeatable; ekf,ukf,cdkf if absent.",
+        ),
+    ] = None,
     study: Annotated[
         str | None, typer.Option("--study", help="Study of the same vehicle that measures the gain of the amendment.")
     ] = None,
@@ -52,12 +59,13 @@ def trace(
 
     Writes trace.json, the nominal and the amended model as parameter files, and a report.
     """
-    from harness.api.diagnosis import Diagnosis
+    from harness.api.diagnosis import ESTIMATORS, Diagnosis
     from harness.api.recordings import read_recording
     from harness.cli.options import ModelOptions, command, listed, model_of
 
     path = None if study is None else study_path(study)
-    diagnosis = Diagnosis(listed(free), listed(estimators), path, repeats, jobs)
+    run = ESTIMATORS if estimators is None else listed(estimators)
+    diagnosis = Diagnosis(listed(free or []), run, path, repeats, jobs)
     fitted, held_out = ([read_recording(each, channels) for each in paths] for paths in (train, test))
     nominal = model_of(ModelOptions(model, parameters, tyre, effect, sensors, values))
     diagnosis.fit(nominal, fitted, held_out, out)

@@ -84,6 +84,9 @@ _WRITTEN = {
 _ENOUGH = 50
 """Samples that a comparison of signals needs."""
 
+_AGREES = 0.3
+"""Correlation of steering and yaw rate from which its sign counts."""
+
 
 @dataclass(frozen=True)
 class Guess:
@@ -163,6 +166,9 @@ def propose(path: Path) -> Proposal:
                 guess = _guess(column, values, table.units.get(column, ""))
                 left += [column] if guess is None else []
                 guesses += [] if guess is None else [guess]
+    if not any(g.signal == "speed" for g in guesses):
+        guesses += _speed_by_unit(tables, left)
+        left = [column for column in left if column not in [g.column for g in guesses]]
     guesses, doubled = _one_each(guesses)
     if not guesses:
         columns = ", ".join(f"'{c}'" for table in tables for c in table.columns)
@@ -265,6 +271,18 @@ def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
     return Guess(signal, column, chosen, values, False, (why, f"unit by its values to {largest:.4g}"))
 
 
+def _speed_by_unit(tables: Sequence[readers.Table], left: Sequence[str]) -> list[Guess]:
+    """Return the speed where no name tells it: the only column that is left whose file or name states its unit."""
+    found = []
+    for table in tables:
+        for column in (c for c in left if c in table.columns):
+            stated = _stated_unit(column, table.units.get(column, ""))
+            if stated is not None and stated[0] in _UNITS["m/s"]:
+                why = ("the only one in a unit of velocity", stated[1])
+                found.append(Guess("speed", column, stated[0], table.columns[column], True, why))
+    return found if len(found) == 1 else []
+
+
 def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
     """Return one guess per signal, that with a stated unit first, and the columns that are left."""
     kept: dict[str, Guess] = {}
@@ -282,7 +300,8 @@ def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
 def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
     """Settle units and signs that are not stated by ``a_y = v r`` and by the steering."""
     if not {"speed", "yaw_rate", "lateral_acceleration"} <= set(known):
-        return known, ["units that are not stated go by the range of the values alone: look at them"]
+        found, notes = _steered_alike(known)
+        return found, ["units that are not stated go by the range of the values alone: look at them", *notes]
     found = dict(known)
     notes: list[str] = []
     names = ("speed", "yaw_rate", "lateral_acceleration")
@@ -301,17 +320,32 @@ def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
         return found, notes
     for g in best:
         found[g.signal] = replace(g, why=(*g.why, f"lateral acceleration over speed times yaw rate: {abs(k):.2f}"))
-    steering = known.get("steering_wheel_angle")
-    agree = np.nan if steering is None else _correlation(steering.si, found["yaw_rate"].si)
-    if k < 0:
-        turned = "yaw_rate" if agree < -0.3 else "lateral_acceleration"
-        reason = "against the other and the steering" if abs(agree) > 0.3 else "against the yaw rate"
-        found[turned] = replace(found[turned], sign=-1, why=(*found[turned].why, f"sign {reason}"))
-        notes.append(f"{turned} is reversed, because it counts {reason}; which of them is right nothing here says")
-    elif agree < -0.3 and steering is not None:
-        found["steering_wheel_angle"] = replace(steering, sign=-1, why=(*steering.why, "sign against the yaw rate"))
-        notes.append("steering_wheel_angle is reversed, because it counts against the yaw rate")
+    if k > 0:
+        alike, more = _steered_alike(found)
+        return alike, [*notes, *more]
+    agree = _steering_over_yaw(found)
+    turned = "yaw_rate" if agree < -_AGREES else "lateral_acceleration"
+    reason = "against the other and the steering" if abs(agree) > _AGREES else "against the yaw rate"
+    found[turned] = replace(found[turned], sign=-1, why=(*found[turned].why, f"sign {reason}"))
+    notes.append(f"{turned} is reversed, because it counts {reason}; which of them is right nothing here says")
     return found, notes
+
+
+def _steered_alike(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
+    """Settle the sign of the steering by the yaw rate."""
+    if not _steering_over_yaw(known) < -_AGREES:
+        return known, []
+    steering = known["steering_wheel_angle"]
+    turned = replace(steering, sign=-1, why=(*steering.why, "sign against the yaw rate"))
+    return {**known, turned.signal: turned}, [
+        "steering_wheel_angle is reversed, because it counts against the yaw rate"
+    ]
+
+
+def _steering_over_yaw(known: dict[str, Guess]) -> float:
+    """Return the correlation of the steering with the yaw rate, NaN where one of them is not known."""
+    steering, rate = known.get("steering_wheel_angle"), known.get("yaw_rate")
+    return np.nan if steering is None or rate is None else _correlation(steering.si, rate.si)
 
 
 def _ratio(speed: Guess, rate: Guess, acceleration: Guess) -> float:

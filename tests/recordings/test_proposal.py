@@ -53,6 +53,14 @@ def test_units_that_are_not_stated_follow_from_each_other(recording, names, spee
     assert found["lateral_acceleration"] == (names[2], acceleration, 1)
 
 
+def test_a_column_in_km_h_is_the_speed_whatever_its_name(recording):
+    columns = {"t": TIME, "v_Fzg_kmh": 3.6 * SPEED, "Gierrate_grad/s": np.degrees(RATE), "Lenkradwinkel_grad": -STEER}
+    found = guessed(recording(**columns, Temp=np.full_like(TIME, 20.0)))
+    assert found["speed"] == ("v_Fzg_kmh", "km/h", 1)
+    assert found["steering_wheel_angle"] == ("Lenkradwinkel_grad", "deg", -1)  # no acceleration is needed to see that
+    assert "speed" not in guessed(recording(**columns, v_hinten_kmh=3.6 * SPEED))  # which of the two?
+
+
 @pytest.mark.parametrize("turned", ["yaw_rate", "lateral_acceleration", "steering_wheel_angle"])
 def test_the_one_that_counts_the_other_way_is_reversed(recording, turned):
     signals = {"steering_wheel_angle": STEER, "yaw_rate": RATE, "lateral_acceleration": noisy(SPEED * RATE, 0.1)}

@@ -247,3 +247,14 @@ def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):
     (tmp_path / "a.mf4").write_bytes(b"x")
     with pytest.raises(UserError, match=r"pip install .robustness-harness\[mdf\]"):
         readers.read(tmp_path / "a.mf4")
+
+
+def test_a_header_of_a_windows_program_is_read(tmp_path):
+    path = tmp_path / "lap.csv"
+    path.write_bytes("t;Gierrate;a_y\ns;°/s;m/s²\n0,0;1,5;2,5\n0,1;1,25;2,75\n".encode("cp1252"))
+    (table,) = readers.read_tables(path)
+    assert table.units == {"t": "s", "Gierrate": "°/s", "a_y": "m/s²"}
+    assert table.columns["Gierrate"].tolist() == [1.5, 1.25]
+    path.write_bytes(b"t,r\n0,1\n1,\xb02\n")  # in the data it is damage
+    with pytest.raises(UserError, match="not a number"):
+        readers.read_tables(path)

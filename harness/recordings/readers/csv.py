@@ -4,7 +4,8 @@ Separator (comma, semicolon, tab) and, with the latter two, decimal comma are re
 well separate thousands is refused. Comment lines (``#``, ``%``, ``//``)
 before the data are passed over; if the last of them names as many columns as there are, it is the header, as
 ``numpy.savetxt`` writes it. Without a header the columns are ``column_1``, ``column_2``, ... A line of units
-below the header is returned as the units.
+below the header is returned as the units. The header tells the encoding: UTF-8, or else that of Windows in the west
+of Europe, in which loggers write ``°/s`` and ``m/s²``.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ from harness.recordings.readers._table import Table
 
 SUFFIXES = (".csv", ".csv.gz", ".txt", ".txt.gz")
 
+_UTF_8, _WINDOWS = "utf-8-sig", "cp1252"
+_BYTES = "latin-1"
+"""Takes every byte for one character: to look at lines before their encoding is known."""
+
 _COMMENTS = ("#", "%", "//")
 _MISSING = ["", "nan", "NaN", "NAN", "null", "NA", "N/A", "-"]
 _WITH_POINT = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -41,11 +46,13 @@ def read(path: str) -> list[Table]:
         UserError: If the file is empty, its rows differ in length, or a numeric column holds text.
     """
     try:
-        lines, names, separator, decimal, units = _layout(path, _head(path))
+        encoding, head = _head(path)
+        lines, names, separator, decimal, units = _layout(path, encoding, head)
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             table = pd.read_csv(
                 path,
+                encoding=encoding,
                 sep=separator,
                 decimal=decimal,
                 skiprows=lines,
@@ -68,7 +75,7 @@ def read(path: str) -> list[Table]:
     except pd.errors.ParserError as error:
         raise UserError(f"{path}: {_first_line(error)}; every row must have as many cells") from None
     except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise UserError(f"{path}: is damaged or no text in UTF-8: {error}") from None
+        raise UserError(f"{path}: is damaged or no text in UTF-8 or Windows-1252: {error}") from None
     columns: dict[str, Floats] = {}
     for name in names:
         values = _numbers(table[name], decimal, path, name)
@@ -77,10 +84,10 @@ def read(path: str) -> list[Table]:
     return [Table(columns, {name: unit for name, unit in zip(names, units, strict=False) if unit and name in columns})]
 
 
-def _lines(path: str) -> Iterator[str]:
+def _lines(path: str, encoding: str) -> Iterator[str]:
     """Yield the lines without their line ends."""
     opener = gzip.open if path.lower().endswith(".gz") else open
-    with opener(path, "rt", encoding="utf-8-sig", newline=None) as file:
+    with opener(path, "rt", encoding=encoding, newline=None) as file:
         for line in file:
             yield line.rstrip("\n")
 
@@ -89,19 +96,26 @@ def _is_data(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith(_COMMENTS)
 
 
-def _head(path: str) -> list[str]:
-    """Return the lines up to two past the comments (header, units)."""
-    lines: list[str] = []
-    plain = 0
-    for line in itertools.islice(_lines(path), 10_000):
+def _head(path: str) -> tuple[str, list[str]]:
+    """Return the encoding, and the lines up to two past the comments (header, units)."""
+    encoding, lines, plain = _UTF_8, list[str](), 0
+    for line in itertools.islice(_lines(path, _BYTES), 10_000):
         lines.append(line)
         plain += _is_data(line)
         if plain == 3:
             break
-    return lines
+    raw = "\n".join(lines).encode(_BYTES)
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError:
+        encoding = _WINDOWS
+        text = raw.decode(encoding)
+        if b"\0" in raw:  # UTF-16, or no text at all
+            raise
+    return encoding, text.split("\n")
 
 
-def _decimal(path: str, separator: str) -> str:
+def _decimal(path: str, encoding: str, separator: str) -> str:
     """Return the decimal sign: that of the first number in which it can be nothing else.
 
     Raises:
@@ -110,7 +124,7 @@ def _decimal(path: str, separator: str) -> str:
     if separator == ",":
         return "."
     doubtful = ""
-    for line in filter(_is_data, _lines(path)):
+    for line in filter(_is_data, _lines(path, encoding)):
         for cell in (c.strip(' "') for c in line.split(separator)):
             if _WITH_POINT.fullmatch(cell):
                 return "."
@@ -123,7 +137,7 @@ def _decimal(path: str, separator: str) -> str:
     return "."
 
 
-def _layout(path: str, head: list[str]) -> tuple[int, list[str], str, str, list[str]]:
+def _layout(path: str, encoding: str, head: list[str]) -> tuple[int, list[str], str, str, list[str]]:
     """Return how many lines precede the data, the columns' names, separator, decimal sign and the units stated."""
     data = [n for n, line in enumerate(head) if _is_data(line)]
     if not data:
@@ -131,7 +145,7 @@ def _layout(path: str, head: list[str]) -> tuple[int, list[str], str, str, list[
     first = head[data[0]]
     body = [head[n] for n in data]
     separator = next((s for s in (";", "\t") if all(s in line for line in body)), ",")
-    decimal = _decimal(path, separator)
+    decimal = _decimal(path, encoding, separator)
     cells = _cells(first, separator)
     units: list[str] = []
     if any(_is_number(c, decimal) for c in cells):
