@@ -94,8 +94,9 @@ wheel: $(VENV)/dev.stamp ## build sdist and wheel, install the wheel in a fresh 
 notebooks: $(VENV)/docs.stamp ## run the notebooks of the tutorial, and the commands that README and docs show
 	$(BIN)/python -m pytest -m notebooks tests/package
 
-docs: $(VENV)/docs.stamp ## write the documentation as a site to site/, strictly, with the notebooks run
+docs: $(VENV)/docs.stamp ## write the documentation as a site to site/, strictly, with notebooks and gallery made
 	rm -rf build/docs && mkdir -p build && cp -R docs build/docs
+	PYTHONPATH=tests $(BIN)/python -m bench.gallery build/docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
