@@ -300,8 +300,8 @@ def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
 def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
     """Settle units and signs that are not stated by ``a_y = v r`` and by the steering."""
     if not {"speed", "yaw_rate", "lateral_acceleration"} <= set(known):
-        found, notes = _steered_alike(known)
-        return found, ["units that are not stated go by the range of the values alone: look at them", *notes]
+        alike, said = _steered_alike(known)
+        return alike, ["units that are not stated go by the range of the values alone: look at them", *said]
     found = dict(known)
     notes: list[str] = []
     names = ("speed", "yaw_rate", "lateral_acceleration")
@@ -321,8 +321,7 @@ def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
     for g in best:
         found[g.signal] = replace(g, why=(*g.why, f"lateral acceleration over speed times yaw rate: {abs(k):.2f}"))
     if k > 0:
-        alike, more = _steered_alike(found)
-        return alike, [*notes, *more]
+        return _steered_alike(found)
     agree = _steering_over_yaw(found)
     turned = "yaw_rate" if agree < -_AGREES else "lateral_acceleration"
     reason = "against the other and the steering" if abs(agree) > _AGREES else "against the yaw rate"
