@@ -62,6 +62,9 @@ class Scored:
             NaN if the library has no such parameter.
         quality: Of the recordings: ``clean`` or ``field``.
         recording: Faults of the recording that were named; they are there, and no claim about the vehicle.
+        covered: Whether one model of the confusable set has all true effects.
+        in_set: Models in that set; 0 if there is none.
+        wrong: Largest probability of an effect that is not there; NaN if there are no probabilities.
     """
 
     case: str
@@ -86,6 +89,9 @@ class Scored:
     reach: float
     quality: str = "clean"
     recording: tuple[str, ...] = ()
+    covered: bool = False
+    in_set: int = 0
+    wrong: float = math.nan
 
 
 def score(folder: Path) -> Scored:
@@ -126,6 +132,9 @@ def score(folder: Path) -> Scored:
         _reach(known["oracle"]["parameters"], traced["candidates"]) if known else math.nan,
         sealed.get("quality", "clean"),
         recording,
+        any({accepted.get(n) for n in names} >= set(accepted.values()) for names in _sets(traced)),
+        len(_sets(traced)),
+        _wrong(traced, accepted),
     )
 
 
@@ -161,9 +170,28 @@ def _oracle(file: Path) -> float:
 
 def _alike(traced: Mapping[str, Any]) -> set[str]:
     """Return everything in the confusable set, parameters with their prefix."""
+    return {name for names in _sets(traced) for name in names}
+
+
+def _sets(traced: Mapping[str, Any]) -> list[set[str]]:
+    """Return what each model of the confusable set has, parameters with their prefix."""
     models = (traced["confusable"] or {"models": []})["models"]
-    found = [h for m in models for alike in m["added"] for h in alike]
-    return {_PARAMETER + h["name"] if h["kind"] == "parameter" else split(h["name"])[0] for h in found}
+    return [{_plain(h) for alike in m["added"] for h in alike} for m in models]
+
+
+def _plain(h: Mapping[str, str]) -> str:
+    return _PARAMETER + h["name"] if h["kind"] == "parameter" else split(h["name"])[0]
+
+
+def _wrong(traced: Mapping[str, Any], accepted: Container[str]) -> float:
+    """Return the largest probability of an effect that is not there, whatever its place."""
+    if not traced.get("posterior"):
+        return math.nan
+    found: dict[str, float] = {}
+    for h in traced["posterior"]["hypotheses"]:
+        if h["kind"] == "effect" and _plain(h) not in accepted:
+            found[_plain(h)] = found.get(_plain(h), 0.0) + h["probability"]
+    return max(found.values(), default=0.0)
 
 
 def _first(traced: Mapping[str, Any], accepted: Mapping[str, str], kind: str) -> str:

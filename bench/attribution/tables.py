@@ -80,6 +80,15 @@ def _errors(cases: Cases) -> str:
     return median((e for s in of(cases, "effect") for e in s.errors.values()), 1)
 
 
+def _sizes(cases: Cases) -> str:
+    sizes = [s.in_set for s in cases if s.in_set]
+    return f"{np.median(sizes):g}" if sizes else "–"
+
+
+def _wrong(cases: Cases) -> list[float]:
+    return [s.wrong for s in of(cases, "unlisted") if math.isfinite(s.wrong)]
+
+
 def _nearly(cases: Cases) -> str:
     return share(s.closed >= 0.9 for s in of(cases, "effect", "pair") if math.isfinite(s.closed))
 
@@ -87,11 +96,14 @@ def _nearly(cases: Cases) -> str:
 _ASKED: tuple[tuple[str, str, Callable[[Cases], str]], ...] = (
     ("true effect added, or in the confusable set", "95 %", lambda c: _right(c, "effect")),
     ("true effect added itself", "–", _named),
+    ("true effect in the 90 % set", "90 %", lambda c: share(s.covered for s in of(c, "effect") if s.in_set)),
+    ("models in that set, median", "2", lambda c: _sizes(of(c, "effect"))),
     ("no effect claimed where none is", "95 %", lambda c: _right(c, *SOUND)),
     ("parameter error, median", "5 %", _errors),
     ("at least 90 % of the gap closed", "90 %", _nearly),
     ("both of two effects found", "75 %", lambda c: _right(c, "pair")),
     ("unlisted effect: `unresolved`", "80 %", lambda c: _right(c, "unlisted")),
+    ("unlisted effect: no wrong name with probability 0.9", "90 %", lambda c: share(w < 0.9 for w in _wrong(c))),
     ("unlisted effect: gap closed, median", "50 %", lambda c: median(s.closed for s in of(c, "unlisted"))),
 )
 """What is measured, what is asked of it, and how."""

@@ -96,6 +96,25 @@ def test_another_effect_is_wrong_unless_the_true_one_stands_in_its_confusable_se
     found = confusable(("kingpin_damping", "effect"), ("kingpin_friction", "effect"))
     alike = case(tmp_path, true=[effect()], repeat=1, confusable=found, **claim)
     assert (alike.right, alike.found, alike.named) == (True, 1, 0)
+    assert (alike.covered, alike.in_set, wrong.covered, wrong.in_set) == (True, 2, False, 0)
+
+
+def test_the_set_covers_a_pair_only_with_one_model_that_has_both(tmp_path):
+    pair = [effect(), effect("steering_lag")]
+    apart = confusable(("kingpin_friction", "effect"), ("steering_lag", "effect"))
+    assert not case(tmp_path, "pair", pair, confusable=apart).covered
+    both = {"models": [{"added": [m["added"][0] for m in apart["models"]], "share": 1.0}]}
+    assert case(tmp_path, "pair", pair, repeat=1, confusable=both).covered
+
+
+def test_the_places_of_a_wrong_effect_count_together_and_parameters_do_not(tmp_path):
+    names = (("roll_steer@front", "effect", 0.5), ("roll_steer@rear", "effect", 0.45), ("mass", "parameter", 0.97))
+    found = [{"name": n, "kind": k, "probability": v} for n, k, v in (*names, ("kingpin_friction", "effect", 0.96))]
+    scored = case(tmp_path, "unlisted", [effect()], posterior={"hypotheses": found})
+    assert scored.wrong == pytest.approx(0.95)
+    assert math.isnan(case(tmp_path, "unlisted", [effect()], repeat=1).wrong)
+    (row,) = (r for r in numbers([scored]).splitlines() if "no wrong name" in r)
+    assert "0 of 1" in row
 
 
 def test_a_parameter_counts_for_an_effect_only_where_the_seal_says_so(tmp_path):

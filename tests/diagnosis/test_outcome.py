@@ -13,6 +13,7 @@ from harness.common.statistics import Interval
 from harness.diagnosis import run
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
+from harness.diagnosis.report.how_likely import likely
 from harness.diagnosis.report.report import document
 from harness.diagnosis.report.summary import _rounds
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
@@ -245,7 +246,8 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
     assert "1 in 10: the stated steering ratio is wrong (found 1.00)" in text
     assert "or accelerometer roll, which acts the same" in text
     assert "2 in 10: none of these; something else is there" in text
-    assert "2 in 100: nothing is missing" in text
+    assert "2 in 100: nothing is missing" in text  # which is what the search says
+    assert "what the search added" not in text
     found = record["posterior"]
     assert found["none_of_these"] == 0.2
     assert {h["name"]: round(h["probability"], 6) for h in found["hypotheses"]} == {
@@ -257,6 +259,19 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
     assert [m["probability"] for m in found["models"]] == pytest.approx([0.688, 0.096, 0.016])
     assert record["confusable"]["mass"] == pytest.approx(0.98)
     assert [len(m["added"][0]) for m in record["confusable"]["models"]] == [1, 2]
+
+
+def test_the_first_page_says_where_the_likeliest_model_is_not_what_was_added(outcome):
+    fitted, lag = outcome.trace.nominal, Hypothesis("steering_lag", "effect", ("steering_lag",))
+    zero = np.zeros(len(HORIZONS))
+    models = (
+        Model((Alike((lag,), (1.0,)),), fitted, 0.0, zero, Interval(0.0, 0.0, 0.0), 0.999, 0.999),
+        Model((), fitted, 0.0, zero, Interval(-99.0, -120.0, -80.0), 0.001, 0.001),
+    )
+    posterior = Posterior(models, 0.0, zero)
+    said = likely(dataclasses.replace(outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior)))
+    assert said[0].startswith("more than 99 in 100: steering lag")
+    assert said[1] == "less than 1 in 100: what the search added; its criteria differ"
 
 
 def test_without_probabilities_the_rest_is_written(outcome, tmp_path):

@@ -28,6 +28,10 @@ def likely(outcome: Outcome) -> list[str]:
     lines = [f"{in_words(m.share)}: {_explained(outcome.trace, m)}" for m in chosen[:_SHOWN]]
     if len(chosen) > _SHOWN:
         lines.append(f"{in_words(sum(m.share for m in chosen[_SHOWN:]))}: one of {len(chosen) - _SHOWN} others")
+    added = frozenset(outcome.trace.added)
+    own = next((m for m in found.models if frozenset(a.hypotheses[0] for a in m.added) == added), None)
+    if own is not None and own not in chosen[:_SHOWN]:
+        lines.append(f"{in_words(own.share)}: what the search added; its criteria differ")
     if found.none >= _LEAST:
         lines.append(f"{in_words(found.none)}: none of these; something else is there, in place of them or beside them")
     return lines
@@ -37,6 +41,8 @@ def in_words(probability: float) -> str:
     """Write a probability as a number of cases: ``9 in 10``."""
     if probability > 0.995:
         return "more than 99 in 100"
+    if probability < 0.005:
+        return "less than 1 in 100"
     tenths = 0.05 <= probability < 0.95
     return f"{round(10 * probability)} in 10" if tenths else f"{round(100 * probability)} in 100"
 
