@@ -101,7 +101,7 @@ def recording_of(
             delay, spread = delays.get(name, (raw.channel.delay, 0.0))
             attributes |= _about(raw, delay, spread, mapping)
             new = updated_on_grid(raw.time - delay, grid)
-            if raw.held > 1 and not new.all():
+            if not raw.channel.hold and not new[np.isfinite(values)].all():
                 recording.coords[f"updated_{name}"] = ("time", new)
         recording[name] = ("time", values, attributes)
     recording.attrs = {

@@ -14,6 +14,10 @@ _STOP_BAND = 60.0
 """dB by which what would fold back is weakened."""
 _PASS_BAND = 0.6
 """Share of the new Nyquist frequency that passes unweakened."""
+_AS_OFTEN = 1.05
+"""Steps of a grid up to which samples come as often as its instants."""
+_BESIDE = 0.75
+"""Steps beside an instant at which a sample still counts as its own, with jitter; a dropped one is a step away."""
 
 
 def segments(time: Floats, largest_gap: float) -> list[slice]:
@@ -60,11 +64,18 @@ def onto_grid(time: Floats, values: Floats, grid: Floats, largest_gap: float, ho
 
 
 def updated_on_grid(time: Floats, grid: Floats) -> Mask:
-    """Return the instants of a grid that are the nearest to some sample: there the value is measured, not joined."""
+    """Return the instants of a grid at which the value is measured, not joined over a dropped or slower sample.
+
+    They are the nearest to some sample. Where samples come as often as the instants, but with jitter or between them,
+    one may be the nearest to two instants.
+    """
     step = grid[1] - grid[0]
     nearest = np.rint((time - grid[0]) / step).astype(int)
     found = np.zeros(len(grid), dtype=bool)
     found[nearest[(nearest >= 0) & (nearest < len(grid))]] = True
+    if len(time) > 1 and np.median(np.diff(time)) < _AS_OFTEN * step:
+        after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+        found |= np.minimum(np.abs(grid - time[after - 1]), np.abs(time[after] - grid)) < _BESIDE * step
     return found
 
 

@@ -1,0 +1,46 @@
+"""Which samples on the common time base were measured: dropped and slower ones are joined, and say so."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from harness import recordings
+from harness.recordings.in_memory import tables_of
+from harness.recordings.load import recording_of
+from harness.recordings.resample import updated_on_grid
+
+STEP = 0.01
+GRID = np.arange(1000) * STEP
+
+
+def recording(**columns):
+    tables = tables_of(pd.DataFrame({"time": GRID, **columns}), False)
+    return recording_of(tables, "memory")
+
+
+def test_a_dropped_sample_is_missing_for_filters_and_smoother_though_it_is_bridged():
+    speed, yaw_rate = 20 + np.sin(GRID), 0.1 * np.cos(GRID)
+    speed[[300, 301, 500]] = np.nan
+    found = recording(speed=speed, yaw_rate=yaw_rate)
+    assert np.isfinite(found.speed).all()
+    np.testing.assert_array_equal(np.flatnonzero(~recordings.updated(found, "speed")), [300, 301, 500])
+    measured = recordings.measurements(found, ["speed", "yaw_rate"])
+    assert np.isnan(measured[[300, 301, 500], 0]).all()
+    assert np.isfinite(measured[:, 1]).all()
+    assert recordings.updated(found, "yaw_rate") is None
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.5])
+def test_jitter_and_phase_drop_nothing(phase):
+    rng = np.random.default_rng(1)
+    time = GRID + phase * STEP + 0.1 * STEP * rng.normal(size=len(GRID)).clip(-2, 2)
+    assert updated_on_grid(time, GRID)[1:].all()
+    some = np.delete(time, [400, 401, 402])
+    assert 2 <= (~updated_on_grid(some, GRID)[1:]).sum() <= 3
+
+
+@pytest.mark.parametrize("every", [2, 5, 10])
+def test_a_slower_channel_is_measured_where_it_has_a_sample(every):
+    time = np.arange(0.002, 9.9, every * STEP)
+    found = updated_on_grid(time, GRID)
+    assert found.sum() == len(time)
