@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from harness.common.arrays import Floats
 from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
-from harness.recordings.consistency import in_report_unit
+from harness.recordings.consistency import DISAGREES, in_report_unit
 from harness.recordings.pair_fit import Agreement
 from harness.reporting import style
 from harness.reporting.document import Picture
@@ -88,8 +88,8 @@ def _envelope(time: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 def agreement(fits: Sequence[Agreement]) -> list[Picture]:
-    """Draw both sides of each exact comparison over its half minute of largest variance."""
-    exact = [fit for fit in fits if fit.relation.exact]
+    """Draw both sides of each exact comparison over its half minute of largest variance, those that disagree first."""
+    exact = sorted((fit for fit in fits if fit.relation.exact), key=lambda fit: fit.verdict != DISAGREES)
     chunks = [exact[k : k + _PER_FIGURE] for k in range(0, len(exact), _PER_FIGURE)]
     return [_agreement(chunk) for chunk in chunks]
 
@@ -105,9 +105,8 @@ def _agreement(fits: Sequence[Agreement]) -> Picture:
             axes.plot(time, fit.computed[rows] * scale, color=_COMPUTED, lw=1.6, alpha=0.9)
             axes.plot(time, fit.measured[rows] * scale, color=_MEASURED, lw=0.8)
             axes.set_ylabel(print_unit(unit))
-            axes.set_title(
-                f"{words(fit.relation.signal)} and {fit.relation.formula}: R² {fit.explained:.3f}", loc="left"
-            )
+            said = ", ".join(fit.reasons) if fit.verdict == DISAGREES else f"R² {fit.explained:.3f}"
+            axes.set_title(f"{words(fit.relation.signal)} and {fit.relation.formula}: {said}", loc="left")
             axes.grid(axis="y")
             axes.margins(x=0)
         panels[-1].set_xlabel("time in s")
