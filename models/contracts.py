@@ -25,7 +25,8 @@ Beside these a vehicle may export ``wheelbase(values)`` for the limits of the dr
 values that are impossible together, and ``START``: the first value of a state that does not start at zero, as a
 number, the name of a parameter, or the name of a drive's input (its first sample). A vehicle that carries a load may
 export ``LOADING``, quantities of the load (``Parameter``) from which several of its parameters follow together,
-``loading(values)``, the load of given parameters, and ``loaded(values, load)``, the parameters that follow. A vehicle
+``loading(values)``, the load of given parameters, and ``loaded(values, load)``, the parameters that follow, both of
+numbers, arrays and SymPy expressions. A vehicle
 of several bodies exports ``BODIES``, the axles of each, the steered one first. A vehicle with several sets of
 parameters or sensors that fit exports ``USUAL``, which of them a command takes that was not told:
 ``{"parameters": ..., "sensors": ...}``.

@@ -325,6 +325,18 @@ class SignalTable(Mapping[str, Signal]):
             if self._known(signal.name) is None:
                 self._further[signal.name] = signal, owner
 
+    def add(self, signal: Signal) -> None:
+        """Take up a quantity that a model has made a signal, such as a parameter that is estimated.
+
+        Raises:
+            ModelError: If a signal of that name is something else.
+        """
+        known = self._known(signal.name)
+        if known is None:
+            self._further[signal.name] = signal, "an estimator's belief"
+        elif known != signal:
+            raise ModelError(f"'{signal.name}' is a signal already: {known.meaning}; it cannot be estimated as well")
+
     def _known(self, name: str) -> Signal | None:
         return self._ours.get(name) or self._further.get(name, (None,))[0]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from harness.api import _show
 from harness.config import ModelSpec, complete, fitting_sensors, resolve_single
 from harness.config.parameter_set import set_text
+from harness.config.unknown_parameters import KEYS as UNCERTAIN
 from harness.models.roles import SENSORS
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ def model(
     values: Mapping[str, float | str] | None = None,
     noise: Mapping[str, Any] | None = None,
     unknown_inputs: Sequence[str] | None = None,
+    unknown_parameters: Sequence[str | Mapping[str, Any]] | None = None,
+    considered_parameters: Sequence[str | Mapping[str, Any]] | None = None,
     **integration: Unpack[Integration],
 ) -> Model:
     """Return a model: a vehicle, its tyre, effects, sensors, parameters and noise.
@@ -59,6 +62,9 @@ def model(
             variance per sample}, "input": {signal: variance per sample}, "process_scale": factor,
             "measurement_scale": factor, "input_scale": factor}``, SI squared; inputs not named are exact.
         unknown_inputs: Inputs that an estimator is to estimate as random walks; for a belief only.
+        unknown_parameters: Parameters that it is to estimate: names, or ``{"name": ..., "prior": "1 m", "walk":
+            "0.1 m/sqrt(h)"}`` with the standard deviation of the value and of its random walk; for a belief only.
+        considered_parameters: Parameters whose uncertainty it reckons with and whose value it leaves alone; the same.
         integration: ``step``, ``integrator`` and ``substeps``, see ``Integration``.
 
     Returns:
@@ -86,6 +92,8 @@ def model(
         "values": values,
         "noise": noise,
         "unknown_inputs": _list(unknown_inputs),
+        "unknown_parameters": _list(unknown_parameters),
+        "considered_parameters": _list(considered_parameters),
         **integration,
     }
     return Model({key: _plain(value) for key, value in stated.items() if value is not None})
@@ -246,7 +254,8 @@ class Model:
         return self._resolve({**keys, **self.table(recordings)})
 
     def _resolve(self, table: Mapping[str, Any]) -> ModelSpec:
-        side: Literal["plant", "belief"] = "belief" if table.get("unknown_inputs") else "plant"
+        unsure = any(table.get(key) for key in ("unknown_inputs", *UNCERTAIN))
+        side: Literal["plant", "belief"] = "belief" if unsure else "plant"
         return resolve_single(table, f"model '{table['vehicle']}'", side)
 
     def _facts(self) -> dict[str, Any]:
@@ -285,17 +294,23 @@ def model_of(spec: ModelSpec) -> Model:
         "values": spec.values,
         "noise": _noise_of(spec),
         "unknown_inputs": list(spec.unknown_inputs) or None,
+        **{
+            key: [{"name": s.name, "prior": s.prior, **({"walk": s.walk} if s.walk else {})} for s in some] or None
+            for key, considered in UNCERTAIN.items()
+            for some in [[s for s in spec.parameter_states if s.considered == considered]]
+        },
     }
     return Model({key: _plain(value) for key, value in table.items() if value is not None})
 
 
 def _noise_of(spec: ModelSpec) -> dict[str, dict[str, float]]:
     """Return the variances of a record by kind; inputs are left out where all are exact."""
-    found = {"process": spec.process_noise, "measurement": spec.measurement_noise, "input": spec.input_noise}
+    process = {n: v for n, v in spec.process_noise.items() if n not in spec.model().within}
+    found = {"process": process, "measurement": spec.measurement_noise, "input": spec.input_noise}
     return {kind: noise for kind, noise in found.items() if noise or kind != "input"}
 
 
-def _list(names: Sequence[str] | None) -> Any:
+def _list(names: Sequence[Any] | None) -> Any:
     return names if names is None or isinstance(names, str) else list(names)
 
 

@@ -22,10 +22,12 @@ from harness.cli.options import (
 from harness.cli.recorded_options import (
     BankOption,
     ChannelsOption,
+    ConsideredOption,
     DataOption,
     InputsOption,
     IntegratorOption,
     MeasurementOption,
+    ParameterOption,
     ProcessOption,
     RecordedOptions,
     StepOption,
@@ -69,6 +71,8 @@ def estimate(
         ),
     ] = None,
     unknown_input: UnknownOption = None,
+    unknown_parameter: ParameterOption = None,
+    considered_parameter: ConsideredOption = None,
     process_noise: ProcessOption = None,
     measurement_noise: MeasurementOption = None,
     step: StepOption = None,
@@ -90,7 +94,7 @@ def estimate(
     given = RecordedOptions(
         ModelOptions(model, parameters, tyre, effect, sensors, values),
         data, channels, step, unknown_input, process_noise, measurement_noise, inputs, integrator, substeps,
-        bank_map or (), jobs,
+        bank_map or (), jobs, unknown_parameter, considered_parameter,
     )  # fmt: skip
     from harness.api.estimates import estimate as estimated
 

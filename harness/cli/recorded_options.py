@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -34,6 +34,22 @@ StepOption = Annotated[
 UnknownOption = Annotated[
     list[str] | None,
     typer.Option("--unknown-input", help="Input that is estimated as a random walk beside the states; repeatable."),
+]
+ParameterOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--unknown-parameter",
+        metavar="NAME[,prior=..][,walk=..]",
+        help='Parameter to estimate beside the states: trailer_mass,prior="4 t"; repeatable.',
+    ),
+]
+ConsideredOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--considered-parameter",
+        metavar="NAME[,prior=..]",
+        help="Parameter whose uncertainty is reckoned with and whose value is left alone; repeatable.",
+    ),
 ]
 ProcessOption = Annotated[
     list[str] | None,
@@ -76,6 +92,8 @@ class RecordedOptions:
         substeps: Integration steps per sample, if given.
         bank: Recordings that map the bank of the road.
         jobs: Threads, if given.
+        parameters: Parameters to estimate, ``NAME[,NAME=VALUE...]``.
+        considered: Parameters whose uncertainty is reckoned with.
     """
 
     model: ModelOptions
@@ -90,6 +108,8 @@ class RecordedOptions:
     substeps: int | None = None
     bank: Sequence[Path] = ()
     jobs: int | None = None
+    parameters: list[str] | None = None
+    considered: list[str] | None = None
 
     def recordings(self) -> list[xr.Dataset]:
         """Return the recordings, each with a name of its own.
@@ -136,6 +156,8 @@ class RecordedOptions:
             substeps=self.substeps or math.ceil(step / FINEST - 1e-9),
             step=step,
             unknown_inputs=self.unknown,
+            unknown_parameters=uncertain(self.parameters, "--unknown-parameter"),
+            considered_parameters=uncertain(self.considered, "--considered-parameter"),
             noise=noise,
         )
         lacking = [r.attrs["name"] for r in recordings if BANK in model.inputs and BANK not in r]
@@ -145,3 +167,12 @@ class RecordedOptions:
                 "recordings of the same road with --bank-map, or a channel of it"
             )
         return model
+
+
+def uncertain(given: list[str] | None, option: str) -> list[dict[str, Any]] | None:
+    """Return entries of ``unknown_parameters`` that are stated as ``NAME[,prior=VALUE][,walk=VALUE]``."""
+    found = []
+    for text in given or []:
+        name, *settings = (part.strip() for part in text.split(","))
+        found.append({"name": name, **pairs(settings, f"{option} {name},")})
+    return found or None

@@ -27,6 +27,8 @@ _UNIT = re.compile(
     r"(?![*^⁺⁻⁰¹²³⁴-⁹])"
     r"(?:(?<![\w.])1\s*/|[A-Za-zÅµͰ-ϿΩ]\w*|[%‰°]|(?:\*\*|\^)\s*(?:[+-]?\d+(?:\.\d+)?|\([^,()]*\))|[⁺⁻⁰¹²³⁴-⁹]+|[*/·()\s])*"
 )
+_ROOT = re.compile(r"\bsqrt\(([^()]*)\)")
+"""A square root, as walks have it (``m/sqrt(h)``), which pint does not read."""
 _MARKS = ",'’‘`´_"
 _SEPARATED = re.compile(rf"([+-]?\s*)(\d*(?:[.{_MARKS}]+\d+|\s\d{{3}}(?!\d))+)(?=({_EXPONENT}))\3(.*)", re.DOTALL)
 _GROUPED_CELL = re.compile(rf"[+-]?(?:\d{{1,3}}(?:[{_MARKS}\s]\d{{3}})+(?:[.,]\d+)?|\d*,\d+{_EXPONENT})")
@@ -187,7 +189,7 @@ def _parse(text: str, unit: str, where: str) -> float:
         )
     units = registry()
     try:
-        quantity: pint.Quantity = units.Quantity(_plain_signs(text))
+        quantity: pint.Quantity = units.Quantity(_ROOT.sub(r"(\1)**0.5", _plain_signs(text)))
         root = quantity.to_root_units().units
     except Exception as error:
         # pint raises its own errors, the tokenizer's and plain arithmetic ones.

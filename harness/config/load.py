@@ -21,7 +21,7 @@ from harness.config.model import resolve_model, stated
 from harness.config.pair import check_pair
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.quick import shortened
-from harness.config.report_options import limits, over_time
+from harness.config.report_options import limits, over_time, score_after
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
 from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
@@ -114,6 +114,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
         _refuse_twice_history(raw, problems)
         histories = [_history(raw, key, designs, drives, belief, problems) for key in raw.histories]
     tolerable = limits(raw, problems)
+    settled = score_after(raw, problems)
     along = over_time(raw, designs, drives, problems)
     problems.stop()
     assert plant is not None
@@ -122,7 +123,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
         name=raw.name,
         title=raw.title,
         seed=raw.seed,
-        targets=tuple(raw.targets),
+        targets=tuple(dict.fromkeys([*raw.targets, *belief.estimated_parameters])),
         plant=plant,
         belief=belief,
         drives=tuple(drives),
@@ -135,6 +136,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
         tuning=rule,
         limits=tolerable,
         over_time=along,
+        score_after=settled,
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now
     return study
@@ -359,8 +361,9 @@ def _hash(study: Study) -> str:
     """Return the SHA-256 of everything that decides the scores, in one canonical order."""
 
     def model(spec: ModelSpec) -> dict[str, Any]:
-        without = {"parameters"} if spec.input_noise else {"parameters", "input_noise"}
-        return {k: v for k, v in asdict(spec).items() if k not in without}
+        # a study without them stays the same
+        absent = {k for k in ("input_noise", "parameter_states") if not getattr(spec, k)}
+        return {k: v for k, v in asdict(spec).items() if k not in {"parameters", *absent}}
 
     content = {
         "name": study.name,
@@ -393,6 +396,8 @@ def _hash(study: Study) -> str:
         "history": [asdict(h) for h in study.history],
         "over_time": study.over_time and asdict(study.over_time),
     }
+    if study.score_after:  # one that scores from the beginning stays the same
+        content["score_after"] = study.score_after
     canonical = json.dumps(content, sort_keys=True, ensure_ascii=True, default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()
 

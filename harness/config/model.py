@@ -16,7 +16,9 @@ from harness.config.parameter_set import ParameterSet, load_set, variance_unit
 from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import ModelTable
 from harness.config.specs import ModelSpec, assembled
+from harness.config.unknown_parameters import KEYS, parameter_states
 from harness.models.assembly.assemble import Model
+from harness.models.assembly.parameter_states import ParameterState
 from harness.models.assembly.placement import load_effect, place_of, split
 from harness.models.contracts import DRIVE_INPUTS
 from harness.models.roles import SENSORS, TYRES, VEHICLES
@@ -33,6 +35,7 @@ _SIMPLE = (
     "step",
     "substeps",
     "unknown_inputs",
+    *KEYS,
 )
 
 
@@ -145,8 +148,10 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
         "measurement": _noise(table, "measurement", model, found, step, problems),
     }
     input_noise = _input_noise(table, model, problems)
+    uncertain = _parameter_states(table, model, values, found, problems)
     if len(problems) > before:
         return None
+    noise["process"] |= {s.state: s.walk_variance * step for s in uncertain}
     return ModelSpec(
         vehicle=table["vehicle"],
         parameters=table["parameters"] or "",
@@ -161,7 +166,21 @@ def resolve_model(table: Stated, problems: Problems) -> ModelSpec | None:
         measurement_noise=noise["measurement"],
         unknown_inputs=tuple(table["unknown_inputs"] or ()),
         input_noise=input_noise,
+        parameter_states=uncertain,
     )
+
+
+def _parameter_states(
+    table: Stated, model: Model, values: Mapping[str, float], found: ParameterSet, problems: Problems
+) -> tuple[ParameterState, ...]:
+    stated = {name: (table.key(name), table[name]) for name in KEYS if table[name]}
+    if stated and table.side == "plant":
+        for key, _ in stated.values():
+            problems.add(key, "only the belief is unsure of parameters; move the key to [belief]")
+        return ()
+    if not stated or len(values) < len(model.parameters):
+        return ()
+    return parameter_states(stated, model, table["vehicle"], values, found.std, problems)
 
 
 def _assemble(table: Stated, problems: Problems) -> Model | None:

@@ -38,6 +38,18 @@ def limits(raw: StudyFile, problems: Problems) -> dict[str, float]:
     return found
 
 
+def score_after(raw: StudyFile, problems: Problems) -> float:
+    """Return the time in s after which scores count."""
+    from harness.common.units import to_si
+
+    with problems.catch("score_after"):
+        found = to_si(raw.score_after, "s", problems.at("score_after"))
+        if found < 0:
+            problems.add("score_after", f"a time from the beginning of a drive is not negative, got {found:g} s")
+        return found
+    return 0.0
+
+
 def over_time(
     raw: StudyFile, designs: list[DesignSpec], drives: list[DriveSpec], problems: Problems
 ) -> OverTimeSpec | None:

@@ -91,6 +91,19 @@ class NoiseTable(Table):
     )
 
 
+class UncertainTable(Table):
+    """An entry of ``unknown_parameters`` or ``considered_parameters`` with more than a name."""
+
+    name: Name = Field(description="parameter of the model or of its load")
+    prior: Quantity | None = Field(
+        default=None,
+        description="standard deviation with which its value is known (default: that of the parameter set)",
+    )
+    walk: Quantity | None = Field(
+        default=None, description='standard deviation of its random walk, "0.1 m/sqrt(h)" (default: a constant)'
+    )
+
+
 class ModelTable(Table):
     """``[plant]``, ``[belief]``."""
 
@@ -117,6 +130,12 @@ class ModelTable(Table):
     noise: NoiseTable = Field(default=NoiseTable(), description="noise that differs from the parameter set")
     unknown_inputs: list[Name] | None = Field(
         default=None, description="[belief] only: inputs to be estimated as random walks"
+    )
+    unknown_parameters: list[Name | UncertainTable] | None = Field(
+        default=None, description="[belief] only: parameters to be estimated beside the states"
+    )
+    considered_parameters: list[Name | UncertainTable] | None = Field(
+        default=None, description="[belief] only: parameters whose uncertainty is reckoned with, not estimated"
     )
 
 
@@ -250,6 +269,9 @@ class StudyFile(Table):
     )
     tuning: Name | None = Field(
         default=None, description="file written by harness tune: factors on the noise each estimator believes"
+    )
+    score_after: Quantity = Field(
+        default=0.0, description="time at the beginning of every drive that no score counts: estimators settle"
     )
     drives: Name | list[Name] = Field(
         default_factory=list, description="files of drives: drives/<name>.toml beside the study"

@@ -12,6 +12,8 @@ from typing import Any, Literal
 
 from harness.common.components import remembered
 from harness.models.assembly.assemble import Model, assemble
+from harness.models.assembly.parameter_states import ParameterState, with_parameters
+from harness.models.roles import VEHICLES
 
 Side = Literal["plant", "belief", "both"]
 Integrator = Literal["euler", "heun", "rk4"]
@@ -45,6 +47,7 @@ class ModelSpec:
         measurement_noise: Variance per sample of every output, SI squared.
         input_noise: Variance per sample of the inputs that estimators get with noise, SI squared; others are exact.
         unknown_inputs: Inputs estimated as random walks (belief only; Ziaukas 2023, 2.32 and 2.33).
+        parameter_states: Parameters that are not known for sure, estimated or considered (belief only).
     """
 
     vehicle: str
@@ -60,20 +63,34 @@ class ModelSpec:
     measurement_noise: dict[str, float]
     unknown_inputs: tuple[str, ...] = ()
     input_noise: dict[str, float] = field(default_factory=dict)
+    parameter_states: tuple[ParameterState, ...] = ()
+
+    @property
+    def estimated_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that are estimated."""
+        return tuple(s.name for s in self.parameter_states if not s.considered)
 
     def model(self) -> Model:
-        """Return the assembled model, augmented by the unknown inputs; the same object on every call."""
-        return assembled(self.vehicle, self.tyre, self.effects, self.sensors, self.unknown_inputs)
+        """Return the assembled model, augmented by all that is unknown; the same object on every call."""
+        names = self.vehicle, self.tyre, self.effects, self.sensors
+        return assembled(*names, self.unknown_inputs, self.parameter_states)
 
 
 @remembered
 @functools.lru_cache(maxsize=64)
 def assembled(
-    vehicle: str, tyre: str | None, effects: tuple[str, ...], sensors: str, unknown_inputs: tuple[str, ...]
+    vehicle: str,
+    tyre: str | None,
+    effects: tuple[str, ...],
+    sensors: str,
+    unknown_inputs: tuple[str, ...],
+    parameter_states: tuple[ParameterState, ...] = (),
 ) -> Model:
     """Return the model of these names, assembled once."""
     model = assemble(vehicle, tyre, effects, sensors)
-    return model.augment(unknown_inputs) if unknown_inputs else model
+    if unknown_inputs:
+        model = model.augment(unknown_inputs)
+    return with_parameters(model, parameter_states, VEHICLES.load(vehicle)) if parameter_states else model
 
 
 @dataclass(frozen=True)
@@ -261,6 +278,7 @@ class Study:
         tuning: The rule by which the estimators' noise was tuned; empty if it is the belief's.
         limits: Largest error that counts as tolerable by target, SI; it decides no score, only what the report says.
         over_time: The drive for sensitivity over time; ``None`` if it was not asked for.
+        score_after: s at the beginning of every drive that no score counts.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
         path: The study file.
@@ -282,6 +300,7 @@ class Study:
     tuning: str = ""
     limits: dict[str, float] = field(default_factory=dict)
     over_time: OverTimeSpec | None = None
+    score_after: float = 0.0
 
     def design(self, name: str) -> DesignSpec:
         """Return a design by name."""

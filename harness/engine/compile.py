@@ -22,7 +22,9 @@ and a work array ``w (nw, LANES)``:
 
 and, when derivatives to inputs or parameters are asked for, ``drift_input_jacobian(x, u, c, J)``,
 ``drift_parameter_jacobian(x, u, c, J)`` and ``output_parameter_jacobian(x, u, c, J)``. ``SEEN_STATES (ny, nx)`` holds
-the columns of ``H`` that may differ from zero, row by row, and then -1.
+the columns of ``H`` that may differ from zero, row by row, and then -1. Of a model with parameters among its states
+``within_bounds(x, u, c, b)`` gives those states within the bounds of the parameters, ``PARAMETERS`` is their number,
+``CONSIDERED`` says which of them are left alone, ``SLOPES_VARY`` which have an influence that depends on the states.
 """
 
 from __future__ import annotations
@@ -335,6 +337,12 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
         ),
         *step_source(eqs, step, integrator, substeps, jacobians),
     ]
+    if eqs.within:
+        considered = [state in eqs.model.considered for state in eqs.model.within]
+        vary = [eqs.slope_varies(state) for state in eqs.model.within]
+        numbers = f"CONSIDERED, SLOPES_VARY = np.array({considered}), np.array({vary})"
+        parts.append(f"PARAMETERS = {len(considered)}\n{numbers}")
+        parts.append(kernel(eqs, "within_bounds", "x, u, c, b", vector("b", eqs.within)))
     if eqs.parameters:
         count = len(eqs.parameters)
         for name, entries, rows, columns in (

@@ -51,14 +51,14 @@ from harness.engine.simd.linalg import (
 from harness.engine.simd.random import next_words, normal_pair, uniform
 
 __all__ = [
-    "INPUT_ERRORS", "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "SEEN_STATES", "Belief", "Info",
-    "StandIn", "State",
+    "CONSIDERED", "INPUT_ERRORS", "LANES", "NS", "NU", "NW", "NX", "NY", "OUTPUTS_ARE_LINEAR", "PARAMETERS",
+    "SEEN_STATES", "SLOPES_VARY", "Belief", "Info", "StandIn", "State",
     "absolute", "add_input_errors", "any_of", "atan", "central_differences", "cholesky", "correlated_update", "cos",
     "cross_covariance", "deviations", "exp", "floor",
     "gather", "get", "is_nan", "log", "mahalanobis", "maximum", "minimum", "next_covariance", "next_jacobian",
     "next_state", "next_words", "normal_pair", "outer_sum", "output", "output_jacobian", "put", "scalar_updates",
     "select", "sigma_mean", "sigma_update", "sign", "signals", "signals_jacobian", "sin", "splat", "sqrt", "tan",
-    "tanh", "uniform",
+    "tanh", "uniform", "within_bounds",
 ]  # fmt: skip
 
 
@@ -102,6 +102,8 @@ class Belief(NamedTuple):
         tuning: The estimator's own numbers, shape ``(nt,)``.
         input_errors: What the errors of the inputs do at this sample to the state and, behind it, the outputs: of ``m``
             independent ones of unit variance ``(nx + ny, m, LANES)``. Not read where inputs are exact.
+        priors: Variance that the state of each parameter begins with, and the square of the change whose influence on
+            the measurements tells whether something can be learnt of it, shape ``(parameters, 2)``.
     """
 
     constants: Any
@@ -109,6 +111,7 @@ class Belief(NamedTuple):
     measurement_noise: Any
     tuning: Any
     input_errors: Any = None
+    priors: Any = None
 
 
 class Info(NamedTuple):
@@ -145,3 +148,5 @@ next_state, next_jacobian = _of_model("next_state"), _of_model("next_jacobian")
 next_covariance = _of_model("next_covariance")
 output, output_jacobian = _of_model("output"), _of_model("output_jacobian")
 signals, signals_jacobian = _of_model("signals"), _of_model("signals_jacobian")
+PARAMETERS, CONSIDERED, SLOPES_VARY = (_of_model(n) for n in ("PARAMETERS", "CONSIDERED", "SLOPES_VARY"))
+within_bounds = _of_model("within_bounds")

@@ -117,8 +117,8 @@ def estimate(inputs, y, truth, rows, until, belief, first, limits, options, boun
         belief: ``harness.engine.kernel_names.Belief``.
         first: ``harness.engine.kernel_names.State`` before the first step; of its covariance the variances are taken.
         limits: Largest magnitude of each state ``(nx,)``.
-        options: NEES every that many samples, 1 if there is one to compute, and 1 if the estimator states a
-            covariance ``(3,)``.
+        options: NEES every that many samples, 1 if there is one to compute, 1 if the estimator states a covariance,
+            and the first sample scored ``(4,)``.
         bounds: Two-sided 95 % chi-square bounds ``(1 + max(nx, ny), 2)`` by degrees of freedom.
         scores: Sum of squares, sum and largest magnitude of the error, written ``(3, ns, LANES)``.
         per_run: Written ``(10, LANES)``: samples scored, sum of NEES, samples of it, those inside, sum of NIS,
@@ -150,7 +150,7 @@ def estimate(inputs, y, truth, rows, until, belief, first, limits, options, boun
     for k in range(1, samples):
         if INPUT_ERRORS:
             spread_of_inputs(before.mean, between[k - 1], u[k], moved[k - 1], moved_at[k], belief)
-        step(before, between[k - 1], u[k], y[k], belief, work, after, info)
+        advance(before, between[k - 1], u[k], y[k], belief, work, after, info)
         before, after = after, before
         diverged = get(per_run, 9)
         signals(before.mean, u[k], belief.constants, s)
@@ -160,7 +160,7 @@ def estimate(inputs, y, truth, rows, until, belief, first, limits, options, boun
         bad = bad & (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
         diverged = select(bad, 1.0 * k, diverged)
         put(diverged, per_run, 9)
-        active = (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
+        active = (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k) & (splat(1.0 * k) >= options[3])
         score_targets(s, truth[k], rows, active, scores)
         score_information(info, active, bounds, per_run)
         if comparable and k % every == 0:
@@ -205,6 +205,12 @@ def spread_of_inputs(x, between, u, moved, moved_at, belief):
         output(ahead, back, belief.constants, unlike)
         for a in range(NY):
             put((get(seen, a) - get(unlike, a)) / (2.0 * reach), belief.input_errors, NX + a, c)
+
+
+def advance(before, u_before, u, y, belief, work, after, info):
+    """Take one sample: the estimator's step, and what belongs to parameters among the states."""
+    step(before, u_before, u, y, belief, work, after, info)
+    settle(before, u, belief, after, info)
 
 
 def score_targets(s, truth, rows, active, scores):
@@ -274,3 +280,7 @@ def step(before, u_before, u, y, belief, work, after, info):
 
 def write_covariance(state, work):
     """Stand for the function of an estimator whose ``step`` does not write the covariance: there is nothing to do."""
+
+
+def settle(before, u, belief, after, info):
+    """Stand for ``harness.engine.parameter_loops`` where no parameter is a state: there is nothing to do."""

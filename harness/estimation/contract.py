@@ -56,7 +56,7 @@ from scipy import stats
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config.roles import ESTIMATORS
-from harness.engine import time_loops
+from harness.engine import parameter_loops, time_loops
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import INPUT_ERRORS, Belief, Info, State
 from harness.engine.simd.lanes import LANES
@@ -166,6 +166,8 @@ class Estimator:
         file = load_estimator(kind)
         self.kind, self.compiled = kind, compiled
         self.has_covariance = bool(file.HAS_COVARIANCE)
+        if compiled.model.considered and not file.KALMAN_TYPE:
+            raise UserError(f"estimator '{kind}' has no gain of a Kalman filter, so it cannot consider parameters")
         try:
             chosen = file.Settings(**(settings or {}))
             if hasattr(file, "fit"):
@@ -182,9 +184,11 @@ class Estimator:
         else:
             size = int(file.memory_size(compiled.nx, compiled.ny))
             self._first_memory = lambda seeds: np.zeros((size, LANES))
-        kernels = kernels_of(file, uncertain)
+        kernels = kernels_of(file, uncertain, parameters=bool(compiled.model.within))
         self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels))
-        valid = compiled.model.valid
+        valid, first = compiled.model.valid, compiled.model.start_variance
+        sizes = [[first[s], 1.0 if s in compiled.model.relative else first[s]] for s in compiled.model.within]
+        self._priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
 
@@ -220,13 +224,13 @@ class Estimator:
         after = State(np.empty((nx, LANES)), np.zeros((nx, nx, LANES)), np.empty_like(state.memory))
         info = Info(np.zeros((ny, LANES)), np.zeros((ny, ny, LANES)), *(np.zeros((1, LANES)) for _ in range(4)))
         work = self._kernels.workspace()
-        self._kernels.step(state, u_before, u, y, belief, work, after, info)
+        self._kernels.advance(state, u_before, u, y, belief, work, after, info)
         self._kernels.write_covariance(after, work)
         return after, info
 
     def belief(self, constants: Floats, process_noise: Floats, measurement_noise: Floats) -> Belief:
         """Return what the estimator believes, for ``step`` and ``run``; arrays end in ``LANES``."""
-        return Belief(constants, process_noise, measurement_noise, self.tuning)
+        return Belief(constants, process_noise, measurement_noise, self.tuning, priors=self._priors)
 
     def run(
         self,
@@ -239,6 +243,7 @@ class Estimator:
         first: State,
         keep: bool = False,
         uncertain: UncertainInputs | None = None,
+        since: int = 0,
     ) -> Scores:
         """Run over a batch and score it while it runs.
 
@@ -252,6 +257,7 @@ class Estimator:
             first: From ``init``.
             keep: Whether to keep the estimates of the targets over time.
             uncertain: What is not known of the inputs; ``None`` where they are exact.
+            since: Scores begin at this sample.
         """
         nothing = np.empty((1, inputs.shape[1], 0, LANES))
         told = UncertainInputs(inputs, nothing, nothing) if uncertain is None else uncertain
@@ -265,7 +271,7 @@ class Estimator:
         sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
         kept = np.empty((samples if keep else 0, 2, targets, LANES))
         rows[len(states) :][~self.gives] = -1
-        options = np.array([float(NEES_EVERY), float(comparable), float(self.has_covariance)])
+        options = np.array([float(NEES_EVERY), float(comparable), float(self.has_covariance), float(since)])
         self._kernels.estimate(
             (inputs, *told),
             measurements,
@@ -286,19 +292,24 @@ class Estimator:
         return _scores(sums, per_run, kept if keep else None, self.has_covariance)
 
 
-def kernels_of(file: SimpleNamespace, input_errors: bool = False) -> dict[Any, Any]:
+def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bool = False) -> dict[Any, Any]:
     """Return the kernels of an estimator's file by what stands for them in the loops over time.
 
     Args:
         file: From ``load_estimator``.
         input_errors: Whether it is told what the errors of its inputs do (``Belief.input_errors``).
+        parameters: Whether parameters are among its states, which are settled after each step.
     """
-    return {
+    kernels = {
         INPUT_ERRORS: int(input_errors),
         time_loops.workspace: file.workspace,
         time_loops.step: file.step,
         time_loops.write_covariance: file.write_covariance,
     }
+    if parameters:
+        by_gain = parameter_loops.settle_parameters if file.KALMAN_TYPE else parameter_loops.bound_parameters
+        kernels[time_loops.settle] = by_gain
+    return kernels
 
 
 def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) -> Scores:

@@ -51,7 +51,7 @@ class Contestant:
         constants, process, measurement = map(
             _first_lane, (belief.constants, belief.process_noise, belief.measurement_noise)
         )
-        self._belief = Belief(constants, process, measurement, belief.tuning)
+        self._belief = Belief(constants, process, measurement, belief.tuning, priors=belief.priors)
         self._first = State(*map(_first_lane, first))
         self._u, self._y = _first_lane(inputs), _first_lane(measurements)
         ny = compiled.ny
@@ -89,7 +89,8 @@ class Contestant:
 
 def _kernels(kind: str, compiled: CompiledModel) -> Any:
     file = load_estimator(kind)
-    source = paste(compiled, kind, [file.workspace, timed_loop.timed_steps, timed_loop.timed_nothing], kernels_of(file))
+    functions = [file.workspace, timed_loop.timed_steps, timed_loop.timed_nothing]
+    source = paste(compiled, kind, functions, kernels_of(file, parameters=bool(compiled.model.within)))
     return load_source(f"time_{kind}", in_one_lane(source))
 
 

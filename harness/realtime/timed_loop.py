@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness.engine.time_loops import step
+from harness.engine.time_loops import advance
 from harness.realtime.clock import nanoseconds
 
 
@@ -24,7 +24,7 @@ def timed_steps(before, u, y, belief, work, after, info, ticks):
     """
     for k in range(ticks.shape[0]):
         ticks[k, 0] = nanoseconds()
-        step(before, u[k], u[k + 1], y[k + 1], belief, work, after, info)
+        advance(before, u[k], u[k + 1], y[k + 1], belief, work, after, info)
         ticks[k, 1] = nanoseconds()
         before, after = after, before
 

@@ -29,6 +29,9 @@ from harness.reporting.document import (
     strong,
 )
 
+BAND = 1.96
+"""Half the width of a 95 % band over the standard deviation."""
+
 _WHITE = 0.01
 """p-value below which innovations count as correlated."""
 
@@ -73,6 +76,7 @@ def document(found: Estimated, command: str) -> Document:
     sections = [
         Section(lambda: _answer(found), "Which estimator fits these recordings?"),
         Section(lambda: _comparison(found), "How do the estimators compare?"),
+        Section(lambda: _parameters(found), "What are the unknown parameters?"),
         Section(lambda: _errors(found), "How large are the errors?"),
         Section(lambda: _over_time(found), "What is estimated?"),
         Section(lambda: _innovations(found), "Do the innovations fit what is stated of them?"),
@@ -100,6 +104,24 @@ def answer(found: Estimated) -> str:
             said = f"has {share} of NIS in its 95 % band" + ("" if consistent else ", so its noise does not fit")
         parts.append(f"{name} {said}")
     return f"{'; '.join(parts)}.{_best(found)}"
+
+
+def _parameters(found: Estimated) -> list[Block]:
+    """Return what was found of parameters that the estimators do not know; nothing where there are none."""
+    rows = []
+    for s in found.summaries:
+        for name, (value, std) in s.parameters.items():
+            q = quantity(name)
+            sizes = [style.number(q.scale * v) for v in (value, BAND * std)]
+            rows.append([s.recording, s.estimator, q.words, q.unit, *sizes])
+    if not rows:
+        return []
+    caption = (
+        "Last estimate on each recording, and half the width of its 95 % band as the estimator states it. A drive that "
+        "does not excite a parameter leaves it where it was believed to be."
+    )
+    header = ["recording", "estimator", "parameter", "unit", "estimate", "± 95 %"]
+    return [Heading("What are the unknown parameters?"), Sheet(header, rows, caption, left=4)]
 
 
 def _best(found: Estimated) -> str:

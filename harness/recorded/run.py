@@ -70,7 +70,7 @@ class RecordedModel:
 
     Args:
         spec: The model, its step that of the recordings; unknown inputs are among its states.
-        signals: Ports and inputs to estimate beside every state.
+        signals: Ports and inputs to estimate beside every state and unknown parameter.
         inputs: ``joined``: recorded inputs run straight from sample to sample, as measured ones do; ``held``: they
             stay constant behind each sample, as those of a simulation do.
         references: Signal of the recording by the state or port that it is the reference of. Without it, a signal of
@@ -78,7 +78,7 @@ class RecordedModel:
             exact one.
 
     Attributes:
-        signals: All that is estimated: states first.
+        signals: All that is estimated: states first, then parameters in place of the states that stand for them.
         compiled: Its kernels.
         filtered: The same model under an extended Kalman filter, for likelihood and free run.
 
@@ -99,7 +99,8 @@ class RecordedModel:
             model.resolve(name)
         self.spec, self.inputs = spec, inputs
         self.references = dict(references or {})
-        self.signals = tuple(dict.fromkeys([*model.states, *signals, *self.references]))
+        states = (n for n in model.states if n not in model.within)
+        self.signals = tuple(dict.fromkeys([*states, *spec.estimated_parameters, *signals, *self.references]))
         self.compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, self.signals)
         self.filtered = Innovations(spec, jobs=jobs)
 
@@ -202,7 +203,9 @@ class RecordedEstimator:
         self.model, self.kind, self.settings, self.name = model, kind, dict(settings or {}), name or kind
         self._estimator = Estimator(kind, model.compiled, self.settings, folder)
         stem = f"estimate_recording_{kind}"
-        source = paste(model.compiled, stem, [time_loops.estimate_recording], kernels_of(load_estimator(kind), True))
+        spec = model.spec
+        given = kernels_of(load_estimator(kind), input_errors=True, parameters=bool(spec.parameter_states))
+        source = paste(model.compiled, stem, [time_loops.estimate_recording], given)
         self._loop = load_source(stem, source).estimate_recording
 
     def run(self, recording: xr.Dataset, seed: int = 0, drive: Drive | None = None) -> xr.Dataset:
@@ -237,9 +240,10 @@ class RecordedEstimator:
             ``nees``, ``nees_degrees``
                 normalised estimation error squared of all signals with a reference together
 
-            Attributes: ``estimator``, ``settings``, ``model``, ``parameters``, ``recording``, ``diverged_at`` (s, NaN
-            if it did not), ``log_likelihood`` (sum), ``repairs`` (samples with a covariance factor that had to be
-            repaired), ``updates`` (samples with a measurement), ``inputs``, ``comment``.
+            Attributes: ``estimator``, ``settings``, ``model``, ``parameters`` (their set), ``estimated_parameters``,
+            ``recording``, ``diverged_at`` (s, NaN if it did not), ``log_likelihood`` (sum), ``repairs`` (samples with a
+            covariance factor that had to be repaired), ``updates`` (samples with a measurement), ``inputs``,
+            ``comment``.
 
         Raises:
             UserError: If a signal is missing, an input has a gap, or the step is not the model's.
@@ -309,6 +313,7 @@ class RecordedEstimator:
             "settings": ", ".join(f"{k}={v}" for k, v in self.settings.items()) or "none",
             "model": spec.model().name,
             "parameters": spec.parameters,
+            "estimated_parameters": ", ".join(spec.estimated_parameters),
             "recording": about,
             "source": str(recording.attrs.get("source", "")),
             "diverged_at": float(drive.time[until]) if until < len(drive.time) else _NOTHING_KNOWN,

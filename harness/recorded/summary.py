@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,7 @@ class Summary:
         repairs: Samples with a covariance factor that had to be repaired.
         whiteness: Of each output's innovations over their stated standard deviation.
         errors: Of each signal with a reference.
+        parameters: Last estimate of each unknown parameter and its standard deviation, SI.
     """
 
     estimator: str
@@ -64,6 +65,7 @@ class Summary:
     repairs: int
     whiteness: dict[str, Whiteness]
     errors: dict[str, Error]
+    parameters: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def references_of(run: xr.Dataset) -> list[str]:
@@ -102,7 +104,14 @@ def summary(run: xr.Dataset) -> Summary:
         run.attrs["repairs"],
         {n: whiteness(values[1:]) for n, values in normalised.items()},
         {n: _error(run, n) for n in references_of(run)},
+        {n: (_last(run[n]), _last(run[f"{n}_std"])) for n in run.attrs["estimated_parameters"].split(", ") if n},
     )
+
+
+def _last(values: xr.DataArray) -> float:
+    """Return the last finite value."""
+    known = values.to_numpy()[np.isfinite(values)]
+    return float(known[-1]) if known.size else math.nan
 
 
 def _error(run: xr.Dataset, name: str) -> Error:
@@ -143,5 +152,8 @@ def record(found: Summary) -> dict[str, Any]:
                 "inside_95": e.inside,
             }
             for n, e in found.errors.items()
+        },
+        "parameters": {
+            n: {"unit": SIGNALS[n].unit, "last": value, "std": std} for n, (value, std) in found.parameters.items()
         },
     }

@@ -19,7 +19,7 @@ from harness.engine.kernel_names import (
     signals_jacobian,
     splat,
 )
-from harness.engine.time_loops import outside, step, workspace, write_covariance
+from harness.engine.time_loops import advance, outside, workspace, write_covariance
 
 
 def estimate_recording(u, between, y, errors, belief, first, limits, rows, kept):
@@ -56,7 +56,7 @@ def estimate_recording(u, between, y, errors, belief, first, limits, rows, kept)
         fill_lanes(y[k], y_now)
         for i in range(errors.shape[1]):
             fill_lanes(errors[k, i], belief.input_errors[i])
-        step(before, u_before, u_now, y_now, belief, work, after, info)
+        advance(before, u_before, u_now, y_now, belief, work, after, info)
         before, after = after, before
         write_covariance(before, work)
         keep_signals(before, u_now, belief, s, slopes, rows, estimate[k], deviation[k], covariance[k])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.common.errors import UserError
 from harness.config import ModelSpec, Study
 from harness.engine.compile import CompiledModel, compile_model
 from harness.estimation.contract import Estimator
@@ -14,6 +15,7 @@ from harness.models.assembly.assemble import Model
 from harness.models.contracts import DRIVE_INPUTS, Profile
 from harness.simulation.drives import profile_of
 from harness.simulation.simulate import Batch, Simulator, in_lanes, input_table
+from harness.study.parameter_truth import truth_names
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class CompiledStudy:
         supplied: Inputs of the belief that come from the vehicle itself, see ``supplied_inputs``.
         drives: In the order of the study.
         plant: The compiled plant; its signals are all that scores and estimators need of it.
+        truth_names: What is known of a simulated run: the plant's signals, then its parameters as the belief has them.
         belief: The compiled model that the estimators hold for true.
         simulator: Of the plant.
         estimators: In the order of the study.
@@ -53,7 +56,8 @@ class CompiledStudy:
     def __init__(self, study: Study) -> None:
         belief_model, plant_model = study.belief.model(), study.plant.model()
         drawn = [name for history in study.history for name in history.signals]
-        self.signals = tuple(dict.fromkeys([*study.targets, *study.belief.unknown_inputs, *drawn]))  # scored first
+        unknown = (*study.belief.unknown_inputs, *study.belief.estimated_parameters)
+        self.signals = tuple(dict.fromkeys([*study.targets, *unknown, *drawn]))  # scored first
         known = {*plant_model.states, *plant_model.inputs, *plant_model.ports}
         self.supplied = supplied_inputs(plant_model, belief_model)
         states = (s for s in belief_model.states if s in known)
@@ -62,6 +66,7 @@ class CompiledStudy:
         self.drives = [self._drive(study, i) for i in range(len(study.drives))]
         self.plant = _compile(study.plant, watched)
         self.belief = _compile(study.belief, self.signals)
+        self.truth_names = (*self.plant.signal_names, *truth_names(study.belief))
         self.simulator = Simulator(self.plant, [*study.targets, *exact])
         self._measured = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
@@ -69,6 +74,11 @@ class CompiledStudy:
 
     def _drive(self, study: Study, index: int) -> DriveInputs:
         profile = profile_of(study.plant, study.drives[index])
+        if study.score_after >= profile.time[-1]:
+            raise UserError(
+                f"{study.path}: score_after: {study.score_after:g} s leaves nothing of drive "
+                f"'{study.drives[index].name}', which ends at {profile.time[-1]:g} s; score earlier or drive longer"
+            )
         plant, belief = study.plant.model(), study.belief.model()
         tables = (
             input_table(profile, plant),

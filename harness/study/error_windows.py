@@ -22,7 +22,7 @@ class ErrorWindows:
     def __init__(self, study: Study, compiled: CompiledStudy) -> None:
         self._study, self._wanted = study, study.over_time
         self._samples = [len(drive.profile.time) for drive in compiled.drives]
-        self._rows = [compiled.plant.signal_names.index(name) for name in study.targets] if self._wanted else []
+        self._rows = [compiled.truth_names.index(name) for name in study.targets] if self._wanted else []
 
     def count(self, design: int, drive: int) -> int | None:
         """Return the number of windows of a drive in a design; ``None`` where nobody asked for them."""

@@ -19,6 +19,7 @@ from harness.study.compiled_study import CompiledStudy
 from harness.study.design import RunParameters, Unit, points, run_parameters, scale_noise
 from harness.study.error_windows import ErrorWindows
 from harness.study.noisy_inputs import NoisyInputs
+from harness.study.parameter_truth import parameter_truth
 from harness.study.run_noise import Case, RunNoise
 from harness.study.scores import (
     ESTIMATOR_DIVERGED,
@@ -142,7 +143,15 @@ class StudyEvaluator:
             signal: np.sqrt(plant.input_noise[:, i]) * self.noise.of_input(unit, group, len(inputs), signal)
             for i, signal in enumerate(self.study.plant.input_noise)
         }
-        return replace(batch, input_errors=errors)
+        return self._with_parameters(replace(batch, input_errors=errors), unit, group, plant)
+
+    def _with_parameters(self, batch: Batch, unit: Unit, group: list[Case], plant: RunParameters) -> Batch:
+        """Add what is true of the parameters that the belief is not sure of."""
+        if not self.study.belief.parameter_states:
+            return batch
+        believed = self.parameters(unit, group, "belief")
+        still = parameter_truth(self.study.plant, self.study.belief, plant, believed)
+        return replace(batch, truth=np.concatenate([batch.truth, np.tile(still, (len(batch.truth), 1, 1))], axis=1))
 
     def estimate(
         self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool = False
@@ -154,12 +163,13 @@ class StudyEvaluator:
             inputs,
             self.compiled.measured(batch.measurements),
             batch.truth,
-            self.compiled.plant.signal_names,
+            self.compiled.truth_names,
             batch.left_at,
             belief,
             first,
             keep,
             uncertain,
+            round(self.study.score_after / self.study.plant.step),
         )
 
     def begin(self, index: int, unit: Unit, group: list[Case], believed: RunParameters) -> tuple[Belief, State]:

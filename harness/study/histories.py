@@ -79,8 +79,8 @@ def _over_time(
     compiled = evaluator.compiled
     truth = np.full((len(batch.truth), len(shown)), np.nan)
     for i, name in enumerate(shown):
-        if name in compiled.plant.signal_names:
-            truth[:, i] = batch.truth[:, compiled.plant.signal_names.index(name), 0]
+        if name in compiled.truth_names:
+            truth[:, i] = batch.truth[:, compiled.truth_names.index(name), 0]
     places = [compiled.signals.index(name) for name in shown]
     kept = np.stack([r.kept[:, :, places, 0] for r in runs if r.kept is not None], axis=1)
     sample = np.arange(len(kept))[:, None]

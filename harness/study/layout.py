@@ -17,7 +17,8 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
-from harness.config import DesignSpec, Study
+from harness.config import DesignSpec, ModelSpec, Study
+from harness.config.bounds import loading_parameters
 from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
@@ -157,6 +158,7 @@ def root_attributes(study: Study) -> dict[str, Any]:
             "integrator": spec.integrator,
             "substeps": spec.substeps,
             "unknown_inputs": list(spec.unknown_inputs),
+            **({"uncertain_parameters": said} if (said := _uncertain(spec)) else {}),
             "process_noise": spec.process_noise,
             "measurement_noise": spec.measurement_noise,
             "input_noise": spec.input_noise,
@@ -179,12 +181,25 @@ def root_attributes(study: Study) -> dict[str, Any]:
         "study_hash": study.hash,
         "seed": study.seed,
         "step": study.plant.step,
+        **({"score_after": study.score_after} if study.score_after else {}),
         "designs": json.dumps([d.name for d in study.designs]),
         "description": json.dumps(description, sort_keys=True),
         **code_state(study),
         "commit": commit(),
         "machine": f"{platform.system()} {platform.machine()}, {processor()}",
     }
+
+
+def _uncertain(spec: ModelSpec) -> list[str]:
+    """Say what an estimator is not sure of."""
+    units = {p.name: p.unit for p in spec.model().parameters} | {
+        p.name: p.unit for p in loading_parameters(spec.vehicle).values()
+    }
+    return [
+        f"{s.name} {'considered' if s.considered else 'estimated'} as {s.believed:g} ± {s.prior:g} {units[s.name]}"
+        + (f", walk {s.walk:g} {units[s.name]}/s**0.5" if s.walk else "")
+        for s in spec.parameter_states
+    ]
 
 
 def words(study: Study) -> dict[str, Any]:

@@ -42,6 +42,10 @@ class Model:
         noise: Variance per second of the process noise that a state of an effect has by its definition.
         flags: Of a model whose effects may be absent (``harness.models.assembly.expressions.present``): a flag for each
             effect and place, which is set if one of these parameters is not at its neutral value.
+        estimated: Port that holds the present value of a parameter that is a state, or follows from one.
+        within: States of parameters, which are the last ones, each brought within the bounds of its parameter.
+        considered: Those of them whose uncertainty is reckoned with and whose value is left alone.
+        relative: Those of them that are logarithms.
     """
 
     name: str
@@ -61,6 +65,10 @@ class Model:
     discrete: bool = False
     noise: dict[str, float] = field(default_factory=dict)
     flags: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    estimated: dict[str, str] = field(default_factory=dict)
+    within: dict[str, sp.Expr] = field(default_factory=dict)
+    considered: tuple[str, ...] = ()
+    relative: tuple[str, ...] = ()
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -68,7 +76,7 @@ class Model:
         return tuple(p.name for p in self.parameters)
 
     def resolve(self, name: str) -> sp.Expr:
-        """Return the expression of a state, input or port by name.
+        """Return the expression of a state, input, port or estimated parameter by name.
 
         Raises:
             ModelError: If the model has no such quantity (with the closest names).
@@ -77,7 +85,9 @@ class Model:
             return symbol(name)
         if name in self.ports:
             return symbol(name)
-        known = [*self.states, *self.inputs, *self.ports]
+        if name in self.estimated:
+            return symbol(self.estimated[name])
+        known = [*self.states, *self.inputs, *self.ports, *self.estimated]
         raise ModelError(f"model '{self.name}' has no quantity '{name}'{registry.closest(name, known)}")
 
     def expand(self, expr: sp.Expr) -> sp.Expr:

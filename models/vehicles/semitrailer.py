@@ -111,10 +111,14 @@ EMPTY_COG_FROM_REAR = 6.2
 """m; chosen by this project: a quarter of the empty trailer's weight rests on the kingpin."""
 
 
-def loading(values: dict[str, float]) -> dict[str, float]:
+def _is_number(value: Any) -> bool:
+    return not isinstance(value, sp.Basic)
+
+
+def loading(values: dict[str, Any]) -> dict[str, Any]:
     """Return the load, by ``LOADING``, with which the empty trailer has the stated mass and CoG."""
     payload = values["trailer_mass"] - EMPTY_MASS
-    if payload <= 0.0:
+    if _is_number(payload) and payload <= 0.0:
         raise ModelError(
             f"trailer_mass is {values['trailer_mass']:g} kg, no more than the empty trailer's {EMPTY_MASS:g} kg: there "
             "is no load to vary; state a heavier trailer, or vary trailer_mass itself"
@@ -123,8 +127,8 @@ def loading(values: dict[str, float]) -> dict[str, float]:
     return {"payload_mass": payload, "payload_from_rear": moment / payload}
 
 
-def loaded(values: dict[str, float], load: dict[str, Any]) -> dict[str, Any]:
-    """Return mass, CoG and inertia scale of the trailer under another load, numbers or arrays of one shape.
+def loaded(values: dict[str, Any], load: dict[str, Any]) -> dict[str, Any]:
+    """Return mass, CoG and inertia scale of the trailer under another load: numbers, arrays of one shape, expressions.
 
     Two bodies, the empty trailer and the load, are put together by the parallel-axis theorem. The empty trailer has
     the inertia of a box of its length and track; the load keeps the radius of gyration about its own CoG that the
@@ -141,7 +145,7 @@ def loaded(values: dict[str, float], load: dict[str, Any]) -> dict[str, Any]:
 
     inertia = values["trailer_inertia_scale"] * values["trailer_mass"] * of_box
     gyration_squared = (inertia - about_cog(stated)) / stated["payload_mass"]
-    if gyration_squared <= 0.0:
+    if _is_number(gyration_squared) and gyration_squared <= 0.0:
         raise ModelError(
             f"trailer_inertia_scale {values['trailer_inertia_scale']:g} leaves no inertia for the load of "
             f"{stated['payload_mass']:g} kg; state a larger one"

@@ -39,6 +39,7 @@ class Equations:
         output_input_jacobian: d outputs / d inputs.
         output_parameter_jacobian: d outputs / d parameters asked for.
         parameters: Names of the parameters asked for.
+        within: States of parameters, each within the bounds of its parameter.
     """
 
     model: Model
@@ -55,6 +56,17 @@ class Equations:
     output_input_jacobian: Entries
     output_parameter_jacobian: Entries
     parameters: tuple[str, ...]
+    within: list[sp.Expr]
+
+    def slope_varies(self, state: str) -> bool:
+        """Return whether the influence of a parameter's state depends on states that are no parameters."""
+        column = self.model.states.index(state)
+        moving = {symbol(n) for n in self.model.states if n not in self.model.within}
+        slopes = [
+            e for m in (self.state_jacobian, self.output_state_jacobian) for (_, j), e in m.items() if j == column
+        ]
+        read = [*slopes, *needed(self.assignments, slopes).values()]
+        return any(expr.free_symbols & moving for expr in read)
 
     @property
     def outputs_are_linear(self) -> bool:
@@ -74,10 +86,12 @@ def derive(
         parameters: Parameters with respect to which derivatives are wanted.
         jacobians: Whether any derivatives are wanted; without them all matrices are empty.
     """
-    wanted = [*model.derivatives, *model.outputs.values(), *(model.resolve(name) for name in signals)]
+    wanted = [*model.derivatives, *model.outputs.values(), *model.within.values(), *map(model.resolve, signals)]
     assignments, reduced = _named_ports(model, wanted) if model.flags else _expanded(model, wanted)
-    nx, ny = len(model.states), len(model.outputs)
-    f, h, extra = reduced[:nx], reduced[nx : nx + ny], reduced[nx + ny :]
+    nx, ny, bounded = len(model.states), len(model.outputs), len(model.within)
+    f, h, within, extra = (
+        reduced[:nx], reduced[nx : nx + ny], reduced[nx + ny : nx + ny + bounded], reduced[nx + ny + bounded :]
+    )  # fmt: skip
 
     forward = _ForwardMode(assignments)
     matrices: dict[str, Entries] = {}
@@ -115,6 +129,7 @@ def derive(
         assignments=variable,
         constants=lift.constants,
         parameters=tuple(parameters),
+        within=[last(e) for e in within],
     )
 
 

@@ -69,6 +69,8 @@ def _facts(store: StudyResults) -> list[list[str]]:
             rows.append([label, str(a[key])])
     if "step" in a:
         rows.append(["step", f"{number(1000 * float(a['step']))} ms"])
+    if "score_after" in a:
+        rows.append(["scores count", f"from {number(float(a['score_after']))} s of every drive on"])
     for design in store.designs:
         rows.append([f"design “{design.name}”", _size(design.status.shape)])
     if not store.is_verifiable:

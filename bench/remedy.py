@@ -1,0 +1,162 @@
+"""How much estimating or considering the trailer's mass remedies: the tables of docs/remedy.md.
+
+    python bench/remedy.py estimated    # error against the one with the mass known, after 60 s of excited driving
+    python bench/remedy.py considered   # share of samples with the true value inside the stated 95 % band
+    python bench/remedy.py straight     # what ten minutes straight ahead do to an estimated mass
+
+Every estimator sees the same drives and noise. Settings stand below; numbers come out in a table of Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from harness.common.arrays import Floats
+from harness.config import Study, build_study
+from harness.study.design import units
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
+
+TARGETS = ["lateral_force_axle_21", "articulation_angle"]
+LEVELS = ["8 t", "16 t", "24 t", "32 t"]
+STEERING = ["steering_wheel_angle"]
+BELIEVED = {"trailer_mass": "24 t"}
+DRIVES = [
+    {"name": "slow-sine", "kind": "sine", "speed": "5 m/s", "amplitude": "250 deg", "frequency": "0.1 Hz"},
+    {"name": "fast-sine", "kind": "sine", "speed": "15 m/s", "amplitude": "50 deg", "frequency": "0.3 Hz"},
+    {"name": "winding-road", "kind": "winding_road"},
+    {"name": "steady-circle", "kind": "steady_circle", "speed": "10 m/s", "radius": "45 m"},
+    {"name": "growing-circle", "kind": "ramp", "speed": "3 m/s", "amplitude": "450 deg", "rate": "8 deg/s"},
+    {"name": "random", "kind": "random_sequence", "speed": "22 m/s", "amplitude": "25 deg"},
+]
+"""Six excited drives of two minutes; the first minute is for learning."""
+
+RUNS = 8
+
+
+def study(belief: Mapping[str, Any], sensors: str, kind: str, further: Mapping[str, Any], of: str = "plant") -> Study:
+    """Return a study of one estimator at every level of the mass."""
+    factor = {"parameter": "trailer_mass", "of": of, "levels": LEVELS}
+    content = {
+        "name": "remedy",
+        "seed": 20230109,
+        "targets": TARGETS,
+        "drive": [{"duration": "120 s", **d} for d in DRIVES],
+        "plant": {
+            "vehicle": "semitrailer",
+            "parameters": "ziaukas_2023",
+            "tyre": "magic_formula",
+            "sensors": sensors,
+        },
+        "belief": {"values": BELIEVED, **belief},
+        "estimator": [{"name": kind.upper(), "kind": kind}],
+        "design": [{"name": "level", "repeats": RUNS, "factor": [factor]}],
+        **further,
+    }
+    return build_study(content, "remedy")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one estimator does on eight runs of a drive: RMSE, NEES and estimates over time."""
+
+    level: str
+    drive: str
+    rmse: Floats
+    nees: Floats
+    covered: Floats
+    kept: Floats
+
+
+def runs(of: Study) -> Iterator[Run]:
+    """Run a study of one estimator."""
+    evaluator, design = StudyEvaluator(of), of.designs[0]
+    names, begin = evaluator.compiled.truth_names, round(of.score_after / of.plant.step)
+    for unit in units(of, design):
+        cases = [Case(0, repeat) for repeat in range(RUNS)]
+        batch, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
+        scores = evaluator.estimate(0, unit, cases, batch, believed, keep=True)
+        assert scores.kept is not None
+        truth = batch.truth[:, [names.index(t) for t in of.targets]]
+        estimate, deviation = scores.kept[:, 0, : len(of.targets)], scores.kept[:, 1, : len(of.targets)]
+        inside = np.abs(estimate - truth)[begin:] <= 1.96 * deviation[begin:]
+        label = design.band_labels[unit.band]
+        yield Run(label, of.drives[unit.drive].name, scores.rmse, scores.nees, inside.mean(axis=0), scores.kept)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table of Markdown."""
+    print("| " + " | ".join(header) + " |", "|" + "---|" * len(header), sep="\n")
+    for row in rows:
+        print("| " + " | ".join(row) + " |", flush=True)
+
+
+def estimated() -> None:
+    """Compare the error with an estimated mass to that with the mass known and with the mass wrong."""
+    settled = {"score_after": "60 s"}
+    unknown = {"unknown_parameters": [{"name": "trailer_mass", "prior": "12 t"}]}
+    rows = []
+    for kind in ("ekf", "ukf"):
+        known = list(runs(study({}, "stability_control", kind, settled, of="both")))
+        wrong = list(runs(study({}, "stability_control", kind, settled)))
+        found = list(runs(study(unknown, "stability_control", kind, settled)))
+        for level in LEVELS:
+            mine = [tuple(r for r in every if r.level == level) for every in (known, wrong, found)]
+            force = [float(np.median([r.rmse[0] for r in some])) for some in mine]
+            ratio = float(np.median(np.array([f.rmse[0] / k.rmse[0] for k, _, f in zip(*mine, strict=True)])))
+            worst, where = max(
+                (float(np.median(f.rmse[0] / k.rmse[0])), f.drive) for k, _, f in zip(*mine, strict=True)
+            )
+            mass = float(np.median([r.rmse[2] for r in mine[2]]))
+            degrees = 11.0
+            nees = float(np.mean([r.nees.mean() for r in mine[2]])) / degrees
+            rows.append(
+                [kind.upper(), level, *(f"{f / 1e3:.3f}" for f in force), f"{force[1] / force[0]:.1f}", f"{ratio:.2f}",
+                 f"{worst:.2f} ({where})", f"{mass / 1e3:.2f}", f"{nees:.2f}"]
+            )  # fmt: skip
+    header = ["estimator", "plant", "known kN", "24 t believed kN", "estimated kN", "believed/known",
+              "estimated/known", "worst drive", "mass error t", "NEES/dof"]  # fmt: skip
+    table(header, rows)
+
+
+def considered() -> None:
+    """Compare the share of samples inside the stated band without and with a considered mass."""
+    rows = []
+    for name, sensors, unknown, noise in (
+        ("series, steering measured", "series", [], {}),
+        ("stability control, steering measured", "stability_control", [], {}),
+    ):
+        for kind in ("ekf", "ukf"):
+            for prior in (None, "8 t", "14 t"):
+                belief: dict[str, Any] = {"unknown_inputs": unknown, **noise}
+                if prior:
+                    belief["considered_parameters"] = [{"name": "trailer_mass", "prior": prior}]
+                found = list(runs(study(belief, sensors, kind, {})))
+                shares = [100 * np.mean([r.covered[0] for r in found if r.level == level]) for level in LEVELS]
+                rows.append([name, kind.upper(), prior or "none", *(f"{s:.0f} %" for s in shares)])
+    table(["sensors", "estimator", "considered ±", *LEVELS], rows)
+
+
+def straight() -> None:
+    """Drive ten minutes straight ahead with the mass unknown."""
+    rows = []
+    for walk in ("0 t/sqrt(h)", "4 t/sqrt(h)"):
+        unknown = {"unknown_parameters": [{"name": "trailer_mass", "prior": "8 t", "walk": walk}]}
+        drive = {"name": "straight", "kind": "sine", "speed": "20 m/s", "amplitude": "0 deg", "duration": "600 s"}
+        for run in runs(study(unknown, "stability_control", "ekf", {"drive": [drive]})):
+            mean, deviation = run.kept[-1, 0, 2], run.kept[-1, 1, 2]
+            rows.append(
+                [walk, run.level, f"{mean.min() / 1e3:.2f} to {mean.max() / 1e3:.2f}", f"{deviation[0] / 1e3:.2f}"]
+            )
+    table(["walk", "plant", "estimate after 10 min t", "stated deviation t"], rows)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["estimated", "considered", "straight"])
+    {"estimated": estimated, "considered": considered, "straight": straight}[parser.parse_args().what]()

@@ -1,0 +1,228 @@
+"""Parameters as states: against filters written out by hand, and where nothing can be learnt of them."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from harness.common.errors import ModelError, UserError
+from harness.engine.compile import compile_model
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import Estimator
+from harness.models.assembly.assemble import assemble
+from harness.models.assembly.parameter_states import ParameterState, is_logarithmic, with_parameters
+from harness.models.contracts import Parameter
+from harness.simulation.simulate import in_lanes
+from harness.testing.small_vehicles import RATE, module
+
+STEP, SAMPLES = 0.05, 300
+PUSH = Parameter("push", "d", "m", -50.0, 50.0, "a constant push")
+MASS = Parameter("mass", "m", "kg", 0.5, 40.0, "a mass")
+Q, R, P0 = np.array([1e-3, 2e-3]), np.array([1e-2]), np.array([0.5, 1.0])
+
+
+def vehicle():
+    """A driven oscillator with a constant push, into which the push enters linearly and the mass does not."""
+
+    def equations(v):
+        a, b = v.state("alpha_test"), v.state("beta_test")
+        v.derivative("alpha_test", b)
+        force = v.port("push_test", v.p("push") + v.input("gamma_test"))
+        v.derivative("beta_test", (-4 * a - v.p("rate") * b + force) / v.p("mass"))
+
+    return module(
+        "driven_test",
+        STATES=("alpha_test", "beta_test"),
+        INPUTS=("gamma_test",),
+        PARAMETERS=(RATE, PUSH, MASS),
+        AXLES={},
+        VALID={},
+        equations=equations,
+    )
+
+
+VALUES = {"rate": 1.5, "push": 0.3, "mass": 1.0}
+
+
+def compiled(*states):
+    made = vehicle()
+    model = assemble(made, sensors=module("sensors_test", OUTPUTS={"alpha_test": "alpha_test"}))
+    return compile_model(with_parameters(model, states, made), STEP, signals=tuple(s.name for s in states))
+
+
+def push(prior=2.0, walk=0.0, considered=False, believed=0.3):
+    return ParameterState("push", believed, prior, walk, considered, is_logarithmic(PUSH))
+
+
+def mass(prior=0.4, walk=0.0, considered=False):
+    return ParameterState("mass", 1.0, prior, walk, considered, is_logarithmic(MASS))
+
+
+def drive(true, seed=5, samples=SAMPLES, excitation=1.0, q=Q):
+    """Return inputs and measurements of the oscillator with true parameters and process noise."""
+    rng = np.random.default_rng(seed)
+    u = excitation * np.sin(0.7 * STEP * np.arange(samples))[:, None]
+    x, y = np.zeros(2), np.empty((samples, 1))
+    for k in range(samples):
+        y[k] = x[0] + rng.normal() * R[0] ** 0.5
+        slope = np.array([x[1], (-4 * x[0] - true["rate"] * x[1] + true["push"] + u[k, 0]) / true["mass"]])
+        x = x + STEP * slope + rng.normal(size=2) * np.sqrt(q)
+    return u, y
+
+
+def run(kind, model, u, y, walks, settings=None, constants=None):
+    """Step through; return means ``(samples, nx)`` and covariances of lane 0."""
+    estimator = Estimator(kind, model, settings)
+    values = {**VALUES, **(constants or {})}
+    belief = estimator.belief(
+        model.constants(in_lanes(model.parameter_vector(values))), in_lanes(np.array([*Q, *walks])), in_lanes(R)
+    )
+    first = np.array([*P0, *(model.model.start_variance[s] for s in model.model.within)])
+    state = estimator.init(np.zeros(model.nx), first)
+    means, covariances = [state.mean[:, 0]], [state.covariance[:, :, 0]]
+    for k in range(1, len(y)):
+        state, _ = estimator.step(state, in_lanes(u[k - 1]), in_lanes(u[k]), in_lanes(y[k]), belief)
+        means.append(state.mean[:, 0])
+        covariances.append(state.covariance[:, :, 0])
+    return np.array(means), np.array(covariances)
+
+
+def textbook(u, y, prior, walk, considered):
+    """The Kalman filter for ``[x, d]`` with full matrices; Schmidt's if ``d`` is considered (Jazwinski 1970, 8.4)."""
+    F = np.eye(3) + STEP * np.array([[0, 1, 0], [-4, -1.5, 1], [0, 0, 0]])
+    B = STEP * np.array([0, 1, 0])
+    H = np.array([[1.0, 0, 0]])
+    x, P = np.array([0, 0, 0.3]), np.diag([*P0, prior**2])
+    noise = np.diag([*Q, walk**2 * STEP])
+    means, covariances = [x], [P]
+    for k in range(1, len(y)):
+        x, P = F @ x + B * u[k - 1, 0], F @ P @ F.T + noise
+        S = H @ P @ H.T + R
+        K = P @ H.T / S
+        if considered:
+            K[2] = 0.0
+        x = x + K[:, 0] * (y[k, 0] - x[0])
+        P = (np.eye(3) - K @ H) @ P @ (np.eye(3) - K @ H).T + K @ K.T * R
+        means.append(x)
+        covariances.append(P)
+    return np.array(means), np.array(covariances)
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize(("walk", "considered"), [(0.0, False), (0.05, False), (0.0, True)])
+def test_a_linear_parameter_gives_the_filter_written_by_hand(kind, walk, considered):
+    u, y = drive({**VALUES, "push": 1.6})
+    state = push(walk=walk, considered=considered)
+    means, covariances = run(kind, compiled(state), u, y, [state.walk_variance * STEP])
+    means[:, 2] += 0.3  # the state is what the push is off
+    right, P = textbook(u, y, 2.0, walk, considered)
+    np.testing.assert_allclose(means, right, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(covariances, P, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_a_parameter_is_found_where_it_is_excited(kind):
+    u, y = drive({**VALUES, "mass": 1.5}, samples=2000, excitation=4.0)
+    means, covariances = run(kind, compiled(mass()), u, y, [0.0])
+    found, deviation = np.exp(means[-1, 2]), covariances[-1, 2, 2] ** 0.5
+    assert abs(np.log(found / 1.5)) < 3 * deviation < 0.3
+    assert deviation < 0.2 * 0.4
+
+
+def test_a_walking_parameter_is_followed():
+    """The truth walks as the filter believes: its error stays within what is stated."""
+    rng = np.random.default_rng(2)
+    samples, walk = 4000, 0.04
+    state = mass(walk=walk, prior=0.8)
+    z = np.cumsum(rng.normal(size=samples)) * walk * STEP**0.5
+    u = 20.0 * np.sin(0.7 * STEP * np.arange(samples))[:, None]
+    x, y = np.zeros(2), np.empty((samples, 1))
+    for k in range(samples):
+        y[k] = x[0] + rng.normal() * R[0] ** 0.5
+        force = -4 * x[0] - 1.5 * x[1] + 0.3 + u[k, 0]
+        x = x + STEP * np.array([x[1], force / np.exp(z[k])]) + rng.normal(size=2) * np.sqrt(Q)
+    means, covariances = run("ekf", compiled(state), u, y, [state.walk_variance * STEP])
+    share = (means[:, 2] - z)[500:] ** 2 / covariances[500:, 2, 2]
+    assert 0.4 < share.mean() < 2.5
+    assert np.std(means[500:, 2] - z[500:]) < 0.5 * np.std(z[500:])
+
+
+@pytest.mark.parametrize("walk", [0.0, 0.2])
+def test_nothing_drifts_where_nothing_is_learnt(walk):
+    """At rest what the filter holds for motion is noise, and so is the influence of the mass that it feigns."""
+    u, y = drive({**VALUES, "push": 0.0, "mass": 3.0}, samples=3000, excitation=0.0, q=np.zeros(2))
+    state = mass(walk=walk)
+    means, covariances = run("ekf", compiled(state), u, y, [state.walk_variance * STEP], constants={"push": 0.0})
+    assert np.abs(means[:, 2]).max() < 0.4
+    assert covariances[-1, 2, 2] <= 0.4**2 * (1 + 1e-9)
+    assert covariances[-1, 2, 2] > 0.2 * 0.4**2
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf", "particle"])
+def test_bounds_are_kept_and_left_again(kind):
+    """A push that no bounds allow holds the estimate at the bound; a possible one afterwards is found again."""
+    settings = {"particles": 500, "roughening": 0.2} if kind == "particle" else None
+    far = drive({**VALUES, "push": 80.0})
+    near = drive({**VALUES, "push": 1.0}, seed=6, samples=1500)
+    u, y = (np.concatenate(pair) for pair in zip(far, near, strict=True))
+    state = push(prior=20.0, walk=5.0)
+    means, _ = run(kind, compiled(state), u, y, [state.walk_variance * STEP], settings)
+    assert means[:, 2].max() <= 50.0 - 0.3 + 1e-9
+    assert means[:SAMPLES, 2].max() > 45.0
+    assert abs(means[-200:, 2].mean() + 0.3 - 1.0) < 4.0
+
+
+def test_the_jacobians_are_exact():
+    model = compiled(push(), mass(walk=0.1))
+    rng = np.random.default_rng(0)
+    x, u = in_lanes(rng.normal(size=4) * 0.3), in_lanes(rng.normal(size=1))
+    c = model.constants(in_lanes(model.parameter_vector(VALUES)))
+    xn, A, w = np.empty((4, LANES)), np.empty((4, 4, LANES)), np.empty((model.nw, LANES))
+    model.kernels.next_jacobian(x, u, c, xn, A, w)
+    for j in range(4):
+        ahead, behind = (np.empty((4, LANES)) for _ in range(2))
+        for sign, result in ((1, ahead), (-1, behind)):
+            moved = x.copy()
+            moved[j] += sign * 1e-6
+            model.kernels.next_state(moved, u, c, result, w)
+        np.testing.assert_allclose(A[:, j, 0], (ahead - behind)[:, 0] / 2e-6, atol=1e-7)
+
+
+def test_the_belief_of_a_lane_is_where_its_parameter_begins():
+    """Designs vary what is believed: the state is relative to it, and so are the bounds."""
+    model = compiled(mass())
+    c = model.constants(
+        np.array([VALUES[n] for n in model.model.parameter_names])[:, None] * np.linspace(0.6, 2, LANES)
+    )
+    s = np.empty((1, LANES))
+    model.kernels.signals(np.zeros((3, LANES)), np.zeros((1, LANES)), c, s)
+    np.testing.assert_allclose(s[0], np.linspace(0.6, 2, LANES), rtol=1e-12)
+    bounded = np.empty((1, LANES))
+    model.kernels.within_bounds(np.full((3, LANES), 9.0), np.zeros((1, LANES)), c, bounded)
+    np.testing.assert_allclose(np.exp(bounded[0]) * s[0], 40.0, rtol=1e-5)
+
+
+def test_kernels_are_the_same_where_no_parameter_is_a_state():
+    """The loops then call a function that does nothing, and a model's kernels have nothing of it."""
+    from harness.engine.codegen.derivatives import derive
+    from harness.engine.compile import model_source
+    from harness.estimation.contract import kernels_of, load_estimator
+    from harness.testing.small_vehicles import linear
+
+    source = model_source(derive(linear()), STEP, "euler", 1)
+    assert "within_bounds" not in source
+    assert "PARAMETERS" not in source
+    assert len(kernels_of(load_estimator("ekf"))) == len(kernels_of(load_estimator("ekf"), parameters=True)) - 1
+
+
+def test_estimators_without_a_gain_consider_nothing():
+    with pytest.raises(UserError, match="cannot consider"):
+        Estimator("particle", compiled(push(considered=True)))
+
+
+def test_a_parameter_that_is_a_signal_already_is_refused():
+    made = vehicle()
+    made.PARAMETERS = (RATE, PUSH, Parameter("speed", "v", "m/s", 0.0, 9.0, "another speed"))
+    made.equations = lambda v: (v.derivative("alpha_test", v.p("speed")), v.derivative("beta_test", sp.Integer(0)))
+    model = assemble(made, sensors=module("sensors_test", OUTPUTS={"alpha_test": "alpha_test"}))
+    with pytest.raises(ModelError, match="is a signal already"):
+        with_parameters(model, [ParameterState("speed", 1.0, 0.1)], made)
