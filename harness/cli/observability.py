@@ -18,6 +18,7 @@ from harness.cli.options import (
     drive_of,
     model_of,
 )
+from harness.cli.recorded_options import ParameterOption, uncertain
 from harness.common.errors import UserError
 
 
@@ -27,6 +28,7 @@ def observability(
     unknown_input: Annotated[
         list[str] | None, typer.Option("--unknown-input", help="Input to be estimated; repeatable.")
     ] = None,
+    unknown_parameter: ParameterOption = None,
     drive: Annotated[
         str | None, typer.Option("--drive", help="Kind of drive; straight, sine, straight if absent.")
     ] = None,
@@ -39,9 +41,16 @@ def observability(
 ) -> None:
     """Check structural observability along a drive.
 
-    Can the states be determined from the measurements? Straight ahead and under lateral excitation.
+    Can the states be determined from the measurements? Straight ahead and under lateral excitation. With unknown
+    parameters, also how well these can be known at best along the drive, and which of them it does not tell apart.
     """
-    spec = model_of(ModelOptions(vehicle, parameters, tyre, effect, sensors, values)).spec
+    options = ModelOptions(vehicle, parameters, tyre, effect, sensors, values)
+    unknown = uncertain(unknown_parameter, "--unknown-parameter")
+    inputs = unknown_input or []
+    if unknown:
+        spec = model_of(options, unknown_inputs=inputs or None, unknown_parameters=unknown).spec
+    else:
+        spec = model_of(options).spec
     profile = None
     if drive is not None:
         from harness.simulation.drives import profile_of
@@ -51,4 +60,4 @@ def observability(
         raise UserError("--option belongs to a drive; name it with --drive")
     from harness.cli.observability_report import report
 
-    report(spec, unknown_input or [], out, profile)
+    report(spec, [] if unknown else inputs, out, profile)

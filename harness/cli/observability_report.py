@@ -18,6 +18,8 @@ from rich.table import Table
 
 from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec
+from harness.config.bounds import loading_parameters, quantity
+from harness.estimation.information import TOLD_APART, parameter_information
 from harness.estimation.observability import delays, structural_observability, synthetic_manoeuvre
 from harness.models.contracts import Profile
 
@@ -59,8 +61,8 @@ def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: P
     """Check a model on the manoeuvre of Bild 5.2, write ``observability.svg`` and print a short table.
 
     Args:
-        spec: The model with its values, all inputs known.
-        unknown_inputs: Inputs that the estimator does not know.
+        spec: The model with its values; parameters that are not known are among its states.
+        unknown_inputs: Inputs that the estimator does not know beside those of the model.
         out: Folder of the figure; made if absent.
         profile: Another drive than ``synthetic_manoeuvre()``.
 
@@ -79,7 +81,31 @@ def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: P
     except OSError as error:
         raise UserError(f"cannot write the figure to {out}: {error.strerror}; choose another folder") from error
     _print(dataset, out / "observability.svg")
+    if spec.parameter_states:
+        _print_information(spec, parameter_information(spec, drive))
     return dataset
+
+
+def _print_information(spec: ModelSpec, found: xr.Dataset) -> None:
+    """Say how well each parameter can be known after the drive, and which of them it does not tell apart."""
+    units = {p.name: p.unit for p in spec.model().parameters}
+    units |= {p.name: p.unit for p in loading_parameters(spec.vehicle).values()}
+    table = Table(title="What the drive can tell of the parameters at best")
+    for heading in ("parameter", "believed", "known to ±", "after the drive ±"):
+        table.add_column(heading, justify="left" if heading == "parameter" else "right")
+    for s in spec.parameter_states:
+        left, unit = float(f"{float(found['std'].sel(parameter=s.name)[-1]):.3g}"), units[s.name]
+        table.add_row(s.name, quantity(s.believed, unit), quantity(s.prior, unit), quantity(left, unit))
+    console = Console()
+    console.print(table)
+    names = [s.name for s in spec.parameter_states]
+    alike = [
+        f"{one} and {other} ({float(found['correlation'].sel(parameter=one, other=other)):+.2f})"
+        for i, one in enumerate(names)
+        for other in names[i + 1 :]
+        if abs(float(found["correlation"].sel(parameter=one, other=other))) > TOLD_APART
+    ]
+    console.print(f"Not told apart by this drive: {', '.join(alike) if alike else 'none'}")
 
 
 def _print(dataset: xr.Dataset, figure: Path) -> None:

@@ -1,0 +1,71 @@
+"""What a drive tells of parameters: the Fisher information along it, with process noise (Tichavsky et al. 1998).
+
+Along a simulated drive the model is linearised at the true states. The information that measurements up to a sample hold of
+the state and the parameters among it then follows the recursion of Tichavsky, Muravchik and Nehorai (1998, 21), which
+for additive normal noise is that of the Kalman filter's inverse covariance: no unbiased estimator has a smaller one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from harness.common.arrays import Floats
+from harness.config import ModelSpec
+from harness.estimation.observability import linearise
+from harness.models.contracts import Profile
+
+TOLD_APART = 0.95
+"""Correlation above which a drive does not tell two parameters apart."""
+
+
+def parameter_information(spec: ModelSpec, profile: Profile) -> xr.Dataset:
+    """Return how well parameters can be known at best along a drive.
+
+    Args:
+        spec: The belief, with its parameters among the states; its values are taken for true.
+        profile: The drive; its sample time is the step.
+
+    Returns:
+        Over ``time`` (s) and ``parameter``: ``std`` (time, parameter), the smallest standard deviation possible in the
+        unit of the parameter, to first order, and ``correlation`` (parameter, other) at the end of the drive.
+
+    Raises:
+        UserError: As ``linearise``.
+    """
+    model = spec.model()
+    linear = linearise(model, spec.values, profile)
+    step = float(profile.time[1] - profile.time[0])
+    stretch = step / spec.step
+    walk = np.diag([spec.process_noise[s] * stretch for s in model.states])
+    noise = np.diag([spec.measurement_noise[o] for o in model.outputs])
+    first = [model.start_variance.get(s, spec.process_noise[s]) for s in model.states]
+    covariance = _smallest_covariance(step, linear.a, linear.c, walk, noise, np.diag(first))
+    behind = len(model.states) - len(model.within)
+    blocks = covariance[:, behind:, behind:]
+    scale = np.array([s.believed if s.logarithmic else 1.0 for s in spec.parameter_states])
+    deviation = np.sqrt(np.einsum("kii->ki", blocks))
+    last = blocks[-1] / np.outer(deviation[-1], deviation[-1])
+    names = [s.name for s in spec.parameter_states]
+    return xr.Dataset(
+        {
+            "std": (("time", "parameter"), deviation * np.abs(scale), {"long_name": "smallest standard deviation"}),
+            "correlation": (("parameter", "other"), last, {"long_name": "correlation at the end of the drive"}),
+        },
+        coords={"time": ("time", profile.time, {"units": "s"}), "parameter": names, "other": names},
+        attrs={"model": model.name, "source": "Tichavsky, Muravchik and Nehorai 1998"},
+    )
+
+
+def _smallest_covariance(step: float, a: Floats, c: Floats, walk: Floats, noise: Floats, first: Floats) -> Floats:
+    """Return the inverse of the information at every sample ``(samples, nx, nx)``; slopes hold over a step."""
+    found = np.empty((len(a), *first.shape))
+    found[0] = covariance = first
+    for k in range(1, len(a)):
+        ahead = np.eye(len(first)) + step * a[k - 1]
+        covariance = ahead @ covariance @ ahead.T + walk
+        gain = np.linalg.solve(c[k] @ covariance @ c[k].T + noise, c[k] @ covariance).T
+        left = np.eye(len(first)) - gain @ c[k]
+        covariance = left @ covariance @ left.T + gain @ noise @ gain.T
+        found[k] = covariance
+    return found
