@@ -1,8 +1,9 @@
 """What a drive tells of parameters: the Fisher information along it, with process noise (Tichavsky et al. 1998).
 
-Along a simulated drive the model is linearised at the true states. The information that measurements up to a sample hold of
-the state and the parameters among it then follows the recursion of Tichavsky, Muravchik and Nehorai (1998, 21), which
-for additive normal noise is that of the Kalman filter's inverse covariance: no unbiased estimator has a smaller one.
+Along a simulated drive the model is linearised at the true states. The information that measurements up to a sample
+hold of the state and the parameters among it then follows the recursion of Tichavsky, Muravchik and Nehorai (1998, 21),
+which for additive normal noise is that of the inverse covariance of the Kalman filter: the smallest that is possible
+with the noise that the belief states.
 """
 
 from __future__ import annotations
