@@ -31,6 +31,19 @@ class Integration(TypedDict, total=False):
     substeps: int
 
 
+class Further(Integration, total=False):
+    """What an estimator is not sure of beside unknown inputs; for a belief only. Keys of a study file.
+
+    Attributes:
+        unknown_parameters: Parameters that it is to estimate: names, or ``{"name": ..., "prior": "1 m", "walk":
+            "0.1 m/sqrt(h)"}`` with the standard deviation of the value and of its random walk.
+        considered_parameters: Parameters whose uncertainty it reckons with and whose value it leaves alone; the same.
+    """
+
+    unknown_parameters: Sequence[str | Mapping[str, Any]] | None
+    considered_parameters: Sequence[str | Mapping[str, Any]] | None
+
+
 def model(
     vehicle: str,
     parameters: str | Path | None = None,
@@ -41,9 +54,7 @@ def model(
     values: Mapping[str, float | str] | None = None,
     noise: Mapping[str, Any] | None = None,
     unknown_inputs: Sequence[str] | None = None,
-    unknown_parameters: Sequence[str | Mapping[str, Any]] | None = None,
-    considered_parameters: Sequence[str | Mapping[str, Any]] | None = None,
-    **integration: Unpack[Integration],
+    **further: Unpack[Further],
 ) -> Model:
     """Return a model: a vehicle, its tyre, effects, sensors, parameters and noise.
 
@@ -62,10 +73,8 @@ def model(
             variance per sample}, "input": {signal: variance per sample}, "process_scale": factor,
             "measurement_scale": factor, "input_scale": factor}``, SI squared; inputs not named are exact.
         unknown_inputs: Inputs that an estimator is to estimate as random walks; for a belief only.
-        unknown_parameters: Parameters that it is to estimate: names, or ``{"name": ..., "prior": "1 m", "walk":
-            "0.1 m/sqrt(h)"}`` with the standard deviation of the value and of its random walk; for a belief only.
-        considered_parameters: Parameters whose uncertainty it reckons with and whose value it leaves alone; the same.
-        integration: ``step``, ``integrator`` and ``substeps``, see ``Integration``.
+        further: ``unknown_parameters`` and ``considered_parameters``, see ``Further``; ``step``, ``integrator`` and
+            ``substeps``, see ``Integration``.
 
     Returns:
         The model, everything in it checked.
@@ -92,9 +101,7 @@ def model(
         "values": values,
         "noise": noise,
         "unknown_inputs": _list(unknown_inputs),
-        "unknown_parameters": _list(unknown_parameters),
-        "considered_parameters": _list(considered_parameters),
-        **integration,
+        **further,
     }
     return Model({key: _plain(value) for key, value in stated.items() if value is not None})
 
