@@ -69,6 +69,7 @@ def _documented(heading: str) -> set[str]:
     [
         ("Top level", None),
         ("`[plant]` and `[belief]`", "ModelTable"),
+        ("`unknown_parameters` and `considered_parameters`", "UncertainTable"),
         ("`[[design]]`", "DesignTable"),
         ("`[[design.factor]]`", "FactorTable"),
         ("`[report]`", "ReportTable"),
@@ -89,7 +90,8 @@ def test_documentation_has_every_key_and_no_other(heading, table):
 def test_ten_line_study_of_the_documentation_loads(tmp_path):
     text = (ROOT / "docs" / "studies.md").read_text()
     blocks = [b.split("```")[0] for b in text.split("```toml\n")[1:]]
-    study, tyre, joint, inputs = blocks
+    study, unsure, tyre, joint, inputs = blocks
+    assert tomllib.loads(unsure)["belief"]["unknown_parameters"][0] == "trailer_mass"
     assert len(study.strip().splitlines()) == 10
     shutil.copytree(ROOT / "studies" / "drives", tmp_path / "drives")
     path = tmp_path / "friction.toml"
