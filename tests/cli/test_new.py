@@ -1,6 +1,7 @@
 """What ``harness new`` writes works as it is; what is there is never written over."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -63,6 +64,14 @@ def test_the_test_that_comes_with_a_component_passes(kind, lab):
     done = subprocess.run(command, cwd=lab, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
+
+
+def test_what_is_said_to_come_next_of_a_vehicle_works(run, lab):
+    _, printed = run("new", "vehicle", "truck")
+    command = re.search(r"next: .*; harness (simulate .*)", printed)[1]
+    status, said = run(*command.split())
+    assert status == 0, said
+    assert (lab / "sine.csv").is_file()
 
 
 def test_two_vehicles_and_a_tyre_live_together(lab):
