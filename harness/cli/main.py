@@ -35,6 +35,7 @@ from harness.cli.stores import status, verify
 from harness.cli.trace import trace
 from harness.cli.tune import tune
 from harness.common.errors import UserError
+from harness.common.files import refuse_url
 
 if TYPE_CHECKING:
     from harness.api.results import Results
@@ -78,12 +79,19 @@ def _common(
     show_tracebacks(debug)
 
 
+def _run_command(place: Path | None, command: Callable[[], None]) -> None:
+    if place is not None:
+        refuse_url(place)
+    command()
+
+
 def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Turn what a command raises into one message and an exit status."""
 
     @functools.wraps(command)
     def answering(*args: Any, **kwargs: Any) -> None:
-        status = guarded(functools.partial(command, *args, **kwargs), place_of_output(kwargs))
+        place = place_of_output(kwargs)
+        status = guarded(functools.partial(_run_command, place, functools.partial(command, *args, **kwargs)), place)
         if status:
             raise typer.Exit(status)
 

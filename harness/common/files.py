@@ -29,6 +29,7 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
         UserError: If the folder cannot be written to.
     """
     written = []
+    refuse_url(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
@@ -38,6 +39,20 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return written
+
+
+def refuse_url(place: Path) -> None:
+    """Refuse to write to a URL, which as a path would be a folder ``s3:`` here.
+
+    Raises:
+        UserError: If the place is one.
+    """
+    scheme, colon, _ = place.as_posix().partition(":/")
+    if colon and len(scheme) > 1 and "/" not in scheme:  # a single letter is a drive of Windows
+        raise UserError(
+            f"{scheme}://...: results are written to a file system, not to a URL; mount it, or write to a folder and copy "
+            "that (docs/cluster.md)"
+        )
 
 
 def renewed(page: str, content: str, begin: str, end: str) -> str:

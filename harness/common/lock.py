@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from harness.common.errors import UserError
+from harness.common.files import refuse_url
 
 try:
     import fcntl
@@ -45,6 +46,7 @@ def locked(folder: Path, work: str) -> Iterator[bool]:
     Raises:
         UserError: If another process holds the folder, or it cannot be written to.
     """
+    refuse_url(folder)
     made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)

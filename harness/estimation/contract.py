@@ -69,7 +69,7 @@ COVERAGE = 0.95
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of ``LANES`` runs of one estimator.
+    """Scores of runs of one estimator, ``LANES`` of a batch or those of a whole unit.
 
     Attributes:
         rmse, bias, max_error: ``(targets, LANES)`` in SI units of the target, up to a divergence; NaN where the
@@ -96,6 +96,21 @@ class Scores:
     updates: Floats
     diverged_at: Floats
     kept: Floats | None
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What a loop over time sums up of runs, from which their scores are made.
+
+    Attributes:
+        errors: Of each target ``(3, targets, runs)``; as is ``per_run``, see ``harness.engine.time_loops.estimate``.
+        per_run: ``(10, runs)``.
+        kept: As in ``Scores``.
+    """
+
+    errors: Floats
+    per_run: Floats
+    kept: Floats | None = None
 
 
 class NoSettings(BaseModel):
@@ -151,6 +166,9 @@ class Estimator:
         folder: Folder of the study, to which files that settings name are relative.
         uncertain: Whether ``run`` tells it of errors of the inputs.
 
+    Attributes:
+        is_random: Whether it begins with random numbers, so that ``init`` needs seeds.
+
     Raises:
         UserError: If a setting does not fit, or the estimator not the model.
     """
@@ -178,8 +196,9 @@ class Estimator:
             raise UserError(f"settings of estimator '{kind}': {error}") from error
         given = file.estimates(chosen, folder) if hasattr(file, "estimates") else compiled.signal_names
         self.gives = np.array([name in given for name in compiled.signal_names], dtype=bool)
+        self.is_random = hasattr(file, "first_memory")
         self._first_memory: Callable[[Sequence[np.random.SeedSequence]], Floats]
-        if hasattr(file, "first_memory"):
+        if self.is_random:
             self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
         else:
             size = int(file.memory_size(compiled.nx, compiled.ny))
@@ -207,7 +226,7 @@ class Estimator:
             P[:] = np.asarray(variance)[:, :, None]
         else:
             P[np.arange(nx), np.arange(nx)] = np.broadcast_to(np.reshape(variance, (nx, -1)), (nx, LANES))
-        chosen = [np.random.SeedSequence(0)] * LANES if seeds is None else seeds
+        chosen = [np.random.SeedSequence(0)] * LANES if seeds is None and self.is_random else seeds or []
         return State(x, P, self._first_memory(chosen))
 
     def step(self, state: State, u_before: Floats, u: Floats, y: Floats, belief: Belief) -> tuple[State, Info]:
@@ -232,7 +251,11 @@ class Estimator:
         """Return what the estimator believes, for ``step`` and ``run``; arrays end in ``LANES``."""
         return Belief(constants, process_noise, measurement_noise, self.tuning, priors=self._priors)
 
-    def run(
+    def run(self, *batch: Any, **further: Any) -> Scores:
+        """Run over a batch and return its scores; the arguments are those of ``sums``."""
+        return self.scores(self.sums(*batch, **further))
+
+    def sums(
         self,
         inputs: Floats,
         measurements: Floats,
@@ -244,8 +267,8 @@ class Estimator:
         keep: bool = False,
         uncertain: UncertainInputs | None = None,
         since: int = 0,
-    ) -> Scores:
-        """Run over a batch and score it while it runs.
+    ) -> Sums:
+        """Run over a batch and sum up what scores are made of while it runs; ``scores`` makes them.
 
         Args:
             inputs: What the estimator knows ``(samples, nu, LANES)``.
@@ -289,7 +312,28 @@ class Estimator:
         )
         sums[:, rows[len(states) :] < 0] = np.nan
         kept[:, :, ~self.gives] = np.nan
-        return _scores(sums, per_run, kept if keep else None, self.has_covariance)
+        return Sums(sums, per_run, kept if keep else None)
+
+    def scores(self, found: Sums) -> Scores:
+        """Return the scores of any number of runs."""
+        sums, per_run, stated = found.errors, found.per_run, self.has_covariance
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scored, nees_samples, updates = per_run[0], per_run[2], per_run[5]
+            nothing = np.full(per_run.shape[1], np.nan)
+            return Scores(
+                rmse=np.sqrt(sums[0] / scored),
+                bias=sums[1] / scored,
+                max_error=np.where(scored > 0, sums[2], np.nan),
+                nees=per_run[1] / nees_samples if stated else nothing,
+                nees_inside=per_run[3] / nees_samples if stated else nothing,
+                nis=per_run[4] / updates if stated else nothing,
+                nis_inside=per_run[6] / updates if stated else nothing,
+                log_likelihood=per_run[7] if stated else nothing,
+                repairs=per_run[8],
+                updates=updates,
+                diverged_at=per_run[9],
+                kept=found.kept,
+            )
 
 
 def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bool = False) -> dict[Any, Any]:
@@ -310,26 +354,6 @@ def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bo
         by_gain = parameter_loops.settle_parameters if file.KALMAN_TYPE else parameter_loops.bound_parameters
         kernels[time_loops.settle] = by_gain
     return kernels
-
-
-def _scores(sums: Floats, per_run: Floats, kept: Floats | None, stated: bool) -> Scores:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scored, nees_samples, updates = per_run[0], per_run[2], per_run[5]
-        nothing = np.full(LANES, np.nan)
-        return Scores(
-            rmse=np.sqrt(sums[0] / scored),
-            bias=sums[1] / scored,
-            max_error=np.where(scored > 0, sums[2], np.nan),
-            nees=per_run[1] / nees_samples if stated else nothing,
-            nees_inside=per_run[3] / nees_samples if stated else nothing,
-            nis=per_run[4] / updates if stated else nothing,
-            nis_inside=per_run[6] / updates if stated else nothing,
-            log_likelihood=per_run[7] if stated else nothing,
-            repairs=per_run[8],
-            updates=updates,
-            diverged_at=per_run[9],
-            kept=kept,
-        )
 
 
 def chi_square_bounds(count: int, coverage: float = COVERAGE) -> Floats:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,10 @@ def described(faults: Sequence[Fault]) -> str:
 
 def digest(file: Path) -> int:
     """Return the hash of a file; that of nothing where there is none."""
-    content = file.read_bytes() if file.is_file() else b""
+    return _hash(file.read_bytes() if file.is_file() else b"")
+
+
+def _hash(content: bytes) -> int:
     return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little")
 
 
@@ -127,18 +130,16 @@ def is_finished(root: Path, unit: Place) -> bool:
     return (root / row_file(unit)).is_file()
 
 
-def write(root: Path, sums: Any, unit: Place, written: Sequence[str]) -> None:
-    """Write the checksums of a unit whose scores are in the store.
+def row(names: Iterable[str], written: Mapping[str, bytes | None]) -> bytes:
+    """Return the checksums of a unit as they lie in their file.
 
     Args:
-        root: The store.
-        sums: The array of its design, opened for writing.
-        unit: The unit.
-        written: Names of the arrays that it has scores in; other units may share the chunks of the rest.
+        names: Of all arrays of scores, in their order.
+        written: Content of the unit's chunk by array, ``None`` where it takes no file; other units may share the
+            chunks of arrays that are not here.
     """
-    files = chunk_files(sums.attrs, unit)
-    row = [digest(root / file) if name in written else 0 for name, file in files.items()]
-    sums[unit[1:]] = np.array(row, dtype=np.uint64)
+    found = [_hash(written[name] or b"") if name in written else 0 for name in names]
+    return np.array(found, dtype="<u8").tobytes()
 
 
 def is_verifiable(attributes: Mapping[str, Any]) -> bool:

@@ -13,7 +13,7 @@ from harness.common.arrays import Floats
 from harness.config import Study
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Scores, UncertainInputs
+from harness.estimation.contract import Scores, Sums, UncertainInputs
 from harness.simulation.simulate import Batch, first_state
 from harness.study.compiled_study import CompiledStudy
 from harness.study.design import RunParameters, Unit, points, run_parameters, scale_noise
@@ -97,15 +97,26 @@ class StudyEvaluator:
         windows = self.windows.count(unit.design, unit.drive)
         if windows is not None:
             result[OVER_TIME] = np.full((*shape, len(self.study.targets), windows), np.nan, dtype=np.float32)
-        cases = self._cases(unit)
+        cases, estimators = self._cases(unit), self.compiled.estimators
         plant, believed = self.parameters(unit, cases, "plant"), self.parameters(unit, cases, "belief")
+        left, signals = np.empty(len(cases)), len(self.compiled.signals)
+        totals = [Sums(np.empty((3, signals, len(cases))), np.empty((10, len(cases)))) for _ in estimators]
         for start in range(0, len(cases), LANES):
             lanes = slice(start, start + LANES)
             group, belief = cases[lanes], believed.of(lanes)
             batch = self.simulate(unit, group, plant=plant.of(lanes))
-            for e in range(len(self.compiled.estimators)):
-                scores = self.estimate(e, unit, group, batch, belief, keep=windows is not None)
-                self._enter(result, unit, group, e, batch, scores)
+            left[lanes] = batch.left_at[: len(group)]
+            for e, total in enumerate(totals):
+                sums = self._sums(e, unit, group, batch, belief, windows is not None)
+                total.errors[..., lanes], total.per_run[:, lanes] = (
+                    found[..., : len(group)] for found in (sums.errors, sums.per_run)
+                )
+                if windows is not None:
+                    over_time = self.windows.rmse(batch, estimators[e].scores(sums), windows)
+                    flat = result[OVER_TIME].reshape(len(cases), *result[OVER_TIME].shape[2:])
+                    flat[lanes, e] = over_time[: len(group)]
+        for e, total in enumerate(totals):
+            self._enter(result, unit, e, left, estimators[e].scores(total))
         return result
 
     def parameters(self, unit: Unit, group: list[Case], side: Literal["plant", "belief"]) -> RunParameters:
@@ -157,9 +168,16 @@ class StudyEvaluator:
         self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool = False
     ) -> Scores:
         """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
+        sums = self._sums(index, unit, group, batch, believed, keep)
+        return self.compiled.estimators[index].scores(sums)
+
+    def _sums(
+        self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool
+    ) -> Sums:
+        """Run one estimator over a simulated batch, as ``estimate`` does, and return what scores are made of."""
         belief, first = self.begin(index, unit, group, believed)
         inputs, uncertain = self.inputs(index, unit.drive, batch, believed)
-        return self.compiled.estimators[index].run(
+        return self.compiled.estimators[index].sums(
             inputs,
             self.compiled.measured(batch.measurements),
             batch.truth,
@@ -183,7 +201,8 @@ class StudyEvaluator:
             np.ascontiguousarray(believed.measurement_noise.T),
         )
         mean = first_state(self.compiled.belief.model, believed.values.T, self.compiled.drives[unit.drive].profile)
-        seeds = self.noise.seeds(unit, group, self.study.estimators[index].name)
+        name = self.study.estimators[index].name
+        seeds = self.noise.seeds(unit, group, name) if estimator.is_random else None
         return belief, estimator.init(mean, self.compiled.first_variance(process), seeds)
 
     def inputs(
@@ -196,29 +215,16 @@ class StudyEvaluator:
         kind = self.study.estimators[index].input_signal or "filtered"
         return self._noisy.known(batch, table, believed.input_noise.T, kind)
 
-    def _enter(
-        self,
-        result: dict[str, NDArray[np.generic]],
-        unit: Unit,
-        group: list[Case],
-        e: int,
-        batch: Batch,
-        scores: Scores,
-    ) -> None:
-        """Write a batch's scores of one estimator into the unit's arrays."""
-        count, targets = len(group), len(self.study.targets)
-        samples, repeats = np.array(group).T
-        at = (samples - unit.first, repeats - unit.first_repeat, e)
+    def _enter(self, result: dict[str, NDArray[np.generic]], unit: Unit, e: int, left: Floats, scores: Scores) -> None:
+        """Write a unit's scores of one estimator; ``left`` is where each run's plant left its range."""
+        targets, runs = len(self.study.targets), result[STATUS].shape[:2]
         for name in PER_TARGET:
-            result[name][at] = getattr(scores, name)[:targets, :count].T
-        if OVER_TIME in result:
-            windows = result[OVER_TIME].shape[-1]
-            result[OVER_TIME][at] = self.windows.rmse(batch, scores, windows)[:count]
+            result[name][:, :, e] = getattr(scores, name)[:targets].T.reshape(*runs, targets)
         for name in PER_RUN[:-1]:
-            result[name][at] = getattr(scores, name)[:count]
-        length = len(batch.truth)
-        diverged = scores.diverged_at[:count] < length
-        left = ~diverged & (batch.left_at[:count] < length)
-        first = np.where(diverged, scores.diverged_at[:count], batch.left_at[:count])
-        result[STATUS][at] = np.where(diverged, ESTIMATOR_DIVERGED, np.where(left, PLANT_DIVERGED, OK))
-        result["time_of_divergence"][at] = np.where(diverged | left, first * self.study.plant.step, np.nan)
+            result[name][:, :, e] = getattr(scores, name).reshape(runs)
+        length = len(self.compiled.drives[unit.drive].profile.time)
+        diverged = scores.diverged_at < length
+        lost = ~diverged & (left < length)
+        status = np.where(diverged, ESTIMATOR_DIVERGED, np.where(lost, PLANT_DIVERGED, OK))
+        first = np.where(diverged | lost, np.where(diverged, scores.diverged_at, left) * self.study.plant.step, np.nan)
+        result[STATUS][:, :, e], result["time_of_divergence"][:, :, e] = status.reshape(runs), first.reshape(runs)

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from harness.common.errors import UserError
 from harness.config import Study
-from harness.study import checksums, sealed_root
+from harness.study import checksums, chunks, sealed_root
 from harness.study.checksums import HISTORY, Fault
+from harness.study.chunks import ChunkEncoder
 from harness.study.design import Unit, unit_counts, unit_shape
 from harness.study.differences import differences
 from harness.study.evaluate import StudyEvaluator
@@ -71,10 +72,13 @@ class Store:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
             self._create(evaluator, self.path)
         groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
-        self._arrays: list[dict[str, Any]] = [dict(group.arrays()) for group in groups]
         sums: Any = zarr.open_group(str(self.path), path=checksums.GROUP, mode="r+")
-        self._sums: list[Any] = [sums[d.name] for d in study.designs]
-        self._pending = [np.asarray(arrays[STATUS][...]) == PENDING for arrays in self._arrays]
+        self._sums: list[dict[str, Any]] = [dict(sums[d.name].attrs) for d in study.designs]
+        self._encoders = [
+            {name: ChunkEncoder(group[name]) for name in about["arrays"]}
+            for group, about in zip(groups, self._sums, strict=True)
+        ]
+        self._pending = [np.asarray(group[STATUS][...]) == PENDING for group in groups]
 
     def was_done(self, unit: Unit) -> bool:
         """Return whether a unit's scores were in the store when it was opened."""
@@ -82,10 +86,12 @@ class Store:
 
     def write(self, unit: Unit, result: dict[str, NDArray[np.generic]]) -> None:
         """Write a unit's scores, from any thread or process; the status comes after them, the checksums last."""
+        place, written = place_of(self.study, unit), {}
+        files = checksums.chunk_files(self._sums[unit.design], place)
         for name in sorted(result, key=lambda name: name == STATUS):
-            drive = () if name == OVER_TIME else (unit.drive,)  # kept along one drive only
-            self._arrays[unit.design][name][unit.band, unit.samples, *drive, unit.repeats] = result[name]
-        checksums.write(self.path, self._sums[unit.design], place_of(self.study, unit), list(result))
+            written[name] = self._encoders[unit.design][name].encode(result[name])
+            chunks.put(self.path / files[name], written[name])
+        chunks.put(self.path / checksums.row_file(place), checksums.row(files, written))
 
     @property
     def has_histories(self) -> bool:

@@ -1,11 +1,12 @@
 """TOML: what is written is read again, bit by bit, with its comments."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 
 from harness.common.errors import UserError
-from harness.common.files import read_toml, renewed, toml_text
+from harness.common.files import read_toml, refuse_url, renewed, toml_text, write_files
 
 CONTENT = {
     "name": 'a "quoted" name, with µ and \\',
@@ -45,6 +46,19 @@ def test_what_is_no_toml_is_one_error(tmp_path):
     (tmp_path / "a.toml").write_text("name = \n")
     with pytest.raises(UserError, match=r"a\.toml: not valid TOML: .*line 1"):
         read_toml(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("url", ["s3://bucket/results", "memory://x", "file:///tmp/x"])
+def test_a_url_is_no_folder(url, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=r"results are written to a file system, not to a URL"):
+        write_files(Path(url), {"a.txt": "text"})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("folder", ["results/a", "/tmp/a:/b", "C:/results", "s3"])
+def test_a_folder_is_no_url(folder):
+    refuse_url(Path(folder))
 
 
 def test_a_page_keeps_what_is_around_the_marks():

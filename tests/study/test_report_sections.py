@@ -56,6 +56,13 @@ def test_a_design_over_one_factor_is_shown_over_its_value_only(mass):
     assert "design “band”, 144 runs of each estimator." in picture.caption
 
 
+def test_of_very_many_runs_the_first_points_are_drawn(mass, monkeypatch):
+    monkeypatch.setattr(scatter, "_MOST", 50)
+    picture = next(b for b in scatter.blocks(Analysis(read(mass))) if isinstance(b, Picture))
+    assert "144 runs of each estimator, of which the first" in picture.caption
+    assert "points of each band are drawn" in picture.caption
+
+
 def test_comparisons_pair_the_runs_that_both_finished(mass, mass_designs):
     level = Analysis(read(mass)).main
     pair = level.compared(0, 0, 1, 0)

@@ -15,6 +15,8 @@ from harness.study.results import Design, Factor
 
 _ROW = 2.2
 _AS_PIXELS_FROM = 4000  # points from which vectors make the file large and slow
+_MOST = 100_000
+"""Runs of an estimator that a panel draws at most: more only cover each other, and cost a drawing's memory each."""
 
 
 def blocks(analysis: Analysis) -> list[Block]:
@@ -71,7 +73,16 @@ def _counted(design: Design) -> str:
     lost = {name: sum(design.lost(b, e) for b in range(len(design.bands))) for e, name in enumerate(design.estimators)}
     some = ", ".join(f"{name} {count}" for name, count in lost.items() if count)
     runs = f"{design.planned * len(design.bands)} runs of each estimator"
-    return f"{runs}, less those without a score ({some})" if some else runs
+    runs = f"{runs}, less those without a score ({some})" if some else runs
+    points, drawn = design.factors[0].values.shape[1], _drawn(design)
+    return runs if drawn == points else f"{runs}, of which the first {drawn} of {points} points of each band are drawn"
+
+
+def _drawn(design: Design) -> int:
+    """Return how many points of each band are drawn; the first ones of a Sobol sequence fill the band as all do."""
+    points = design.factors[0].values.shape[1]
+    runs = design.planned * len(design.bands) // points
+    return max(1, min(points, _MOST // runs))
 
 
 def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, target: int) -> None:
@@ -80,9 +91,10 @@ def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, t
         axes.axvspan(low, high, color=style.SHADE, lw=0, zorder=0)
     if np.isfinite(factor.nominal):
         axes.axvline(factor.nominal, color="black", ls="--", lw=1.0, zorder=1)
-    values = design.rmse[target]  # band, estimator, drive, sample, repeat
+    values = design.rmse[target][:, :, :, : _drawn(design)]  # band, estimator, drive, sample, repeat
+    actual = factor.values[:, : _drawn(design)]
     pixels = bool(values.size > _AS_PIXELS_FROM)
-    x = np.broadcast_to(factor.values[:, None, :, None], values[:, 0].shape)
+    x = np.broadcast_to(actual[:, None, :, None], values[:, 0].shape)
     for e, name in enumerate(design.estimators):
         look = analysis.looks[name]
         runs = values[:, e]
@@ -97,11 +109,11 @@ def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, t
                 alpha=0.35,
                 rasterized=pixels,
             )
-        points = np.moveaxis(runs, 2, 1).reshape(*factor.values.shape, -1)
+        points = np.moveaxis(runs, 2, 1).reshape(*actual.shape, -1)
         some = np.isfinite(points).any(axis=-1)
         middle = np.nanmedian(points[some], axis=-1)
         with style.series(axes, name):
-            axes.plot(factor.values[some], middle, look.marker, ms=3.4, color=look.colour, mec=look.line, mew=0.4)
+            axes.plot(actual[some], middle, look.marker, ms=3.4, color=look.colour, mec=look.line, mew=0.4)
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
