@@ -50,8 +50,8 @@ def refuse_url(place: Path) -> None:
     scheme, colon, _ = place.as_posix().partition(":/")
     if colon and len(scheme) > 1 and "/" not in scheme:  # a single letter is a drive of Windows
         raise UserError(
-            f"{scheme}://...: results are written to a file system, not to a URL; mount it, or write to a folder and copy "
-            "that (docs/cluster.md)"
+            f"{scheme}://...: results are written to a file system, not to a URL; mount it, or write to a folder and "
+            "copy that (docs/cluster.md)"
         )
 
 
