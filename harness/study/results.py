@@ -32,6 +32,12 @@ _RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
 _HELD = 256e6
 """Bytes of a design's scores up to which all are read at once; of a larger one each array when it is asked for."""
 
+_SMALL = 1e6
+"""Bytes of an array up to which its samples are read at once."""
+
+_CHUNKS_AT_ONCE = 256
+"""Chunks of a larger one that are read at once, over all drives."""
+
 _KEPT = 2
 """Scores without target that a design keeps in memory: those asked for last."""
 
@@ -122,7 +128,7 @@ class Design:
     @cached_property
     def status(self) -> NDArray[np.int8]:
         """Fate of each run, ``(band, estimator, drive, sample, repeat)``."""
-        return self.data["status"].transpose(*_RUN_DIMS).values
+        return self._read("status", _RUN_DIMS)
 
     @cached_property
     def rmse(self) -> NDArray[np.float64]:
@@ -130,7 +136,7 @@ class Design:
         return self._per_target("rmse")
 
     def _per_target(self, name: str) -> NDArray[np.float64]:
-        values = np.array(self.data[name].transpose("target", *_RUN_DIMS).values, dtype=float)
+        values = self._read(name, ("target", *_RUN_DIMS)).astype(float, copy=False)
         values *= np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
         values[:, self.status != OK] = np.nan
         return values
@@ -146,9 +152,25 @@ class Design:
     def _per_run(self, name: str) -> NDArray[np.float64]:
         if name not in self.data:
             return np.full(self.status.shape, np.nan)
-        values = np.array(self.data[name].transpose(*_RUN_DIMS).values, dtype=float)
+        values = self._read(name, _RUN_DIMS).astype(float, copy=False)
         values[self.status != OK] = np.nan
         return values
+
+    def _read(self, name: str, dims: tuple[str, ...]) -> NDArray[Any]:
+        """Return a copy of an array of the store with its dimensions in this order.
+
+        It is read part by part: Zarr takes a hundred times the bytes of small chunks while it reads them all at once.
+        """
+        data = self.data[name]
+        found = np.empty([data.sizes[d] for d in dims], dtype=data.dtype)
+        own = data.encoding.get("preferred_chunks", {}).get("sample", 1)
+        step = max(1, _CHUNKS_AT_ONCE // data.sizes["drive"]) * own if data.nbytes > _SMALL else data.sizes["sample"]
+        for band in range(data.sizes["band"]):
+            for first in range(0, data.sizes["sample"], step):
+                part = {"band": slice(band, band + 1), "sample": slice(first, first + step)}
+                place = tuple(part.get(d, slice(None)) for d in dims)
+                found[place] = data.isel(part).transpose(*dims).values
+        return found
 
     @cached_property
     def strata(self) -> NDArray[np.int64]:

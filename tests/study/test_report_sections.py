@@ -56,6 +56,17 @@ def test_a_design_over_one_factor_is_shown_over_its_value_only(mass):
     assert "design “band”, 144 runs of each estimator." in picture.caption
 
 
+def test_an_array_read_part_by_part_is_the_same(mass, monkeypatch):
+    whole = Analysis(read(mass)).main.design
+    for name, value in (("_HELD", 0), ("_SMALL", 0), ("_CHUNKS_AT_ONCE", 1)):
+        monkeypatch.setattr(f"harness.study.results.{name}", value)
+    parts = Analysis(read(mass)).main.design
+    assert parts.data["rmse"].variable._in_memory is False
+    np.testing.assert_array_equal(parts.status, whole.status)
+    np.testing.assert_array_equal(parts.rmse, whole.rmse)
+    np.testing.assert_array_equal(parts.per_run("nees"), whole.per_run("nees"))
+
+
 def test_of_very_many_runs_the_first_points_are_drawn(mass, monkeypatch):
     monkeypatch.setattr(scatter, "_MOST", 50)
     picture = next(b for b in scatter.blocks(Analysis(read(mass))) if isinstance(b, Picture))
