@@ -82,6 +82,7 @@ def recording_of(
         mapping = replace(mapping, step=step)
     raws, clock = collect(tables, mapping, file)
     grid = _grid(raws, clock, mapping, file)
+    _refuse_delays(raws, grid, file)
     signals = {r.channel.signal: _resampled(r, r.channel.delay, grid) for r in raws}
     add_positions(signals)
     step = float(grid[1] - grid[0])
@@ -184,6 +185,17 @@ def _grid(raws: list[Raw], clock: Clock, mapping: ChannelMap, file: str) -> Floa
     if count < 2:
         raise UserError(f"{file}: lasts {last - first:.3g} s, less than one step of {step:g} s")
     return first + step * np.arange(count)
+
+
+def _refuse_delays(raws: list[Raw], grid: Floats, file: str) -> None:
+    """Refuse delays that leave nothing of a channel; one to be estimated is NaN."""
+    length = float(grid[-1] - grid[0])
+    for raw in raws:
+        if abs(raw.channel.delay) >= length:
+            raise UserError(
+                f"{raw.channel.where}.delay: {raw.channel.delay:g} s is as long as {file} ({length:g} s) or longer, so "
+                "that nothing of the channel is left; write by how much it comes late"
+            )
 
 
 def _resampled(raw: Raw, delay: float, grid: Floats) -> Floats:

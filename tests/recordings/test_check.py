@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
+from harness.common.errors import UserError
 from harness.models.signals import SIGNALS
 from harness.recordings import axle_curves, load_recording
 from harness.recordings.check import check_tables
@@ -183,6 +184,14 @@ def test_delay_is_estimated_and_taken_out(tmp_path):
     rows = np.rint((found["time"].values + found.attrs["start"]) / STEP).astype(int)
     left = found["yaw_rate"].values - drive(TIME)["yaw_rate"][rows]
     assert left.std() < 4e-3
+
+
+@pytest.mark.parametrize("delay", ["1e300 s", "-20 min"])
+def test_a_delay_that_leaves_nothing_of_a_channel_is_refused(tmp_path, delay):
+    yaw_rate = f'{{ channel = "yaw_rate", unit = "rad/s", delay = "{delay}" }}'
+    path, channels = stored(tmp_path, {"time": TIME, **noisy()}, time=CLOCK, yaw_rate=yaw_rate)
+    with pytest.raises(UserError, match=r"yaw_rate\.delay: \S+ s is as long as .* or longer"):
+        load_recording(path, channels)
 
 
 def test_semitrailer_relations_hold():
