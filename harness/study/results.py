@@ -135,6 +135,12 @@ class Design:
         """RMSE in report units, ``(target, band, estimator, drive, sample, repeat)``; NaN unless ok."""
         return self._per_target("rmse")
 
+    def giving(self, target: int) -> list[int]:
+        """Return the estimators that give a target: all but those whose finished runs have no error in it."""
+        finished = (self.status == OK).any(axis=(0, 2, 3, 4))
+        known = np.isfinite(self.rmse[target]).any(axis=(0, 2, 3, 4))
+        return [e for e in range(len(self.estimators)) if known[e] or not finished[e]]
+
     def _per_target(self, name: str) -> NDArray[np.float64]:
         values = self._read(name, ("target", *_RUN_DIMS)).astype(float, copy=False)
         values *= np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)

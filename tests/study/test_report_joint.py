@@ -80,6 +80,24 @@ def test_the_box_is_where_the_error_reaches_the_limit(analysis):
     assert "2.00°" in told
 
 
+def test_an_estimator_that_does_not_give_a_target_tolerates_nothing_and_has_no_index(folder):
+    """It has no error, which is neither a small one nor that of a lost run."""
+    analysis = Analysis(read(folder))
+    for findings in analysis.findings:
+        findings.design.rmse[1, :, 0] = np.nan  # the articulation angle of the first
+    indices, nested = (f.design for f in analysis.findings[:2])
+    assert (indices.giving(0), indices.giving(1)) == ([0, 1], [1])
+    ranking = Ranking(indices, seed=0)
+    assert ranking.errors[1][0] is None
+    assert ranking.of_ranks[1][0] is None
+    assert ranking.best(1) == 1
+    assert ranking.errors[1][1] is not None
+    found = tolerances(nested, {TARGETS[1]: 0.0349})
+    assert list(found) == [(1, 1)]
+    text = words(tolerance.blocks(analysis))
+    assert f"{nested.estimators[1]} tolerates most" in text
+
+
 def test_sensitivity_over_time_changes_with_the_cause(analysis):
     along = AlongDrive(Ranking(analysis.findings[0].design, seed=0), 1)
     assert along.total.shape == (3, WINDOWS, 3)

@@ -33,8 +33,13 @@ class Ranking:
 
     @cached_property
     def outcomes(self) -> Floats:
-        """Error of each point over all drives in report units, lost runs scored, ``(target, estimator, sample)``."""
-        return np.stack([sobol_indices.over_drives(sobol_indices.scored(values[0])) for values in self.design.rmse])
+        """Error of each point over all drives in report units, lost runs scored, ``(target, estimator, sample)``.
+
+        NaN for an estimator that does not give the target.
+        """
+        scored = [sobol_indices.over_drives(sobol_indices.scored(values[0])) for values in self.design.rmse]
+        giving = np.array([np.isin(range(len(one)), self.design.giving(t)) for t, one in enumerate(scored)])
+        return np.where(giving[..., None], np.stack(scored), np.nan)
 
     @cached_property
     def lost(self) -> Floats:
@@ -49,7 +54,7 @@ class Ranking:
     @cached_property
     def of_ranks(self) -> list[list[Indices | None]]:
         """Indices of the rank of the error, for which the score of a lost run matters little."""
-        return [[self._indices(sobol_indices.ranks(y)) for y in row] for row in self.outcomes]
+        return [[self._indices(np.where(np.isnan(y), y, sobol_indices.ranks(y))) for y in row] for row in self.outcomes]
 
     @cached_property
     def divergence(self) -> list[Indices | None]:
@@ -62,7 +67,8 @@ class Ranking:
 
     def best(self, target: int) -> int:
         """Return the estimator with the smallest median of the error, lost runs scored."""
-        return int(np.argmin(np.nanmedian(self.outcomes[target], axis=-1)))
+        medians = np.median(self.outcomes[target], axis=-1)
+        return int(np.argmin(np.where(np.isnan(medians), np.inf, medians)))
 
     def order(self, target: int) -> list[int]:
         """Return the factors by their mean total index over the estimators, largest first."""
@@ -77,7 +83,7 @@ def limits_of(attributes: dict[str, Any]) -> dict[str, float]:
 
 
 def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int], Tolerance]:
-    """Return what each estimator tolerates in a ``tolerance`` design, by target and estimator.
+    """Return what each estimator that gives a target tolerates in a ``tolerance`` design, by target and estimator.
 
     Args:
         design: The design.
@@ -87,7 +93,7 @@ def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int]
     for t, target in enumerate(design.targets):
         if target.name not in limits:
             continue
-        for e in range(len(design.estimators)):
+        for e in design.giving(t):
             errors = np.where(design.status[:, e] == OK, design.rmse[t, :, e], np.inf)
             worst = errors.max(axis=(1, 3))  # over drives and repeats
             found[t, e] = tolerance(worst, limits[target.name] * target.scale, len(design.factors))

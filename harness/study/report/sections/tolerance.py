@@ -34,7 +34,7 @@ def blocks(analysis: Analysis) -> list[Block]:
         items = [f"{strong(_capital(target))} {plain(text)}" for target, text in told(design, limits, borne)]
         found += [Bullets(items), Prose(plain(_rule(design, borne)))]
         for t, target in enumerate(design.targets):
-            if target.name in limits:
+            if target.name in limits and design.giving(t):
                 limit = with_unit(limits[target.name] * target.scale, target.unit)
                 found += [_picture(analysis, design, t, limit, borne), _summary(design, t, limit, borne)]
                 found.append(_box(design, t, borne))
@@ -65,12 +65,17 @@ def told(
     """Say for each target with a limit which estimator tolerates the largest box, and what breaks the limit first."""
     items = []
     for t, target in enumerate(design.targets):
-        if target.name not in limits:
+        if target.name not in limits or not design.giving(t):
             continue
         limit = with_unit(limits[target.name] * target.scale, target.unit)
-        best = max(range(len(design.estimators)), key=lambda e: (borne[t, e].box, borne[t, e].typical))
+        best = _best(design, t, borne)
         items.append((target, _sentence(design, limit, best, borne[t, best])))
     return items
+
+
+def _best(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> int:
+    """Return the estimator that tolerates most."""
+    return max(design.giving(t), key=lambda e: (borne[t, e].box, borne[t, e].typical))
 
 
 def _capital(target: Quantity) -> str:
@@ -113,9 +118,11 @@ def _picture(
     with style.drawing():
         fig = style.figure(1.2 + _ROW * (len(design.factors) + 1))
         axes = fig.subplots()
-        for e, name in enumerate(design.estimators):
+        giving = design.giving(t)
+        for place, e in enumerate(giving):
+            name = design.estimators[e]
             look, one = analysis.looks[name], borne[t, e]
-            places = np.arange(len(design.factors) + 1) + ((e + 0.5) / len(design.estimators) - 0.5) * 0.8
+            places = np.arange(len(design.factors) + 1) + ((place + 0.5) / len(giving) - 0.5) * 0.8
             low, high = -np.append(one.box, one.lower), np.append(one.box, one.upper)
             with style.series(axes, name):
                 axes.hlines(places, low, high, color=look.line, lw=1.2)
@@ -126,7 +133,7 @@ def _picture(
         _rows(axes, design)
         handles = [
             Line2D([], [], color=analysis.looks[n].line, marker=analysis.looks[n].marker, label=n)
-            for n in design.estimators
+            for n in (design.estimators[e] for e in giving)
         ]
         style.head(fig, question, handles)
         svg = style.svg(fig)
@@ -159,8 +166,8 @@ def _rows(axes: Axes, design: Design) -> None:
 
 def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], Tolerance]) -> Sheet:
     rows = []
-    for e, name in enumerate(design.estimators):
-        one = borne[t, e]
+    for e in design.giving(t):
+        name, one = design.estimators[e], borne[t, e]
         nominal = "lost" if np.isinf(one.nominal) else f"{100 * one.nominal:.0f} %"
         rows.append([name, breaks_first(design, one), nominal, f"{100 * one.box:.0f} %", f"{100 * one.typical:.0f} %"])
     caption = (
@@ -173,7 +180,7 @@ def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], To
 
 def _box(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> Sheet:
     """Write the box of the estimator that tolerates most in the units of the factors."""
-    best = max(range(len(design.estimators)), key=lambda e: (borne[t, e].box, borne[t, e].typical))
+    best = _best(design, t, borne)
     one = borne[t, best]
     rows = []
     for i, f in enumerate(design.factors):
