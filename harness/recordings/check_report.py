@@ -103,7 +103,10 @@ def answer(findings: Findings) -> list[str]:
     if findings.remedy is not None:
         after = findings.remedy.fits
         wrong = sum(f.verdict == DISAGREES for f in after)
-        rest = "nothing disagrees any more" if not wrong else f"{wrong} still do{'es' if wrong == 1 else ''} not agree"
+        before = any(f.verdict == DISAGREES for f in findings.fits)
+        rest = "nothing disagrees any more" if before else "nothing disagrees either"
+        if wrong:
+            rest = f"{wrong} {'still ' if before else ''}do{'es' if wrong == 1 else ''} not agree"
         said.append(f"With the lines below {rest}: {verdicts(after)}.")
     return said
 

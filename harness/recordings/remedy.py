@@ -112,8 +112,12 @@ def _mend(content: dict[str, Any], fault: Fault) -> None:
         if entry is None:
             continue
         if fault.kind in (SIGN, HEADING) and fault.factor < 0:
-            entry["sign"] = -entry.get("sign", 1)
-            _drop(entry, "sign", 1)
+            if entry.get("factor", 1.0) < 0:  # the map has the sign in its factor
+                entry["factor"] = -entry["factor"]
+                _drop(entry, "factor", 1.0)
+            else:
+                entry["sign"] = -entry.get("sign", 1)
+                _drop(entry, "sign", 1)
         _scaled(entry, name, abs(fault.factor), np.sign(fault.factor))
         if fault.offset:
             _moved(entry, name, fault.offset)
