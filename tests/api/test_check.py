@@ -19,11 +19,11 @@ CHANNELS = {
 def log():
     time, rng = np.arange(0, 80, 0.01), np.random.default_rng(1)
     heading = 0.6 * np.sin(0.5 * time) + 0.2 * np.sin(2 * time)
-    rate, noise = np.gradient(heading, 0.01), rng.normal(size=(4, len(time)))
+    rate, noise = np.gradient(heading, 0.01), rng.normal(size=(4, len(time)))  # speed and a_y say: it is the gyro
     columns = {
         "psi": heading + 0.0005 * noise[0],
         "gyro": -rate + 0.002 * noise[1],
-    }  # two others say that it is the gyro
+    }
     return pd.DataFrame({"t": time, **columns, "v": 12 + 0.02 * noise[2], "ay": 12 * rate + 0.05 * noise[3]})
 
 
