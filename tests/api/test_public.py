@@ -43,7 +43,7 @@ def test_nothing_is_compiled_before_a_model_is_run():
 
 
 def test_an_unknown_name_lists_those_that_there_are():
-    with pytest.raises(AttributeError, match=r"no attribute 'modle'; it offers Diagnosis, .*, model, "):
+    with pytest.raises(AttributeError, match=r"no attribute 'modle'; it offers Check, Diagnosis, .*, model, "):
         _ = harness.modle
 
 

@@ -28,9 +28,9 @@ def test_a_run_at_the_same_point_is_not_run_again_and_only_the_last_are_kept():
     assert first.log_likelihood == innovations.run(drive, point).log_likelihood
     other = dataclasses.replace(point, measurement=2.0 * point.measurement)
     assert innovations.runs([drive], other)[0].log_likelihood != first.log_likelihood
-    for factor in np.linspace(1.1, 1.9, 20):
+    for factor in np.linspace(1.1, 1.9, 30):
         innovations.runs([drive], dataclasses.replace(point, measurement=factor * point.measurement))
-    assert len(innovations._remembered) == 12
+    assert len(innovations._remembered) == 24
     assert innovations.runs([drive], point)[0] is not first
 
 

@@ -267,7 +267,7 @@ def test_check_prints_and_writes_what_it_found(tmp_path):
     assert "gaps longer than 0.05 s: 1" in done.output
     assert "front axle" in done.output
     page = (out / "check.html").read_text()
-    assert page.count("data:image/svg") >= 3  # agreement, axles, signals
+    assert page.count("<svg ") >= 3  # agreement, axles, signals
     assert "wrong sign" in page
     assert "mended.toml" in done.output
     assert "true_yaw_rate" not in (out / "mended.toml").read_text()
