@@ -116,10 +116,10 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
         hours: In all.
         part: s of each part, which has noise of its own.
     """
-    study = mass_study("ekf")
+    study = mass_study(*kinds)
     wanted = next(d for d in study.drives if d.kind == "sine")
     drive = dataclasses.replace(wanted, options={**wanted.options, "duration": part})
-    estimators = tuple(dataclasses.replace(study.estimators[0], name=k.upper(), kind=k, settings={}) for k in kinds)
+    estimators = tuple(next(e for e in study.estimators if e.kind == kind) for kind in kinds)
     evaluator = StudyEvaluator(dataclasses.replace(study, drives=(drive,), estimators=estimators))
     compiled, plant = evaluator.compiled, evaluator.compiled.plant
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, r) for r in range(LANES)]
@@ -149,7 +149,7 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
         )
         assert (batch.left_at == len(inputs)).all(), "the vehicle left its range: choose a calmer drive"
         x = np.ascontiguousarray(batch.truth[-1, rows])
-        known, measurements = evaluator.seen(0, batch)
+        known, measurements = compiled.known(0, batch), compiled.measured(batch.measurements)
         for kind in kinds:
             begin = time.process_time()
             loops[kind](known, measurements, beliefs[kind], states[kind], limits, found[kind])
