@@ -53,6 +53,7 @@ def document(
     """
     blocks: list[Block] = [
         *summary.blocks(outcome, answer),
+        *_over_time(outcome)[:1],
         Section(lambda: _errors(outcome), "How large is the simulation error?"),
         Section(lambda: _estimators(outcome), "How large are the errors of the estimators?"),
         *evidence,
@@ -65,8 +66,7 @@ def document(
         Section(lambda: _residual(outcome), "Are the innovations white?"),
         Section(lambda: residual_sections.innovations(outcome), "What do the innovations depend on?"),
         _SETTLED,
-        Section(lambda: _over_time(outcome), "Does the simulation follow the drives?"),
-        _SETTLED,
+        *_other_drives(outcome),
         Section(lambda: _excitation(outcome), "Which effects could these drives have shown?"),
         Section(lambda: _made(outcome, command), "How was it made?"),
     ]
@@ -236,20 +236,23 @@ def _residual(outcome: Outcome) -> list[Block]:
     ]
 
 
-def _over_time(outcome: Outcome) -> list[Block]:
+def _over_time(outcome: Outcome) -> list[Drawing]:
+    """Return the picture of every held-out drive; the first belongs to the answer."""
     outputs = list(outcome.trace.fitting.augmented.model.outputs)
     return [
-        Heading("Does the simulation follow the drives?"),
-        *(
-            Drawing(
-                partial(fit_figures.over_time, j, outputs),
-                f"{j.drive.name}, held out: measured, and simulated before and after.",
-                f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
-            )
-            for j in outcome.judged
-            if j.held_out
-        ),
+        Drawing(
+            partial(fit_figures.over_time, j, outputs),
+            f"{j.drive.name}, held out: measured, and simulated before and after.",
+            f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
+        )
+        for j in outcome.judged
+        if j.held_out
     ]
+
+
+def _other_drives(outcome: Outcome) -> list[Block]:
+    others = _over_time(outcome)[1:]
+    return [Heading("Does the simulation follow the other drives?"), *others, _SETTLED] if others else []
 
 
 def _made(outcome: Outcome, command: str) -> list[Block]:
