@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from harness.api.model import model as model
     from harness.api.recordings import read_recording as read_recording
     from harness.api.recordings import simulate as simulate
+    from harness.api.replay import Replay as Replay
     from harness.api.results import Results as Results
     from harness.api.results import open_results as open_results
     from harness.api.study import Study as Study
@@ -44,6 +45,7 @@ _PLACES = {
     "harness.api.identification": ("Identification", "identify"),
     "harness.api.model": ("Model", "model"),
     "harness.api.recordings": ("read_recording", "simulate"),
+    "harness.api.replay": ("Replay",),
     "harness.api.results": ("Results", "open_results"),
     "harness.api.study": ("Study", "design", "factor", "levels", "read_study"),
     "harness.common.components": ("register",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from harness.study.results import StudyResults, read
 from harness.study.scores import FLAGS, PER_RUN, PER_TARGET, STATUS
 
 if TYPE_CHECKING:
+    from harness.api.replay import Replay, Replays
     from harness.study.report.analysis import Analysis
 
 _INDEX = ("band", "drive", "sample", "repeat", "estimator")
@@ -75,10 +77,11 @@ class Results(xr.DataTree):
     ``measured_<output>`` and ``input_<name>`` over ``time`` (s).
     """
 
-    __slots__ = ("_analysed", "_read")
+    __slots__ = ("_analysed", "_read", "_replays")
 
     _read: StudyResults | None
     _analysed: Analysis | None
+    _replays: Replays | None
 
     @property
     def folder(self) -> Path:
@@ -143,6 +146,60 @@ class Results(xr.DataTree):
         from harness.study.report import write_report
 
         return write_report(self._analysis(), first_page(self._analysis()))
+
+    def replay(
+        self,
+        design: str | None = None,
+        *,
+        band: str | int = 0,
+        drive: str | int = 0,
+        sample: int = 0,
+        repeat: int = 0,
+        estimators: Sequence[str] | None = None,
+        plant: Mapping[str, float | str] | None = None,
+        belief: Mapping[str, float | str] | None = None,
+        beside: str | Path | None = None,
+    ) -> Replay:
+        """Compute one run again from its seeds, with everything kept over time; nothing is written.
+
+        Args:
+            design: Name of the design; the first by default.
+            band: Label or index of the level.
+            drive: Name or index of the drive.
+            sample: Index of the Sobol point.
+            repeat: Index of the repeat.
+            estimators: Names of those to run; all by default.
+            plant: What if the plant held other values? By parameter (of the model or its load, or
+                ``process_noise_scale`` and so on), a number in SI units or text with a unit.
+            belief: The same of what the estimators believe.
+            beside: Folder of the study file, where the study names files that lie beside it.
+
+        Raises:
+            UserError: If there is no such run, a value is not possible, or the study names a file that is no longer
+                what it was.
+
+        Example:
+            >>> import tempfile, harness as h
+            >>> study = h.Study(
+            ...     plant=h.model("car", "govindarajan_2018", sensors="car_series"),
+            ...     targets=["lateral_velocity"],
+            ...     drives=[h.drive("sine", duration="10 s", amplitude="20 deg")],
+            ...     estimators=["ekf"],
+            ...     designs=[h.levels("mass", ["1.5 t", "1.8 t"], repeats=4)],
+            ... )
+            >>> results = study.run(tempfile.mkdtemp(), jobs=1)
+            >>> results.replay(band="1.8 t", repeat=3).answer
+            'The scores are those of the store, to the last bit.'
+            >>> heavier = results.replay(band="1.8 t", repeat=3, plant={"mass": "1.9 t"})
+            >>> sorted(heavier.data.sizes)
+            ['estimator', 'output', 'target', 'time']
+        """
+        from harness.api.replay import Replays
+
+        made = getattr(self, "_replays", None)
+        if made is None or beside is not None:
+            made = self._replays = Replays(self.folder, None if beside is None else Path(beside))
+        return made.run(made.place(design, band, drive, sample, repeat), estimators, made.changes(plant, belief))
 
     def _analysis(self) -> Analysis:
         from harness.study import report

@@ -24,7 +24,7 @@ from harness.config.quick import shortened
 from harness.config.report_options import limits, over_time, score_after
 from harness.config.roles import ESTIMATORS
 from harness.config.schema import DrivesFile, DriveTable, EstimatorTable, StudyFile
-from harness.config.specs import DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
+from harness.config.specs import CountFrom, DesignSpec, DriveSpec, EstimatorSpec, HistorySpec, ModelSpec, Study
 from harness.config.tuning import with_tuning
 from harness.models.drive_options import options_of
 
@@ -55,7 +55,7 @@ def load_study(path: str | Path, quick: bool = False, tuned: bool = True) -> Stu
         return _resolve(raw, text, path)
     drives = _drives(raw, path.parent, problems)
     problems.stop()
-    found = [replace(d, options=_with_whole_paths(d.options, d.base)) for d in drives]
+    found = [replace(d, options=whole_paths(d.options, d.base)) for d in drives]
     return _resolve_tables(shortened(raw, found), path)
 
 
@@ -137,6 +137,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
         limits=tolerable,
         over_time=along,
         score_after=settled,
+        count_from=CountFrom(**raw.count_from.model_dump()),
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now
     return study
@@ -238,7 +239,7 @@ def _base(options: dict[str, Any], candidates: tuple[Path, ...]) -> Path:
     return next((c for c in candidates if any(_names_file(c, v) for v in options.values())), candidates[0])
 
 
-def _with_whole_paths(options: dict[str, Any], base: Path) -> dict[str, Any]:
+def whole_paths(options: dict[str, Any], base: Path) -> dict[str, Any]:
     """Return options whose files are found from any folder."""
     return {k: str((base / v).resolve()) if _names_file(base, v) else v for k, v in options.items()}
 
@@ -398,6 +399,8 @@ def _hash(study: Study) -> str:
     }
     if study.score_after:  # one that scores from the beginning stays the same
         content["score_after"] = study.score_after
+    if study.count_from != CountFrom():
+        content["count_from"] = asdict(study.count_from)
     canonical = json.dumps(content, sort_keys=True, ensure_ascii=True, default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()
 

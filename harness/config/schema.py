@@ -258,12 +258,23 @@ Histories = Annotated[
 ]
 
 
+class CountTable(Table):
+    """``count_from``: where the counts begin that the random numbers of a run depend on."""
+
+    drive: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="count of the first drive")
+    sample: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="count of the first Sobol point")
+    repeat: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="count of the first repeat")
+
+
 class StudyFile(Table):
     """A study: the errors of estimators when the plant departs from the belief."""
 
     name: FileName = Field(description="name of the result folder")
     title: StrictStr = Field(default="", description="the question, heading of the report")
     seed: Annotated[StrictInt, Field(ge=0)] = Field(default=0, description="seed of all random numbers")
+    count_from: CountTable = Field(
+        default=CountTable(), description="where drives, Sobol points and repeats begin to count for random numbers"
+    )
     targets: Annotated[list[Name], Field(min_length=1)] = Field(
         description="quantities to score: states or ports of both models"
     )

@@ -260,6 +260,23 @@ class OverTimeSpec:
 
 
 @dataclass(frozen=True)
+class CountFrom:
+    """Where the counts begin that the random numbers of a run depend on.
+
+    A study that runs some runs of another one begins where those are, and gets the same noise.
+
+    Attributes:
+        drive: Count of the first drive.
+        sample: Count of the first Sobol point.
+        repeat: Count of the first repeat.
+    """
+
+    drive: int = 0
+    sample: int = 0
+    repeat: int = 0
+
+
+@dataclass(frozen=True)
 class Study:
     """A study, resolved by ``load_study`` or ``build_study``.
 
@@ -279,6 +296,7 @@ class Study:
         limits: Largest error that counts as tolerable by target, SI; it decides no score, only what the report says.
         over_time: The drive for sensitivity over time; ``None`` if it was not asked for.
         score_after: s at the beginning of every drive that no score counts.
+        count_from: Where the counts begin that random numbers depend on.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
         path: The study file.
@@ -301,6 +319,7 @@ class Study:
     limits: dict[str, float] = field(default_factory=dict)
     over_time: OverTimeSpec | None = None
     score_after: float = 0.0
+    count_from: CountFrom = CountFrom()
 
     def design(self, name: str) -> DesignSpec:
         """Return a design by name."""

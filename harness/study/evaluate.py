@@ -87,16 +87,10 @@ class StudyEvaluator:
 
     def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
         """Return the scores of a unit: ``(sample, repeat, estimator[, target])`` by name, SI units."""
-        samples = unit.stop - unit.first
-        shape = (samples, unit.runs(self.study) // samples, len(self.compiled.estimators))
-        result: dict[str, NDArray[np.generic]] = {
-            n: np.full((*shape, len(self.study.targets)), np.nan) for n in PER_TARGET
-        }
-        result |= {n: np.full(shape, np.nan) for n in PER_RUN}
-        result[STATUS] = np.full(shape, PENDING, dtype=np.int8)
-        windows = self.windows.count(unit.design, unit.drive)
+        result, windows = self.pending(unit), self.windows.count(unit.design, unit.drive)
         if windows is not None:
-            result[OVER_TIME] = np.full((*shape, len(self.study.targets), windows), np.nan, dtype=np.float32)
+            shape = result["rmse"].shape
+            result[OVER_TIME] = np.full((*shape, windows), np.nan, dtype=np.float32)
         cases, estimators = self._cases(unit), self.compiled.estimators
         plant, believed = self.parameters(unit, cases, "plant"), self.parameters(unit, cases, "belief")
         left, signals = np.empty(len(cases)), len(self.compiled.signals)
@@ -107,7 +101,7 @@ class StudyEvaluator:
             batch = self.simulate(unit, group, plant=plant.of(lanes))
             left[lanes] = batch.left_at[: len(group)]
             for e, total in enumerate(totals):
-                sums = self._sums(e, unit, group, batch, belief, windows is not None)
+                sums = self.sums(e, unit, group, batch, belief, windows is not None)
                 total.errors[..., lanes], total.per_run[:, lanes] = (
                     found[..., : len(group)] for found in (sums.errors, sums.per_run)
                 )
@@ -116,7 +110,18 @@ class StudyEvaluator:
                     flat = result[OVER_TIME].reshape(len(cases), *result[OVER_TIME].shape[2:])
                     flat[lanes, e] = over_time[: len(group)]
         for e, total in enumerate(totals):
-            self._enter(result, unit, e, left, estimators[e].scores(total))
+            self.enter(result, unit, e, left, estimators[e].scores(total))
+        return result
+
+    def pending(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
+        """Return the scores of a unit, but for those over time, with nothing entered yet."""
+        samples = unit.stop - unit.first
+        shape = (samples, unit.runs(self.study) // samples, len(self.compiled.estimators))
+        result: dict[str, NDArray[np.generic]] = {
+            n: np.full((*shape, len(self.study.targets)), np.nan) for n in PER_TARGET
+        }
+        result |= {n: np.full(shape, np.nan) for n in PER_RUN}
+        result[STATUS] = np.full(shape, PENDING, dtype=np.int8)
         return result
 
     def parameters(self, unit: Unit, group: list[Case], side: Literal["plant", "belief"]) -> RunParameters:
@@ -129,7 +134,12 @@ class StudyEvaluator:
         return run_parameters(getattr(self.study, side), design, side, values)
 
     def simulate(
-        self, unit: Unit, group: list[Case], samples: int | None = None, plant: RunParameters | None = None
+        self,
+        unit: Unit,
+        group: list[Case],
+        samples: int | None = None,
+        plant: RunParameters | None = None,
+        believed: RunParameters | None = None,
     ) -> Batch:
         """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them.
 
@@ -138,6 +148,7 @@ class StudyEvaluator:
             group: The runs.
             samples: How many samples of the drive, by default all.
             plant: What the plant holds in each lane, if that is known already.
+            believed: What the belief holds in each lane, if that is known already.
         """
         plant = self.parameters(unit, group, "plant") if plant is None else plant
         model, inputs = self.compiled.plant, self.compiled.drives[unit.drive].plant[:samples]
@@ -154,13 +165,13 @@ class StudyEvaluator:
             signal: np.sqrt(plant.input_noise[:, i]) * self.noise.of_input(unit, group, len(inputs), signal)
             for i, signal in enumerate(self.study.plant.input_noise)
         }
-        return self._with_parameters(replace(batch, input_errors=errors), unit, group, plant)
-
-    def _with_parameters(self, batch: Batch, unit: Unit, group: list[Case], plant: RunParameters) -> Batch:
-        """Add what is true of the parameters that the belief is not sure of."""
+        batch = replace(batch, input_errors=errors)
         if not self.study.belief.parameter_states:
             return batch
-        believed = self.parameters(unit, group, "belief")
+        return self._with_parameters(batch, plant, believed or self.parameters(unit, group, "belief"))
+
+    def _with_parameters(self, batch: Batch, plant: RunParameters, believed: RunParameters) -> Batch:
+        """Add what is true of the parameters that the belief is not sure of."""
         still = parameter_truth(self.study.plant, self.study.belief, plant, believed)
         return replace(batch, truth=np.concatenate([batch.truth, np.tile(still, (len(batch.truth), 1, 1))], axis=1))
 
@@ -168,10 +179,10 @@ class StudyEvaluator:
         self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool = False
     ) -> Scores:
         """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
-        sums = self._sums(index, unit, group, batch, believed, keep)
+        sums = self.sums(index, unit, group, batch, believed, keep)
         return self.compiled.estimators[index].scores(sums)
 
-    def _sums(
+    def sums(
         self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool
     ) -> Sums:
         """Run one estimator over a simulated batch, as ``estimate`` does, and return what scores are made of."""
@@ -215,7 +226,7 @@ class StudyEvaluator:
         kind = self.study.estimators[index].input_signal or "filtered"
         return self._noisy.known(batch, table, believed.input_noise.T, kind)
 
-    def _enter(self, result: dict[str, NDArray[np.generic]], unit: Unit, e: int, left: Floats, scores: Scores) -> None:
+    def enter(self, result: dict[str, NDArray[np.generic]], unit: Unit, e: int, left: Floats, scores: Scores) -> None:
         """Write a unit's scores of one estimator; ``left`` is where each run's plant left its range."""
         targets, runs = len(self.study.targets), result[STATUS].shape[:2]
         for name in PER_TARGET:

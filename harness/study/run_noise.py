@@ -29,12 +29,13 @@ class RunNoise:
     """
 
     def __init__(self, study: Study) -> None:
-        self._seed = study.seed
+        self._seed, self._begin = study.seed, study.count_from
         self._common = [design.common_noise for design in study.designs]
 
     def key(self, unit: Unit, case: Case) -> tuple[int, int, int]:
         """Return what a run's noise depends on: not the band, as levels share it, and in some designs not the point."""
-        return unit.drive, 0 if self._common[unit.design] else case.sample, case.repeat
+        begin, sample = self._begin, 0 if self._common[unit.design] else case.sample
+        return begin.drive + unit.drive, begin.sample + sample, begin.repeat + case.repeat
 
     def draw(self, unit: Unit, group: Sequence[Case], samples: int, width: int) -> NDArray[np.float64]:
         """Return standard normal numbers ``(samples, width, LANES)``; lanes without a run repeat the last one."""

@@ -1,0 +1,100 @@
+"""One run of a study as a study of its own, with the same random numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from harness.common.files import parse_toml
+from harness.config.load import build_study, whole_paths
+from harness.config.schema import (
+    CountTable,
+    DesignTable,
+    DriveTable,
+    EstimatorTable,
+    FactorTable,
+    HistoryTable,
+    Quantity,
+    ReportTable,
+    StudyFile,
+)
+from harness.config.specs import CountFrom, DesignSpec, Side, Study
+
+
+@dataclass(frozen=True)
+class Change:
+    """Another value than the run had: what if it were that?
+
+    Attributes:
+        parameter: As a factor of a design names it.
+        value: A number in SI units, or text with a unit.
+        of: Whose value it replaces.
+    """
+
+    parameter: str
+    value: Quantity
+    of: Side = "plant"
+
+
+def alone(
+    study: Study,
+    design: DesignSpec,
+    drive: str,
+    values: Sequence[float],
+    count_from: CountFrom,
+    changes: Sequence[Change] = (),
+) -> Study:
+    """Return a study that holds a single run of another one, and gives it the same scores.
+
+    Args:
+        study: The other one.
+        design: Its design that the run belongs to; that of the result is called the same and has one level of
+            each factor.
+        drive: Name of the drive.
+        values: What each factor of the design has in the run, SI.
+        count_from: Where the run's random numbers are.
+        changes: Values that differ from the run's.
+
+    Raises:
+        UserError: If a change is not possible.
+    """
+    raw = StudyFile.model_validate(parse_toml(study.text, str(study.path)))
+    spec = study.drive(drive)
+    factors = {(f.parameter, f.of): float(v) for f, v in zip(design.factors, values, strict=True)}
+    tables = [FactorTable(parameter=p, of=of, levels=[v]) for (p, of), v in _changed(factors, changes).items()]
+    said = "; ".join(f"{c.parameter} of the {c.of} {c.value}" for c in changes)
+    update: dict[str, Any] = {
+        "title": f"{study.title or study.name} (one run on {drive}{f', but {said}' if said else ''})",
+        "drives": [],
+        "drive": [DriveTable(name=spec.name, kind=spec.kind, **whole_paths(spec.options, spec.base))],
+        "estimator": [_with_whole_paths(t, study) for t in raw.estimator],
+        "design": [DesignTable(name=design.name, factor=tables)],
+        "history": HistoryTable(design=design.name, drive=drive, signals=_drawn(study)),
+        "report": ReportTable(),
+        "count_from": CountTable(drive=count_from.drive, sample=count_from.sample, repeat=count_from.repeat),
+    }
+    return build_study(raw.model_copy(update=update), study.path)
+
+
+def _changed(factors: Mapping[tuple[str, Side], float], changes: Sequence[Change]) -> dict[tuple[str, Side], Quantity]:
+    """Return the factors with other values; one of both models gives way to one of each where only one changes."""
+    found: dict[tuple[str, Side], Quantity] = dict(factors)
+    for change in changes:
+        name, of = change.parameter, change.of
+        if of == "both":
+            found.pop((name, "plant"), None)
+            found.pop((name, "belief"), None)
+        elif (name, "both") in found:
+            found[name, "belief" if of == "plant" else "plant"] = found.pop((name, "both"))
+        found[name, of] = change.value
+    return found
+
+
+def _with_whole_paths(table: EstimatorTable, study: Study) -> EstimatorTable:
+    spec = next(e for e in study.estimators if e.name == (table.name or table.kind))
+    return table.model_copy(update=whole_paths(table.further, spec.base))
+
+
+def _drawn(study: Study) -> list[str]:
+    return list(dict.fromkeys(name for history in study.history for name in history.signals))

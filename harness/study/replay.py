@@ -1,0 +1,180 @@
+"""One run of a study computed again from its seeds, with everything kept, as it was or with other values of factors.
+
+The scores come from the kernels that wrote the store, over the same numbers, so they have the bits of the store where
+code, packages and processor are the same. What an estimator holds between the samples comes from a loop of its own
+(``harness.study.replay_loops``).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from harness.common.arrays import Floats
+from harness.config import Study
+from harness.config.alone import Change, alone
+from harness.engine.compile import load_source, paste
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import UncertainInputs, kernels_of, load_estimator
+from harness.simulation.simulate import Batch
+from harness.study import replay_loops
+from harness.study.design import RunParameters, Unit, points, run_parameters
+from harness.study.evaluate import StudyEvaluator
+from harness.study.replayed import OverTime, dataset
+from harness.study.run_noise import Case
+
+
+@dataclass(frozen=True)
+class Place:
+    """Which run of a study: indices from 0."""
+
+    design: int
+    band: int
+    drive: int
+    sample: int = 0
+    repeat: int = 0
+
+    @property
+    def unit(self) -> Unit:
+        """The run as a piece of work."""
+        one = self.sample, self.sample + 1, self.repeat, self.repeat + 1
+        return Unit(self.design, self.band, self.drive, *one)
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A run computed again.
+
+    Attributes:
+        place: Which run.
+        study: The same run as a study of its own.
+        estimators: Their indices in the study that the run is of.
+        scores: By name as a store has them, ``(estimator,)`` or ``(estimator, target)``.
+        data: Everything over time, see ``harness.study.replayed.dataset``.
+        plant: What the plant held in the run, by parameter, SI.
+    """
+
+    place: Place
+    study: Study
+    estimators: tuple[int, ...]
+    scores: dict[str, NDArray[Any]]
+    data: xr.Dataset
+    plant: dict[str, float]
+
+
+class Replayer:
+    """A study ready to compute single runs again, from one thread at a time.
+
+    Args:
+        study: The study.
+        workers: Threads over the estimators of a run.
+
+    Raises:
+        UserError, ModelError: If a drive, model or estimator cannot be built.
+    """
+
+    def __init__(self, study: Study, workers: int | None = None) -> None:
+        self.study, self.evaluator = study, StudyEvaluator(study)
+        self._pool = ThreadPoolExecutor(workers)
+        self._loops: dict[str, Any] = {}
+        self._lock = threading.Lock()
+        self._points = [points(study, d).values for d in study.designs]
+
+    def alone(self, place: Place, changes: Sequence[Change] = ()) -> Study:
+        """Return a run as a study of its own, see ``harness.config.alone``.
+
+        Raises:
+            UserError: If a change is not possible.
+        """
+        study, design = self.study, self.study.designs[place.design]
+        drive, sample, repeat = self.evaluator.noise.key(place.unit, Case(place.sample, place.repeat))
+        values = self._points[place.design][place.band, place.sample]
+        begin = replace(study.count_from, drive=drive, sample=sample, repeat=repeat)
+        return alone(study, design, study.drives[place.drive].name, list(map(float, values)), begin, changes)
+
+    def run(
+        self,
+        place: Place,
+        estimators: Sequence[int] | None = None,
+        changes: Sequence[Change] = (),
+        innovations: bool = True,
+    ) -> Replayed:
+        """Compute a run again.
+
+        Args:
+            place: Which run.
+            estimators: Indices of those to run; all by default.
+            changes: Values that differ from the run's.
+            innovations: Whether to keep all states, innovations, NIS and NEES, or the drawn signals alone, which takes
+                half the time.
+
+        Raises:
+            UserError: If a change is not possible.
+        """
+        study, unit, case = self.study, place.unit, [Case(place.sample, place.repeat)]
+        chosen = tuple(range(len(study.estimators)) if estimators is None else estimators)
+        own = self.alone(place, changes)
+        factors = own.designs[0]
+        row = np.array([[f.lower[0] for f in factors.factors]] * LANES).reshape(LANES, -1)
+        plant, believed = (
+            run_parameters(own.plant, factors, "plant", row),
+            run_parameters(own.belief, factors, "belief", row),
+        )
+        batch = self.evaluator.simulate(unit, case, plant=plant, believed=believed)
+        jobs = [self._pool.submit(self._one, e, place, batch, believed, innovations) for e in chosen]
+        found = [job.result() for job in jobs]
+        result = self.evaluator.pending(unit)
+        for e, over_time in zip(chosen, found, strict=True):
+            self.evaluator.enter(result, unit, e, batch.left_at[:1], over_time.scores)
+        scores = {name: values[0, 0, list(chosen)] for name, values in result.items()}
+        data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, found, strict=True)))
+        held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[0]), strict=True))
+        return Replayed(place, own, chosen, scores, data, held)
+
+    def warm_up(self, estimator: int) -> None:
+        """Compile what a run of one estimator needs beyond the kernels of the study."""
+        unit, case = Unit(0, 0, 0, 0, 1, 0, 1), [Case(0, 0)]
+        batch, believed = (
+            self.evaluator.simulate(unit, case, samples=3),
+            self.evaluator.parameters(unit, case, "belief"),
+        )
+        self._one(estimator, Place(0, 0, 0), batch, believed, True)
+
+    def _one(self, index: int, place: Place, batch: Batch, believed: RunParameters, innovations: bool) -> OverTime:
+        """Run one estimator: its scores, and what it holds over time."""
+        unit, case = place.unit, [Case(place.sample, place.repeat)]
+        estimator = self.evaluator.compiled.estimators[index]
+        sums = self.evaluator.sums(index, unit, case, batch, believed, keep=True)
+        first = replace(sums, errors=sums.errors[..., :1], per_run=sums.per_run[:, :1])
+        scores = estimator.scores(first)
+        if not innovations:
+            return OverTime(scores)
+        loop, nx, ny, samples = self._loop(index), estimator.compiled.nx, estimator.compiled.ny, len(batch.truth)
+        belief, start = self.evaluator.begin(index, unit, case, believed)
+        inputs, uncertain = self.evaluator.inputs(index, unit.drive, batch, believed)
+        nothing = np.empty((1, inputs.shape[1], 0, LANES))
+        told = UncertainInputs(inputs, nothing, nothing) if uncertain is None else uncertain
+        if told.at.shape[2]:
+            belief = belief._replace(input_errors=np.zeros((nx + ny, told.at.shape[2], LANES)))
+        sizes: tuple[tuple[int, ...], ...] = (nx,), (nx, nx), (ny,), (ny,), (2,)
+        kept: tuple[Floats, ...] = tuple(np.full((samples, *size), np.nan) for size in sizes)
+        loop((inputs, *told), self.evaluator.compiled.measured(batch.measurements), belief, start, kept)
+        return OverTime(scores, *kept)
+
+    def _loop(self, index: int) -> Any:
+        """Return the compiled loop of an estimator."""
+        spec, compiled = self.study.estimators[index], self.evaluator.compiled.belief
+        with self._lock:
+            if spec.kind not in self._loops:
+                uncertain, parameters = bool(self.study.belief.input_noise), bool(compiled.model.within)
+                given = kernels_of(load_estimator(spec.kind), uncertain, parameters)
+                stem = f"follow_{spec.kind}"
+                self._loops[spec.kind] = load_source(stem, paste(compiled, stem, [replay_loops.follow], given)).follow
+            return self._loops[spec.kind]

@@ -1,0 +1,130 @@
+"""The study of a stored result, from the text that the store keeps, and whether a replayed run is the stored one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from harness.common import locations
+from harness.common.errors import UserError
+from harness.common.files import BUNDLED_STUDIES, parse_toml
+from harness.config import Study, build_study
+from harness.study.differences import differences
+from harness.study.layout import root_attributes
+from harness.study.replay import Place, Replayed
+from harness.study.scores import OVER_TIME, PENDING, STATUS
+from harness.study.verify import store_of
+
+TOLERANCE = 1e-6
+"""Largest difference over the score by which a run of other code or another machine counts as the same."""
+
+
+def study_of(folder: Path, beside: Path | None = None) -> Study:
+    """Return the study that a result is of.
+
+    Args:
+        folder: Result folder.
+        beside: Folder of the study file; files that the study names are looked for there first.
+
+    Raises:
+        UserError: If there is no store, or what the study names is not what it was.
+    """
+    attributes = attributes_of(folder)
+    text, name = str(attributes.get("study", "")), str(attributes.get("study_name", "study"))
+    content = parse_toml(text, f"{folder}: the study")
+    project = locations.project()
+    places = [beside, project and project / "studies", Path("studies"), folder.parent, Path(), BUNDLED_STUDIES]
+    said = ""
+    for place in dict.fromkeys(p for p in places if p is not None):
+        try:
+            study = build_study(content, place / f"{name}.toml")
+        except UserError as error:
+            said = said or str(error)
+            continue
+        if study.hash == attributes.get("study_hash"):
+            return study
+        said = f"{folder} {differences(attributes, root_attributes(study), study)}"
+    raise UserError(f"no run can be computed again: {said}; name the folder of the study file that this result is of")
+
+
+def attributes_of(folder: Path) -> dict[str, Any]:
+    """Return the attributes of a store's root.
+
+    Raises:
+        UserError: If there is no store.
+    """
+    path = store_of(folder)
+    try:
+        return dict(zarr.open_group(str(path), mode="r", use_consolidated=False).attrs)
+    except (KeyError, ValueError, OSError) as error:
+        raise UserError(f"{path}: not a store that a study wrote ({type(error).__name__}: {error})") from error
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Whether the scores of a replayed run are those of the store.
+
+    Attributes:
+        same: To the last bit.
+        largest: Largest difference over the score; 0 where all bits are the same, NaN where one has none.
+        words: The same in a sentence.
+    """
+
+    same: bool
+    largest: float
+    words: str
+
+
+def stored_scores(folder: Path, study: Study, run: Replayed) -> dict[str, np.ndarray]:
+    """Return the stored scores of a run by name, ``(estimator,)`` or ``(estimator, target)``."""
+    place: Place = run.place
+    group: Any = zarr.open_group(str(store_of(folder)), path=study.designs[place.design].name, mode="r")
+    at, chosen = (place.band, place.sample, place.drive, place.repeat), list(run.estimators)
+    return {name: np.asarray(group[name][at])[chosen] for name in run.scores if name != OVER_TIME}
+
+
+def compare(
+    run: Replayed, stored: Mapping[str, np.ndarray], attributes: Mapping[str, Any], now: Mapping[str, Any], study: Study
+) -> Comparison:
+    """Compare a run with what is stored of it.
+
+    Args:
+        run: Without changes.
+        stored: From ``stored_scores``.
+        attributes: Of the store.
+        now: What they would be now (``root_attributes``).
+        study: The study.
+    """
+    if np.all(stored[STATUS] == PENDING):
+        return Comparison(False, np.nan, "This run is not in the store yet.")
+    if all(np.array_equal(values, stored[name], equal_nan=True) for name, values in run.scores.items()):
+        return Comparison(True, 0.0, "The scores are those of the store, to the last bit.")
+    largest = max(_difference(values, stored[name]) for name, values in run.scores.items())
+    why = differences(attributes, now, study)
+    if attributes.get("machine") != now["machine"]:
+        other = f"was computed on {attributes.get('machine')}, here it is {now['machine']}"
+        why = f"{why}; it {other}" if why else other
+    size = f"differ from those of the store by up to {largest:.2g} of the score"
+    if largest <= TOLERANCE:
+        return Comparison(False, largest, f"The scores {size}, within the tolerance of {TOLERANCE:g}. {_because(why)}")
+    return Comparison(False, largest, f"The scores {size}: this is not the stored run. {_because(why)}")
+
+
+def _because(why: str) -> str:
+    return f"The store {why}." if why else "Code, packages and processor are the same: let harness verify look at it."
+
+
+def _difference(values: np.ndarray, stored: np.ndarray) -> float:
+    """Return the largest difference over the larger of both; infinite where only one is a number."""
+    one, other = values.astype(float), stored.astype(float)
+    if not np.array_equal(np.isnan(one), np.isnan(other)):
+        return np.inf
+    size = np.maximum(np.abs(one), np.abs(other))
+    with np.errstate(invalid="ignore"):
+        shares = np.abs(one - other) / np.where(size > 0, size, 1.0)
+    return float(np.nanmax(shares, initial=0.0))
