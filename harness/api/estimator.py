@@ -141,7 +141,7 @@ def believed_on(
     from harness.models.roles import SENSORS
     from harness.recorded.run import RecordedModel
 
-    spec = model.resolved_for(recordings, step=step_of(recordings[0]))
+    spec = model.resolved_for(recordings, believed=True, step=step_of(recordings[0]))
     ports = SENSORS.load(spec.sensors).OUTPUTS.values()
     held: Literal["joined", "held"] = inputs or recordings[0].attrs.get("inputs", "joined")
     return RecordedModel(spec, [*ports, *signals], held, references, jobs)

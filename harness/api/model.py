@@ -256,12 +256,18 @@ class Model:
         (written,) = write_files(path.parent, {path.name: set_text(self._checked, source, {})})
         return written
 
-    def resolved_for(self, recordings: Sequence[Iterable[Hashable]], **keys: Any) -> ModelSpec:
-        """Return the record for recordings, with further keys where they were not stated (internal)."""
-        return self._resolve({**keys, **self.table(recordings)})
+    def resolved_for(self, recordings: Sequence[Iterable[Hashable]], believed: bool = False, **keys: Any) -> ModelSpec:
+        """Return the record for recordings, with further keys where they were not stated (internal).
 
-    def _resolve(self, table: Mapping[str, Any]) -> ModelSpec:
-        unsure = any(table.get(key) for key in ("unknown_inputs", *UNCERTAIN))
+        Args:
+            recordings: The recordings.
+            believed: Whether it is for an estimator, which may be unsure of what the parameter file says so of.
+            keys: Further keys.
+        """
+        return self._resolve({**keys, **self.table(recordings)}, believed)
+
+    def _resolve(self, table: Mapping[str, Any], believed: bool = False) -> ModelSpec:
+        unsure = believed or any(table.get(key) for key in ("unknown_inputs", *UNCERTAIN))
         side: Literal["plant", "belief"] = "belief" if unsure else "plant"
         return resolve_single(table, f"model '{table['vehicle']}'", side)
 

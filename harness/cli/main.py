@@ -30,6 +30,7 @@ from harness.cli.new import new
 from harness.cli.observability import observability
 from harness.cli.options import HERE, RESULTS, agree_to, study_path
 from harness.cli.realtime import realtime
+from harness.cli.remedy import remedy
 from harness.cli.simulate import simulate
 from harness.cli.stores import status, verify
 from harness.cli.trace import trace
@@ -306,6 +307,7 @@ app.command()(_answers_errors(identify))
 app.command()(_answers_errors(trace))
 app.command()(_answers_errors(loop))
 app.command()(_answers_errors(realtime))
+app.command()(_answers_errors(remedy))
 app.command()(_answers_errors(new))
 app.command()(_answers_errors(verify))
 app.command()(_answers_errors(status))

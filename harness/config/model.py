@@ -266,6 +266,9 @@ def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
     for name, value in coming.items():
         if value and not beside[name]:
             entries[name], keys[name] = value, f"{table.key('parameters')} ({found.source}): {name}"
+    for name, unsure in found.unsure.items():
+        if table.side == "belief" and name not in entries:
+            entries[name], keys[name] = unsure, f"{table.key('parameters')} ({found.source}): {name}"
     return Stated(table.side, entries, keys, found)
 
 

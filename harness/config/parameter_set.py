@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -25,7 +26,7 @@ class ParameterSet:
 
     ``tyre``, ``effects`` and ``sensors`` come with it where it names them; ``source`` is the place errors name when one
     of its values is wrong. ``std`` holds how well values are known, where that is stated, and ``warning`` what whoever
-    takes them has to know.
+    takes them has to know. ``unsure`` has what an estimator with these values is not sure of, by ``UNSURE``.
     """
 
     vehicle: str = ""
@@ -39,6 +40,11 @@ class ParameterSet:
     sensors: str | None = None
     std: dict[str, float] = field(default_factory=dict)
     warning: str = ""
+    unsure: dict[str, list[Any]] = field(default_factory=dict)
+
+
+UNSURE = ("unknown_inputs", "unknown_parameters", "considered_parameters")
+"""Keys of ``[belief]`` that a parameter file may state as well; they count for estimators alone."""
 
 
 def load_set(name: str, folder: Path, where: str) -> ParameterSet:
@@ -142,6 +148,7 @@ def set_from_file(name: str, folder: Path, where: str) -> ParameterSet:
         raw.sensors,
         numbers["std"],
         raw.warning,
+        {key: stated for key in UNSURE if (stated := getattr(raw, key))},
     )
 
 
@@ -173,6 +180,7 @@ def set_text(
     comments: Mapping[str, str],
     noise: Mapping[tuple[str, str], str] | None = None,
     warning: str = "",
+    further: Mapping[str, Any] | None = None,
 ) -> str:
     """Return the text of a parameter file that holds a model: values, tyre, effects and noise.
 
@@ -185,6 +193,7 @@ def set_text(
         comments: What stands behind a value, such as unit and standard error, by parameter; others are passed over.
         noise: What stands behind a variance, by ``process_noise`` or ``measurement_noise`` and state or output.
         warning: What whoever takes the values has to know.
+        further: More keys of a parameter file, such as ``sensors`` and ``UNSURE``.
     """
     base = load_set(spec.parameters, Path(), source)
     stretch = 1.0 if spec.model().discrete else spec.step / base.noise_step
@@ -196,6 +205,7 @@ def set_text(
         **({"effects": list(spec.effects)} if spec.effects else {}),
         "source": source,
         **({"warning": warning} if warning else {}),
+        **(further or {}),
         "noise_step": spec.step,
         "values": spec.values,
         **({"std": std} if (std := {n: s for n, s in base.std.items() if n in spec.values}) else {}),

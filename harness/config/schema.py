@@ -323,6 +323,15 @@ class ParameterFile(Table):
     std: dict[str, Quantity] = Field(
         default_factory=dict, description="standard deviation with which a value is known, by parameter"
     )
+    unknown_inputs: list[Name] = Field(
+        default_factory=list, description="inputs that an estimator with these values estimates"
+    )
+    unknown_parameters: list[Name | UncertainTable] = Field(
+        default_factory=list, description="parameters that an estimator with these values estimates"
+    )
+    considered_parameters: list[Name | UncertainTable] = Field(
+        default_factory=list, description="parameters whose uncertainty an estimator with these values reckons with"
+    )
     warning: StrictStr = Field(default="", description="what whoever takes these values has to know")
     process_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per step by state")
     measurement_noise: dict[str, Quantity] = Field(default_factory=dict, description="variance per sample by output")

@@ -1,0 +1,137 @@
+"""The answer on remedies in words; every number in it is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
+from harness.campaign.remedy.judge import Outcome, best, helps, nominal_cost, without_sensor
+from harness.campaign.remedy.run import Tried
+from harness.models.quantities import listed, words
+from harness.reporting.style import number, percent, with_unit
+
+_NOTHING_LEARNT = 0.5
+"""Share of its first deviation above which a drive hardly tells a parameter."""
+
+
+def headline(tried: Tried) -> str:
+    """Return the answer in a sentence or two."""
+    return next(_main(tried))
+
+
+def times(ratio: float) -> str:
+    """Write a ratio, ``1.2×``."""
+    return "∞" if np.isinf(ratio) else f"{number(ratio, 2)}×" if np.isfinite(ratio) else "–"
+
+
+def _main(tried: Tried) -> Iterator[str]:
+    first = tried.outcomes[0]
+    if not helps(tried.best, first):
+        yield (
+            f"Nothing that was tried helps against the {_drivers(tried)}: no remedy takes a fifth off the error at the "
+            f"worst level, also not with further sensors."
+        )
+        return
+    bare = best(without_sensor(tried.outcomes), first)
+    text = f"The best of {len(tried.outcomes)} is to {tried.best.remedy.words}. {_effect(tried.best, first)}"
+    if tried.best.remedy.added:
+        if helps(bare, first):
+            text += f" Without a further sensor the best is to {bare.remedy.words}. {_effect(bare, first)}"
+        else:
+            text += " Without a further sensor nothing that was tried helps."
+    yield text
+
+
+def _effect(o: Outcome, first: Outcome) -> str:
+    """Say what a remedy does to the errors at the worst level, and to the boxes."""
+    parts = []
+    for t, target in enumerate(first.targets):
+        before, after = float(first.medians[t].max()), float(o.medians[t].max())
+        parts.append(f"for the {target.words} from {number(before)} to {with_unit(after, target.unit)}")
+    level = " at the worst level" if len(first.levels) > 1 else ""
+    text = f"The median error{level} goes {listed(parts)}."
+    for t, one in o.boxes.items():
+        name = first.targets[t].words
+        text += f" The box for the {name} goes from {percent(first.boxes[t].box)} to {percent(one.box)} of the way."
+    return text
+
+
+def _drivers(tried: Tried) -> str:
+    return listed([words(d) for d in tried.drivers])
+
+
+def further(tried: Tried) -> Iterator[tuple[str, str]]:
+    """Return what else there is to say, each with its head."""
+    first, taken = tried.outcomes[0], tried.best
+    yield "What drives the error?", f"Of what the study varies, {_drivers(tried)}; remedies are tried against this."
+    if tried.known is not None and taken is not first:
+        ratios = taken.medians.max(axis=1) / tried.known.medians.max(axis=1)
+        told = listed([f"{times(float(r))} for the {q.words}" for r, q in zip(ratios, first.targets, strict=True)])
+        yield "How near to the ideal?", f"The error at the worst level over that with the parameters known: {told}."
+    yield "What does it cost?", _cost(tried)
+    if np.isfinite(taken.nees):
+        yield (
+            "Can its stated uncertainty be believed?",
+            f"NEES {number(taken.nees, 2)} times its expectation in the median, {number(first.nees, 2)} as it is; "
+            f"{percent(taken.consistent)} of the runs are below their bound, {percent(first.consistent)} as it is.",
+        )
+    if taken is not first:
+        yield "What does it need?", _need(taken.remedy, tried)
+    yield "Why not without a sensor?", _without(tried)
+
+
+def _cost(tried: Tried) -> str:
+    first, taken = tried.outcomes[0], tried.best
+    cost = nominal_cost(taken, first)
+    text = f"Where the vehicle is as believed the error is {times(cost)} that as it is. " if np.isfinite(cost) else ""
+    text += f"A step takes {times(taken.step_time / first.step_time)} the time"
+    before, after = tried.cycle
+    if np.isfinite(after):
+        share = after / taken.study.belief.step
+        text += f", alone on a core {number(1e6 * after, 2)} µs in place of {number(1e6 * before, 2)} µs, "
+        text += f"{percent(share)} of the cycle of {1e3 * taken.study.belief.step:g} ms"
+    return text + "."
+
+
+def _need(remedy: Remedy, tried: Tried) -> str:
+    signals = listed([words(s) for s in remedy.added]) if remedy.added else ""
+    sensors = f"Measured in addition: {signals}." if signals else "No further sensor."
+    if not remedy.estimated or remedy.equipment not in tried.promise:
+        return sensors
+    if not tried.study.score_after:
+        sensors += " The time in which it learns counts; score_after of the study leaves it out."
+    poor = _poor_drives(tried, remedy.equipment)
+    if not poor:
+        return f"{sensors} Every drive excites what is estimated."
+    return f"{sensors} Excitation: after {listed(poor)} even the best estimator knows hardly more than before."
+
+
+def _poor_drives(tried: Tried, equipment: Equipment | None) -> list[str]:
+    left = tried.promise[equipment].max(axis=1)
+    names = [words(d.name) for d in tried.study.drives]
+    return [n for n, share in zip(names, left, strict=True) if share > _NOTHING_LEARNT]
+
+
+def _without(tried: Tried) -> str:
+    """Say what the study's own sensors could tell at best."""
+    left = tried.promise.get(None)
+    if left is None:
+        return "What its sensors could tell was not computed."
+    worst = left.max(axis=1)
+    poor = _poor_drives(tried, None)
+    text = (
+        f"With the study's own sensors {percent(float(np.median(worst)))} of the first uncertainty is left at best in "
+        "the median over the drives"
+    )
+    if poor:
+        text += f", and more than half after {listed(poor)}"
+    first = tried.outcomes[0]
+    tried_alone = [o for o in without_sensor(tried.outcomes) if o.remedy != AS_IT_IS]
+    if tried_alone and not any(helps(o, first) for o in tried_alone):
+        text += (
+            ". No filter tried turns that into a smaller error: what little the sensors tell of the parameters is not "
+            "told apart from what else is unknown"
+        )
+    return text + "."

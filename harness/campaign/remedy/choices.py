@@ -1,0 +1,222 @@
+"""What is tried against parameters that are not as believed: estimate them, consider them, add a sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from harness.common.errors import UserError
+from harness.common.files import parse_toml
+from harness.config import DesignSpec, FactorSpec, Study, build_study, fitting_sensors
+from harness.config.bounds import loading_parameters
+from harness.config.schema import EstimatorTable, StudyFile
+from harness.config.specs import NOISE_SCALES
+from harness.models.quantities import listed, words
+from harness.models.roles import SENSORS
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """What estimators get to know of the vehicle.
+
+    Attributes:
+        sensors: File in ``models/sensors``.
+        unknown_inputs: Inputs that nobody measures.
+        added: Signals that are measured beyond the study's own, those of a set of sensors first.
+        inputs: Those of them that are inputs.
+    """
+
+    sensors: str
+    unknown_inputs: tuple[str, ...]
+    added: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    @property
+    def sources(self) -> list[str]:
+        """The set of sensors, if that is another one, and the inputs measured."""
+        return [*([self.sensors] if len(self.added) > len(self.inputs) else []), *self.inputs]
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """One remedy; without anything it is the study as it is.
+
+    Attributes:
+        estimated: Parameters that become states.
+        considered: Parameters whose uncertainty is reckoned with.
+        equipment: What is measured, ``None`` for what the study has.
+        known: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
+    """
+
+    estimated: tuple[str, ...] = ()
+    considered: tuple[str, ...] = ()
+    equipment: Equipment | None = None
+    known: tuple[str, ...] = ()
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Signals that it needs beyond the study's own."""
+        return () if self.equipment is None else self.equipment.added
+
+    @property
+    def measures(self) -> str:
+        """The set of sensors and the inputs measured in addition, in words."""
+        return ", ".join(words(s) for s in self.equipment.sources) if self.equipment else "nothing"
+
+    @property
+    def does(self) -> str:
+        """What is done with parameters, in words."""
+        named = {"estimate": self.estimated, "consider": self.considered, "know": self.known}
+        parts = [f"{verb} the {listed([words(n) for n in names])}" for verb, names in named.items() if names]
+        return "; ".join(parts) or "as it is"
+
+    @property
+    def slug(self) -> str:
+        """Name of its folder."""
+        parts = [f"estimate-{'-'.join(self.estimated)}"] if self.estimated else []
+        parts += [f"consider-{'-'.join(self.considered)}"] if self.considered else []
+        parts += [f"know-{'-'.join(self.known)}"] if self.known else []
+        parts += [f"with-{'-'.join(self.equipment.sources)}"] if self.equipment else []
+        return "-and-".join(parts) or "as-it-is"
+
+    @property
+    def words(self) -> str:
+        """What it does, as the report calls it."""
+        if self.equipment is None:
+            return self.does
+        sensors = listed([words(s) for s in self.equipment.sources])
+        return f"add {sensors}" if self.does == AS_IT_IS.does else f"{self.does}, with {sensors}"
+
+
+AS_IT_IS = Remedy()
+
+
+def parameters(study: Study) -> list[FactorSpec]:
+    """Return the factors of the first design that a belief could be unsure of: no noise, and nothing only believed."""
+    known = set(study.belief.model().parameter_names) | set(loading_parameters(study.belief.vehicle))
+    uncertain = {s.name for s in study.belief.parameter_states}
+    return [
+        f
+        for f in study.designs[0].factors
+        if f.parameter in known - uncertain and f.parameter not in NOISE_SCALES and f.of == "plant"
+    ]
+
+
+def prior(factor: FactorSpec) -> float:
+    """Return how far the vehicle is from the belief in a design, in the root mean square over its bands, SI."""
+    low, high = (np.array(edge) - factor.nominal for edge in (factor.lower, factor.upper))
+    return float(np.sqrt(np.mean((low**2 + low * high + high**2) / 3)))
+
+
+def equipments(study: Study) -> list[Equipment]:
+    """Return every larger equipment: the sets of sensors that add to the study's, inputs measured or not."""
+    here = study.plant.sensors
+    own = SENSORS.load(here).OUTPUTS
+    sets = [here] + [
+        s
+        for s in fitting_sensors(study.plant.vehicle, study.plant.tyre)
+        if set(own.values()) < set(SENSORS.load(s).OUTPUTS.values())
+    ]
+    unknown = study.belief.unknown_inputs
+    found = []
+    for name in sets:
+        further = tuple(s for o, s in SENSORS.load(name).OUTPUTS.items() if s not in own.values())
+        for left in dict.fromkeys((unknown, ())):
+            inputs = tuple(n for n in unknown if n not in left)
+            if further or inputs:
+                found.append(Equipment(name, left, (*further, *inputs), inputs))
+    return found
+
+
+def applied(study: Study, remedy: Remedy, estimator: str) -> Study:
+    """Return a study with a remedy: the same points, drives and noise, one estimator, and what the report needs.
+
+    Raises:
+        UserError: If the remedy is not possible, such as a sensor whose noise nobody knows.
+    """
+    raw = StudyFile.model_validate(parse_toml(study.text, str(study.path)))
+    plant: dict[str, Any] = {}
+    belief: dict[str, Any] = {}
+    if remedy.equipment is not None:
+        plant["sensors"] = belief["sensors"] = remedy.equipment.sensors
+        belief["unknown_inputs"] = list(remedy.equipment.unknown_inputs)
+    spread = {f.parameter: prior(f) for f in parameters(study)}
+    stated = raw.belief.model_dump(exclude_unset=True)
+    for key, names in (("unknown_parameters", remedy.estimated), ("considered_parameters", remedy.considered)):
+        if names:
+            belief[key] = [*(stated.get(key) or []), *({"name": n, "prior": spread[n]} for n in names)]
+    content = raw.model_dump(exclude_unset=True, exclude_none=True)
+    content["name"] = f"{study.name}-{remedy.slug}"
+    content["title"] = f"{study.title or study.name} Remedy: {remedy.words}"
+    content["plant"] = {**content["plant"], **plant}
+    content["belief"] = {**content.get("belief", {}), **belief}
+    content["estimator"] = [t.model_dump(exclude_unset=True) for t in raw.estimator if name_of(t) == estimator]
+    kept = [d for i, d in enumerate(raw.design) if i == 0 or d.sampling == "tolerance"]
+    content["design"] = [d.model_dump(exclude_unset=True, exclude_none=True) for d in kept]
+    for factor in (f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.known):
+        factor["of"] = "both"
+    is_tuned = any(e.noise for e in study.estimators if e.name == estimator)
+    for key in ("history", "report", *(() if is_tuned else ("tuning",))):
+        content.pop(key, None)
+    return build_study(content, study.path.parent / content["name"])
+
+
+def name_of(table: EstimatorTable) -> str:
+    """Return the name of an estimator in tables and figures."""
+    return table.name or table.kind
+
+
+def singles(drivers: Sequence[str], considers: bool) -> Iterator[Remedy]:
+    """Return what can be done without a sensor: each driver alone and all together.
+
+    Args:
+        drivers: Parameters that drive the error, the strongest first.
+        considers: Whether the estimator can consider parameters.
+    """
+    for name in drivers:
+        yield Remedy(estimated=(name,))
+    if len(drivers) > 1:
+        yield Remedy(estimated=tuple(drivers))
+    if considers:
+        yield Remedy(considered=tuple(drivers))
+
+
+def pairs(drivers: Sequence[str], chosen: Sequence[Equipment], considers: bool) -> Iterator[Remedy]:
+    """Return what can be done with sensors: each equipment alone, with all drivers estimated, and considered."""
+    for equipment in chosen:
+        yield Remedy(equipment=equipment)
+        yield Remedy(estimated=tuple(drivers), equipment=equipment)
+        if considers:
+            yield Remedy(considered=tuple(drivers), equipment=equipment)
+
+
+def promising(promise: dict[Equipment, float], count: int) -> list[Equipment]:
+    """Return the equipments that promise most for what they need: none with as many signals or fewer tells more.
+
+    Args:
+        promise: What each leaves unknown of the parameters at best, over what is unknown at first.
+        count: Largest number.
+    """
+    order = sorted(promise, key=lambda e: (len(e.added), promise[e]))
+    front: list[Equipment] = []
+    for equipment in order:
+        if not front or promise[equipment] < 0.9 * promise[front[-1]]:
+            front.append(equipment)
+    return front[:count]
+
+
+def main_design(study: Study) -> DesignSpec:
+    """Return the design whose factors drive the error.
+
+    Raises:
+        UserError: If it has none that an estimator could be unsure of.
+    """
+    if not parameters(study):
+        raise UserError(
+            f"{study.path}: design[0]: varies no parameter of the plant that an estimator could be unsure of; "
+            "'harness remedy' needs a factor such as trailer_mass with of = \"plant\""
+        )
+    return study.designs[0]

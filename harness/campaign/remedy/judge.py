@@ -1,0 +1,143 @@
+"""What a remedy does to the errors of a study, and which one is worth it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.campaign.remedy.choices import Remedy
+from harness.common import statistics
+from harness.common.arrays import Floats
+from harness.config import Study
+from harness.models.quantities import Quantity
+from harness.study.report.ranking import tolerances
+from harness.study.results import Design, StudyResults
+from harness.study.scores import OK
+from harness.study.tolerance import Tolerance
+
+HELPS = 0.8
+"""A remedy helps if it leaves at most this share of the error at the worst level."""
+
+ALIKE = 1.1
+"""Up to this ratio two remedies are worth the same, and the one that needs less is chosen."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a remedy.
+
+    Attributes:
+        remedy: What was done.
+        study: The study that did it.
+        targets: Those of the study as it is.
+        levels: Labels of the levels or bands.
+        medians: Median RMSE in report units ``(target, level)``; a lost run counts as infinitely wrong.
+        home: Level at which the vehicle is as believed; ``None`` if there is none.
+        nominal: Median RMSE there, or at the nominal point of a tolerance design ``(target,)``; NaN if there is none.
+        worst: Largest RMSE of any run ``(target,)``, infinite if one was lost.
+        lost: Share of the runs without a score.
+        nees: Median over the runs of the average NEES over its expectation; NaN without one.
+        consistent: Share of the runs whose average NEES is below the upper 95 % bound of a single run.
+        boxes: What it tolerates by target, where the study asks for it.
+        states: Number of states.
+        step_time: s that a step of a run takes in lanes.
+    """
+
+    remedy: Remedy
+    study: Study
+    targets: list[Quantity]
+    levels: list[str]
+    medians: Floats
+    home: int | None
+    nominal: Floats
+    worst: Floats
+    lost: float
+    nees: float
+    consistent: float
+    boxes: dict[int, Tolerance]
+    states: int
+    step_time: float
+
+
+def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) -> Outcome:
+    """Return what came of a remedy by the results of its study."""
+    design = found.designs[0]
+    wanted = [t for t, q in enumerate(design.targets) if q.name not in study.belief.estimated_parameters]
+    errors = np.where(design.status == OK, design.rmse, np.inf)[wanted, :, 0]
+    medians = np.median(errors.reshape(*errors.shape[:2], -1), axis=2)
+    nested = next((d for d in found.designs if d.sampling == "tolerance"), None)
+    nominal = np.full(len(wanted), np.nan) if design.matched is None else medians[:, design.matched]
+    boxes: dict[int, Tolerance] = {}
+    if nested is not None:
+        boxes = {t: one for (t, _), one in tolerances(nested, study.limits).items() if t in wanted}
+        if design.matched is None:
+            at_home = np.where(nested.status == OK, nested.rmse, np.inf)[wanted, 0, 0, :, 0]
+            nominal = np.median(at_home.reshape(len(wanted), -1), axis=1)
+    nees, consistent = _consistency(design)
+    return Outcome(
+        remedy=remedy,
+        study=study,
+        targets=[design.targets[t] for t in wanted],
+        levels=["whole box"] if design.sampling == "saltelli" else design.bands,
+        medians=medians,
+        home=design.matched,
+        nominal=nominal,
+        worst=errors.max(axis=(1, 2, 3, 4)),
+        lost=float(np.mean(design.status != OK)),
+        nees=nees,
+        consistent=consistent,
+        boxes=boxes,
+        states=len(study.belief.model().states),
+        step_time=step_time,
+    )
+
+
+def _consistency(design: Design) -> tuple[float, float]:
+    averages = design.per_run("nees")
+    known = averages[np.isfinite(averages)]
+    if not known.size or design.state_dimension < 1:
+        return float("nan"), float("nan")
+    highest = statistics.average_bounds(design.state_dimension, 1.0)[1]
+    return float(np.median(known)) / design.state_dimension, float(np.mean(known <= highest))
+
+
+def harm(outcome: Outcome, first: Outcome) -> float:
+    """Return how bad a remedy leaves things, one number to put remedies in order by: 1 for the study as it is.
+
+    Where the study asks for tolerance boxes, the sum of their sizes as it is over that with the remedy. Else the error
+    at the worst level over that as it is, of the target for which this is largest.
+    """
+    if outcome.boxes and first.boxes:
+        return _room(first) / max(_room(outcome), 1e-9)
+    return float(np.max(outcome.medians.max(axis=1) / first.medians.max(axis=1)))
+
+
+def _room(outcome: Outcome) -> float:
+    """Return the sizes of the boxes together; the median reach decides between boxes that are zero."""
+    return sum(b.box + 1e-3 * b.typical for b in outcome.boxes.values())
+
+
+def best(outcomes: Sequence[Outcome], first: Outcome) -> Outcome:
+    """Return the remedy to take: the least harm; of those about as good, the one that needs least."""
+    harms = [harm(o, first) for o in outcomes]
+    good = [o for o, h in zip(outcomes, harms, strict=True) if h <= ALIKE * min(harms)]
+    return min(good, key=lambda o: (len(o.remedy.added), len(o.remedy.estimated), harm(o, first)))
+
+
+def helps(outcome: Outcome, first: Outcome) -> bool:
+    """Whether a remedy makes things better."""
+    return outcome is not first and harm(outcome, first) <= HELPS
+
+
+def without_sensor(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """Return the outcomes of what needs no further sensor."""
+    return [o for o in outcomes if not o.remedy.added]
+
+
+def nominal_cost(outcome: Outcome, first: Outcome) -> float:
+    """Return the error where the vehicle is as believed over that as it is, of the target for which it is largest."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = outcome.nominal / first.nominal
+    return float(np.max(ratios)) if np.isfinite(ratios).any() else float("nan")

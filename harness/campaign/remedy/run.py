@@ -1,0 +1,240 @@
+"""Try remedies one after the other, each as a study of its own in a folder of its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from harness.campaign.remedy import choices
+from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
+from harness.campaign.remedy.judge import Outcome, best, judged
+from harness.common.errors import ModelError, UserError
+from harness.common.lock import locked
+from harness.config import Study
+from harness.engine.simd.lanes import LANES
+from harness.estimation.contract import load_estimator
+from harness.estimation.information import parameter_information
+from harness.realtime.measure import PACES, contestants, measure
+from harness.simulation.drives import profile_of
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+from harness.study.report.ranking import Ranking
+from harness.study.results import Design, read
+from harness.study.run import Agree, run_study
+from harness.study.run_noise import Case
+
+DRIVES_THE_ERROR = 0.1
+"""Total Sobol index from which on a factor drives the error."""
+
+_TIMED = 1000
+"""Samples of a run over which steps are timed in lanes."""
+
+_IN_CYCLE = 300
+"""Steps that are timed one in a cycle."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Everything that a report is made of.
+
+    Attributes:
+        study: The study, as it is.
+        estimator: Name of the estimator.
+        drivers: The parameters that drive the error, the strongest first.
+        outcomes: Of every remedy, the study as it is first.
+        best: The one to take.
+        known: As with it, but the drivers are known; ``None`` where that cannot be had.
+        cycle: Median time of a step in a cycle of its own, one run, in s, as it is and with the remedy to take; NaN
+            where the system has no clock for it.
+        promise: Share of the first deviation that is left of each driver at best after each drive
+            ``(drive, driver)``, by equipment; ``None`` stands for the study's own.
+        measuring: Equipments that measure a target itself, which are not tried.
+        impossible: Remedies that could not be built, with the reason.
+    """
+
+    study: Study
+    estimator: str
+    drivers: tuple[str, ...]
+    outcomes: list[Outcome]
+    best: Outcome
+    known: Outcome | None
+    cycle: tuple[float, float]
+    promise: dict[Equipment | None, np.ndarray]
+    measuring: list[Equipment]
+    impossible: dict[str, str] = field(default_factory=dict)
+
+
+def try_remedies(
+    study: Study,
+    out: Path,
+    estimator: str | None = None,
+    most: int = 2,
+    jobs: int | None = None,
+    agree: Agree | None = None,
+    restart: bool = False,
+    console: Console | None = None,
+) -> Tried:
+    """Try remedies on the points, drives and noise of a study; what is finished is kept.
+
+    Args:
+        study: The study.
+        out: Folder; each remedy gets one in it.
+        estimator: Name of the estimator; the first EKF by default, else the first estimator.
+        most: Largest number of equipments tried, those that promise most.
+        jobs: Worker threads; by default one per core.
+        agree: Asked before a remedy takes above an hour or 10 GB.
+        restart: Throw away what is in the folders.
+        console: Where progress is shown; by default stderr.
+
+    Raises:
+        UserError: If the study has no parameter that drives the error, or no such estimator.
+    """
+    console = console or Console(stderr=True)
+    design, name = choices.main_design(study), _estimator(study, estimator)
+    with locked(out, f"harness remedy of the study '{study.name}'"):
+        attempt = partial(_attempt, study, name, out, jobs, agree, restart, console)
+        console.print(Text(AS_IT_IS.words, style="bold"))
+        first = attempt(AS_IT_IS)
+        drivers = _drivers(read(out / AS_IT_IS.slug).designs[0], [f.parameter for f in choices.parameters(study)])
+        if not drivers:
+            raise UserError(
+                f"{out / AS_IT_IS.slug}: no parameter of design '{design.name}' drives the error of '{name}': there is "
+                "nothing to remedy"
+            )
+        equipments, measuring = _of_use(study)
+        with console.status("what could be known of the parameters at best"):
+            promise, impossible = _promises(study, name, drivers, equipments)
+        shares = {e: _share(promise[e]) for e in equipments if e in promise}
+        knows = load_estimator(next(e.kind for e in study.estimators if e.name == name)).KALMAN_TYPE
+        chosen = choices.promising(shares, most)
+        further = [*choices.singles(drivers, knows), *choices.pairs(drivers, chosen, knows)]
+        outcomes = [first, *_all(attempt, further, console, impossible)]
+        chosen_one = best(outcomes, first)
+        known = _all(attempt, [Remedy(known=tuple(drivers), equipment=chosen_one.remedy.equipment)], console, {})
+        with console.status("timing single steps"):
+            cycle = step_in_cycle(first.study), step_in_cycle(chosen_one.study)
+    reference = known[0] if known else None
+    return Tried(study, name, tuple(drivers), outcomes, chosen_one, reference, cycle, promise, measuring, impossible)
+
+
+def _all(attempt: partial[Outcome], further: Sequence[Remedy], console: Console, lost: dict[str, str]) -> list[Outcome]:
+    """Try remedies, and note those that are not possible."""
+    found = []
+    for number, remedy in enumerate(further, 1):
+        console.print(Text(f"{remedy.words} ({number} of {len(further)} more)", style="bold"), soft_wrap=True)
+        try:
+            found.append(attempt(remedy))
+        except (UserError, ModelError) as error:
+            if "run.lock" in str(error) or "--restart" in str(error):
+                raise
+            lost[remedy.words] = str(error)
+            console.print(Text(f"not possible: {error}", style="yellow"), soft_wrap=True)
+    return found
+
+
+def _estimator(study: Study, asked: str | None) -> str:
+    names = [e.name for e in study.estimators]
+    if asked is None:
+        return next((e.name for e in study.estimators if e.kind == "ekf"), names[0])
+    if asked not in names:
+        raise UserError(
+            f"--estimator {asked}: study '{study.name}' has no such estimator; there are {', '.join(names)}"
+        )
+    return asked
+
+
+def _attempt(
+    study: Study,
+    estimator: str,
+    out: Path,
+    jobs: int | None,
+    agree: Agree | None,
+    restart: bool,
+    console: Console,
+    remedy: Remedy,
+) -> Outcome:
+    """Run one remedy, or go on with it, and return what came of it."""
+    changed, folder = choices.applied(study, remedy, estimator), out / remedy.slug
+    run_study(changed, folder, jobs, console, agree=agree, restart=restart)
+    return judged(remedy, changed, read(folder), time_of_step(changed))
+
+
+def time_of_step(study: Study, rounds: int = 10) -> float:
+    """Return how long a step of a run takes in lanes of eight, the quickest of a few batches, in s of the processor."""
+    evaluator = StudyEvaluator(study)
+    unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, 0)] * LANES
+    samples = min(_TIMED, len(evaluator.compiled.drives[0].profile.time))
+    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.parameters(unit, cases, "belief")
+    times = []
+    for _ in range(rounds):
+        begin = time.thread_time()
+        evaluator.estimate(0, unit, cases, batch, believed)
+        times.append(time.thread_time() - begin)
+    return min(times) / samples / LANES
+
+
+def step_in_cycle(study: Study) -> float:
+    """Return the median time of a single run's step, one in every cycle, in s; NaN where it cannot be timed."""
+    drive, cycle = study.drives[0].name, study.belief.step
+    try:
+        times = measure(contestants(study, drive, _IN_CYCLE * cycle), _IN_CYCLE + 1, cycle)
+    except UserError:
+        return float("nan")
+    return float(np.median(times["step_time"].sel(pace=PACES[1])))
+
+
+def _drivers(design: Design, names: Sequence[str]) -> list[str]:
+    """Return the parameters that drive the error: by Sobol indices where there are any, else all that vary."""
+    factors = [f.name for f in design.factors]
+    if design.sampling != "saltelli":
+        return list(names)
+    ranking, strength = Ranking(design, 0), dict.fromkeys(names, 0.0)
+    for per_estimator in ranking.errors:
+        for found in (f for f in per_estimator if f is not None):
+            for name in names:
+                strength[name] = max(strength[name], found.total[factors.index(name)].value)
+    some = [n for n in names if strength[n] >= DRIVES_THE_ERROR]
+    return sorted(some, key=lambda n: -strength[n])
+
+
+def _of_use(study: Study) -> tuple[list[Equipment], list[Equipment]]:
+    """Return larger equipments, and apart from them those that measure a target, which ask for no estimator."""
+    found = choices.equipments(study)
+    measuring = [e for e in found if set(e.added) & set(study.targets)]
+    return [e for e in found if e not in measuring], measuring
+
+
+def _promises(
+    study: Study, estimator: str, drivers: Sequence[str], equipments: Iterable[Equipment]
+) -> tuple[dict[Equipment | None, np.ndarray], dict[str, str]]:
+    """Return what is left unknown of the drivers at best, by equipment, and which of these are not possible."""
+    found: dict[Equipment | None, np.ndarray] = {}
+    impossible: dict[str, str] = {}
+    for equipment in (None, *equipments):
+        remedy = Remedy(estimated=tuple(drivers), equipment=equipment)
+        try:
+            changed = choices.applied(study, remedy, estimator)
+        except UserError as error:
+            impossible[remedy.words] = str(error)
+            continue
+        found[equipment] = np.array(list(_left(changed, drivers)))
+    return found, impossible
+
+
+def _left(study: Study, drivers: Sequence[str]) -> Iterator[np.ndarray]:
+    first = {s.name: s.prior for s in study.belief.parameter_states}
+    for drive in study.drives:
+        std = parameter_information(study.belief, profile_of(study.plant, drive))["std"]
+        yield np.array([float(std.sel(parameter=n)[-1]) / first[n] for n in drivers])
+
+
+def _share(left: np.ndarray) -> float:
+    """Return the geometric mean over parameters, in the median over drives."""
+    return float(np.median(np.exp(np.mean(np.log(np.maximum(left, 1e-12)), axis=1))))

@@ -1,0 +1,56 @@
+"""``harness remedy``: what helps against parameters that are not as believed, tried on the runs of a study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+
+def remedy(
+    study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
+    estimator: Annotated[
+        str | None, typer.Option("--estimator", "-e", help="Name of an estimator of the study; its EKF if absent.")
+    ] = None,
+    equipment: Annotated[
+        int, typer.Option("--equipment", min=0, help="How many larger sets of sensors to try, those of most promise.")
+    ] = 2,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="Worker threads; all cores if absent.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Result folder; results/remedy-<name of the study> if absent.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A first look: fewer drives, repeats and Sobol points.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Begin without asking what takes above an hour or 10 GB.")
+    ] = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Throw away the results that are in the folder.")] = False,
+) -> None:
+    """Try what helps where a parameter is not as believed, and say which remedy is worth it.
+
+    Estimate the parameters that drive the error, consider them, measure more, and both together: on the very same
+    points, drives and noise. What is finished is kept. Writes a report, belief.toml for studies and harness estimate,
+    and study.toml.
+    """
+    from harness.campaign.remedy.answer import headline
+    from harness.campaign.remedy.report import write_report
+    from harness.campaign.remedy.run import try_remedies
+    from harness.cli.options import RESULTS, agree_to, command, study_path
+    from harness.config import load_study
+
+    loaded = load_study(study_path(study), quick)
+    folder = out if out is not None else RESULTS / f"remedy-{loaded.name}"
+    agree = None if yes else agree_to
+    tried = try_remedies(loaded, folder, estimator, equipment, jobs, agree, restart)
+    console = Console()
+    with Console(stderr=True).status("writing the report"):
+        files = write_report(tried, folder, command())
+    console.print(Text(headline(tried), style="bold"), soft_wrap=True)
+    for path in files:
+        console.print(Text(str(path)), soft_wrap=True)

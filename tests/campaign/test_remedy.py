@@ -1,0 +1,136 @@
+"""``harness remedy``: what is tried, how it is judged, and that what is written can be used."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from harness.campaign.remedy import choices
+from harness.campaign.remedy.answer import headline
+from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
+from harness.campaign.remedy.judge import Outcome, best, harm, helps
+from harness.campaign.remedy.report import write_report
+from harness.campaign.remedy.run import try_remedies
+from harness.common.errors import UserError
+from harness.config import build_study
+
+CONTENT = {
+    "name": "small",
+    "targets": ["articulation_angle"],
+    "drive": [{"name": "sine", "kind": "sine", "speed": "15 m/s", "amplitude": "50 deg", "duration": "20 s"}],
+    "plant": {
+        "vehicle": "semitrailer",
+        "parameters": "ziaukas_2023",
+        "tyre": "magic_formula",
+        "sensors": "series",
+    },
+    "belief": {"unknown_inputs": ["steering_wheel_angle"], "values": {"trailer_mass": "24 t"}},
+    "estimator": [{"name": "EKF", "kind": "ekf"}, {"name": "UKF", "kind": "ukf"}],
+    "design": [{"name": "level", "factor": [{"parameter": "trailer_mass", "levels": ["8 t", "24 t"]}]}],
+}
+
+
+def study(**changes):
+    return build_study({**CONTENT, **changes}, "small")
+
+
+def test_the_prior_is_the_root_mean_square_of_what_the_study_varies():
+    (factor,) = choices.parameters(study())
+    assert choices.prior(factor) == pytest.approx(16e3 / np.sqrt(2))
+    wide = {"name": "box", "samples": 2, "factor": [{"parameter": "trailer_mass", "range": ["18 t", "30 t"]}]}
+    (factor,) = choices.parameters(study(design=[wide]))
+    assert choices.prior(factor) == pytest.approx(12e3 / np.sqrt(12))
+
+
+def test_larger_equipment_measures_all_that_the_study_has_and_more():
+    found = choices.equipments(study())
+    assert {e.sensors for e in found} >= {"series", "stability_control"}
+    assert {e.added for e in found if e.sensors == "series"} == {("steering_wheel_angle",)}
+    assert all(e.added for e in found)
+    assert "car_series" not in {e.sensors for e in found}
+
+
+def test_a_remedy_changes_the_belief_and_leaves_drives_noise_and_points():
+    before = study()
+    equipment = next(e for e in choices.equipments(before) if e.sensors == "stability_control" and e.inputs)
+    after = choices.applied(before, Remedy(estimated=("trailer_mass",), equipment=equipment), "UKF")
+    assert after.belief.estimated_parameters == ("trailer_mass",)
+    assert (after.plant.sensors, after.belief.unknown_inputs) == ("stability_control", ())
+    assert (after.seed, after.designs) == (before.seed, before.designs)
+    assert [(d.name, d.kind, d.options) for d in after.drives] == [(d.name, d.kind, d.options) for d in before.drives]
+    assert [e.name for e in after.estimators] == ["UKF"]
+    assert choices.applied(before, Remedy(known=("trailer_mass",)), "EKF").designs[0].factors[0].of == "both"
+
+
+def test_of_what_promises_most_nothing_with_as_many_signals_tells_more():
+    one, two, other, three = (Equipment(n, (), tuple("abc"[:k]), ()) for n, k in zip("pqrs", (1, 2, 2, 3), strict=True))
+    promise = {one: 0.5, two: 0.4, other: 0.2, three: 0.19}
+    assert choices.promising(promise, 9) == [one, other]
+    assert choices.promising(promise, 1) == [one]
+
+
+def outcome(remedy, medians, nominal=1.0, boxes=None):
+    values = np.array([medians], dtype=float)
+    scores = {"medians": values, "home": 0, "nominal": np.array([nominal]), "worst": values.max(axis=1), "lost": 0.0}
+    rest = {"nees": 1.0, "consistent": 1.0, "boxes": boxes or {}, "states": 3, "step_time": 1.0}
+    return Outcome(remedy, None, [], ["a", "b"], **scores, **rest)
+
+
+def test_of_remedies_that_are_about_as_good_the_one_that_needs_less_is_taken():
+    sensor = Remedy(equipment=Equipment("s", (), ("a",), ()))
+    first, bare = outcome(AS_IT_IS, [1.0, 4.0]), outcome(Remedy(estimated=("p",)), [1.0, 1.05])
+    measured, lost = outcome(sensor, [1.0, 1.0]), outcome(Remedy(considered=("p",)), [1.0, np.inf])
+    assert best([first, bare, measured, lost], first) is bare
+    assert harm(lost, first) == np.inf
+    assert helps(bare, first)
+    assert not helps(outcome(sensor, [1.0, 3.5]), first)
+    assert best([first, outcome(Remedy(estimated=("p",)), [1, 2]), measured], first) is measured
+
+
+def test_a_study_that_varies_no_parameter_of_the_plant_is_refused():
+    noise = {"name": "noise", "factor": [{"parameter": "process_noise_scale", "levels": [1, 2]}]}
+    with pytest.raises(UserError, match="varies no parameter of the plant"):
+        choices.main_design(study(design=[noise]))
+
+
+def test_an_estimator_that_the_study_lacks_is_refused(tmp_path):
+    with pytest.raises(UserError, match="no such estimator; there are EKF, UKF"):
+        try_remedies(study(), tmp_path, "PF")
+
+
+@pytest.fixture(scope="module")
+def tried(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("remedy")
+    return try_remedies(study(), folder, most=1, jobs=1), folder
+
+
+@pytest.mark.proof  # eight models are compiled
+def test_estimating_the_mass_with_the_steering_measured_is_found_to_help(tried):
+    found, _ = tried
+    assert found.best.remedy.estimated == ("trailer_mass",)
+    assert "steering_wheel_angle" in found.best.remedy.added
+    assert "estimate the trailer mass" in headline(found)
+    assert found.known.medians.max() <= found.best.medians.max() < found.outcomes[0].medians.max()
+
+
+@pytest.mark.proof  # eight models are compiled
+def test_what_is_finished_is_not_run_again(tried):
+    found, folder = tried
+    stores = sorted(folder.glob("*/run.json"))  # written where anything was run
+    before = [s.stat().st_mtime_ns for s in stores]
+    again = try_remedies(study(), folder, most=1, jobs=1)
+    assert [s.stat().st_mtime_ns for s in stores] == before
+    assert len(again.outcomes) == len(found.outcomes) == len(stores) - 1
+    assert all(np.array_equal(a.medians, b.medians) for a, b in zip(again.outcomes, found.outcomes, strict=True))
+
+
+@pytest.mark.proof  # eight models are compiled
+def test_the_belief_that_is_written_is_that_of_the_remedy(tried):
+    found, folder = tried
+    names = [p.name for p in write_report(found, folder, "harness remedy small")]
+    assert names == ["report.html", "report.pdf", "belief.toml", "study.toml"]
+    assert not (folder / "errors.txt").exists()
+    plant = CONTENT["plant"] | {"sensors": found.best.study.plant.sensors}
+    taken = build_study(CONTENT | {"plant": plant, "belief": {"parameters": "belief.toml"}}, folder / "s").belief
+    wanted = found.best.study.belief
+    assert dataclasses.replace(taken, parameters="") == dataclasses.replace(wanted, parameters="")
