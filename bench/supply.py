@@ -27,13 +27,13 @@ from packaging.version import InvalidVersion, Version
 ROOT = Path(__file__).resolve().parents[1]
 LOCKS = {
     "requirements.lock": "the package",
-    "requirements-dev.lock": "its extras `mdf` and `cluster`, tests and checks, besides",
+    "requirements-dev.lock": "its extras `mdf`, `cluster` and `remote`, tests and checks, besides",
     "requirements-docs.lock": "the site and the notebooks, besides",
 }
 PAGE, BEGIN, END = ROOT / "docs" / "reliability.md", "<!-- licences -->\n", "<!-- end of licences -->\n"
 
 ALLOWED = {
-    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD", "CC0-1.0", "ISC", "LGPL-3.0-or-later",
+    "0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "BSD", "CC0-1.0", "ISC", "LGPL-3.0-or-later", "MIT-0",
     "LLVM-exception", "MIT", "MIT-CMU", "MPL-2.0", "PSF-2.0", "Zlib",
 }  # fmt: skip
 """SPDX names; ``BSD`` where a package does not say which. The LGPL and the MPL bind changes to their own files."""

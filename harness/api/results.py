@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from harness.common.places import place
 from harness.common.units import scale
 from harness.models.quantities import quantity
 from harness.study.checksums import HISTORY
@@ -30,7 +31,7 @@ def open_results(folder: str | Path) -> Results:
     """Open the result folder of a study.
 
     Args:
-        folder: Result folder, such as ``results/mass``.
+        folder: Result folder, such as ``results/mass``, or its URL.
 
     Returns:
         The results; all of it is read, and its files checked against their checksums.
@@ -53,7 +54,7 @@ def open_results(folder: str | Path) -> Results:
         >>> results["mass/rmse"].dims
         ('band', 'sample', 'drive', 'repeat', 'estimator', 'target')
     """
-    found = read(Path(folder))
+    found = read(place(folder))
     root = xr.Dataset(attrs={**found.attributes, "folder": str(folder)})
     nodes = {d.name: _ordered(d.data) for d in found.designs}
     runs = {f"history/{i}": history for i, history in enumerate(found.histories)}
@@ -93,7 +94,7 @@ class Results(xr.DataTree):
         """The same as the report takes it; read again where xarray has made a new tree of this one."""
         found = getattr(self, "_read", None)
         if found is None:
-            found = self._read = read(Path(str(self.root.attrs["folder"])))
+            found = self._read = read(place(str(self.root.attrs["folder"])))
         return found
 
     def to_dataframe(self, design: str | None = None, report_units: bool = False) -> pd.DataFrame:

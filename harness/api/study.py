@@ -12,6 +12,7 @@ from harness.api.drive import Drive
 from harness.api.estimator import Estimator
 from harness.api.model import Model
 from harness.common.errors import UserError
+from harness.common.places import place
 from harness.config import Study as StudyRecord
 from harness.config import build_study, load_study
 
@@ -238,7 +239,7 @@ class Study:
         identical to the bit for any number of workers. Progress is shown on stderr.
 
         Args:
-            out: Result folder; ``results/<name>`` by default.
+            out: Result folder or its URL (docs/cluster.md); ``results/<name>`` by default.
             jobs: Worker threads, or processes with ``dask``; all cores by default.
             scheduler: Address of a Dask scheduler whose workers run it (docs/cluster.md).
             dask: ``"local"`` runs it on Dask worker processes of this machine.
@@ -275,7 +276,7 @@ class Study:
                 from harness.study.cluster import connected
 
                 client = stack.enter_context(connected(scheduler, jobs))
-            folder = Path("results") / self.name if out is None else Path(out)
+            folder = Path("results") / self.name if out is None else place(out)
             run_study(self._record, folder, jobs, client=client, agree=agree, restart=restart)
         return open_results(folder)
 

@@ -28,7 +28,7 @@ from harness.cli.identify import identify
 from harness.cli.loop import loop
 from harness.cli.new import new
 from harness.cli.observability import observability
-from harness.cli.options import HERE, RESULTS, agree_to, study_path
+from harness.cli.options import HERE, RESULTS, agree_to, place, study_path
 from harness.cli.realtime import realtime
 from harness.cli.remedy import remedy
 from harness.cli.simulate import simulate
@@ -37,6 +37,7 @@ from harness.cli.trace import trace
 from harness.cli.tune import tune
 from harness.common.errors import UserError
 from harness.common.files import refuse_url
+from harness.common.places import is_url
 
 if TYPE_CHECKING:
     from harness.api.results import Results
@@ -108,7 +109,8 @@ def run(
         typer.Option("--jobs", "-j", min=1, help="Worker threads, or processes of --dask local; all cores if absent."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Result folder; results/<name of the study> if absent.")
+        Path | None,
+        typer.Option("--out", "-o", parser=place, help="Result folder or URL; results/<name of the study> if absent."),
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", help="Run on the workers of this Dask scheduler: tcp://HOST:PORT.")
@@ -145,12 +147,12 @@ def run(
 
 @app.command()
 @_answers_errors
-def report(folder: Annotated[Path, typer.Argument(help="Result folder of a finished study.")]) -> None:
+def report(folder: Annotated[Path, typer.Argument(parser=place, help="Result folder of a finished study.")]) -> None:
     """Write the report of a finished study again.
 
     HTML and PDF come from the stored scores; nothing is recomputed.
     """
-    if not folder.is_dir():
+    if not is_url(folder) and not folder.is_dir():
         there = sorted(str(p) for p in folder.parent.glob("*") if p.is_dir())
         raise UserError(f"{folder}: there is no such folder{_closest(str(folder), there)}")
     from harness.api.results import open_results

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.guard import guarded, place_of_output
-from harness.common import locations
+from harness.common import locations, places
 from harness.common.errors import UserError
 
 if TYPE_CHECKING:
@@ -62,6 +62,18 @@ def answers_errors(command: Callable[[Sequence[str]], None]) -> Callable[[Sequen
         return guarded(lambda: command(arguments), place_of_output(arguments))
 
     return answering
+
+
+def place(given: str) -> Path:
+    """Return a folder from its path or URL; typer answers what is wrong with it as with any option.
+
+    Raises:
+        BadParameter: If nothing is installed that knows such a URL.
+    """
+    try:
+        return places.place(given)
+    except UserError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 def study_path(study: str) -> Path:

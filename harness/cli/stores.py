@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.cli.options import study_path
+from harness.cli.options import place, study_path
 from harness.common.errors import WorkError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _SHOWN = 20
 """Files that are listed; of the others it is told how many there are."""
 
-FolderArgument = Annotated[Path, typer.Argument(help="Result folder of a study.")]
+FolderArgument = Annotated[Path, typer.Argument(parser=place, help="Result folder of a study, or its URL.")]
 
 
 def verify(

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from unicodedata import category
 
+from harness.common import places
 from harness.common.errors import UserError, closest
 
 BUNDLED_STUDIES = Path(__file__).parents[1] / "config" / "studies"
@@ -31,27 +32,37 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
     written = []
     refuse_url(folder)
     try:
+        if places.is_url(folder):
+            for name, content in contents.items():
+                places.write(folder / name, _as_bytes(content))
+            return [folder / name for name in contents]
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            unfinished = folder / f"{name}.part"
-            unfinished.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+            unfinished = folder / f"{name}.part"  # one name, so that a process that is killed leaves one at most
+            unfinished.write_bytes(_as_bytes(content))
             written.append(unfinished.replace(folder / name))
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return written
 
 
+def _as_bytes(content: str | bytes) -> bytes:
+    return content.encode("utf-8") if isinstance(content, str) else content
+
+
 def refuse_url(place: Path) -> None:
-    """Refuse to write to a URL, which as a path would be a folder ``s3:`` here.
+    """Refuse a URL that was taken for a path, which would be a folder ``s3:`` here.
 
     Raises:
         UserError: If the place is one.
     """
+    if places.is_url(place):
+        return
     scheme, colon, _ = place.as_posix().partition(":/")
     if colon and len(scheme) > 1 and "/" not in scheme:  # a single letter is a drive of Windows
         raise UserError(
-            f"{scheme}://...: results are written to a file system, not to a URL; mount it, or write to a folder and "
-            "copy that (docs/cluster.md)"
+            f"{scheme}://...: of the commands only run, report, status and verify take a URL (docs/cluster.md); give a "
+            "folder, and copy it there"
         )
 
 

@@ -1,4 +1,7 @@
-"""A lock on a folder that the operating system takes back when its holder ends, however it ends."""
+"""A lock on a folder that the operating system takes back when its holder ends, however it ends.
+
+Behind a URL there is no such lock; ``harness.common.lease`` has what takes its place.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,12 @@ import errno
 import io
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from harness.common import lease, places
 from harness.common.errors import UserError
 from harness.common.files import refuse_url
 
@@ -28,8 +33,21 @@ _FAR = 1 << 30
 _TAKEN = {errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK}
 
 
+@dataclass(frozen=True)
+class Lock:
+    """A lock that is held.
+
+    Attributes:
+        is_kept: Whether it keeps others out; some file systems have no locks.
+        check: Raises a ``WorkError`` if it was lost meanwhile, as one behind a URL can be.
+    """
+
+    is_kept: bool
+    check: Callable[[], None] = lambda: None
+
+
 @contextlib.contextmanager
-def locked(folder: Path, work: str) -> Iterator[bool]:
+def locked(folder: Path, work: str, say: Callable[[str], None] = lambda _: None) -> Iterator[Lock]:
     """Hold a folder for one writer, and make it if need be; one that was made and stayed empty is removed again.
 
     The lock is one of the operating system on an open file (``flock``, on Windows a locked byte), never the mere
@@ -39,13 +57,20 @@ def locked(folder: Path, work: str) -> Iterator[bool]:
     Args:
         folder: The folder.
         work: What holds it, for the message that another one gets.
+        say: Takes what a user should know where it takes time.
 
     Yields:
-        Whether the file system has locks.
+        The lock.
 
     Raises:
         UserError: If another process holds the folder, or it cannot be written to.
     """
+    now = datetime.now().astimezone().isoformat(timespec="seconds")
+    words = f"{work}, process {os.getpid()} on {platform.node()} since {now}"
+    if places.is_url(folder):
+        with lease.leased(folder / FILE, words, say) as held:
+            yield Lock(True, held.check)
+        return
     refuse_url(folder)
     made = not folder.exists()
     try:
@@ -56,10 +81,9 @@ def locked(folder: Path, work: str) -> Iterator[bool]:
     try:
         with contextlib.suppress(OSError):  # a full disk: the words are for others
             file.truncate(0)
-            now = datetime.now().astimezone().isoformat(timespec="seconds")
-            file.write(f"{work}, process {os.getpid()} on {platform.node()} since {now}\n".encode())
+            file.write(f"{words}\n".encode())
             file.flush()
-        yield has_locks
+        yield Lock(has_locks)
     finally:
         with contextlib.suppress(OSError):
             (folder / FILE).unlink()  # Windows keeps it until it is closed
@@ -71,6 +95,8 @@ def locked(folder: Path, work: str) -> Iterator[bool]:
 
 def holder(folder: Path) -> str | None:
     """Return who holds a folder, ``None`` for nobody."""
+    if places.is_url(folder):
+        return lease.holder(folder / FILE)
     if not (folder / FILE).is_file():
         return None
     try:

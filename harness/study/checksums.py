@@ -19,10 +19,15 @@ from typing import Any
 import numpy as np
 import zarr
 
+from harness.common import places
+from harness.common.places import zarr_store
 from harness.study.scores import STATUS
 
 GROUP = "checksums"
 HISTORY = "history"
+
+_AT_ONCE = 32
+"""Units whose files are read at once."""
 
 Place = tuple[str, int, int, int]
 """A unit in the store: name of the design, band, number of its chunk along samples and repeats, drive."""
@@ -52,33 +57,26 @@ def described(faults: Sequence[Fault]) -> str:
     return f"{faults[0]}{f' (and {more} more)' if more else ''}"
 
 
-def digest(file: Path) -> int:
-    """Return the hash of a file; that of nothing where there is none."""
-    return _hash(file.read_bytes() if file.is_file() else b"")
-
-
-def _hash(content: bytes) -> int:
-    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little")
+def digest(content: bytes | None) -> int:
+    """Return the hash of what a file holds; that of nothing where there is none."""
+    return int.from_bytes(hashlib.blake2b(content or b"", digest_size=8).digest(), "little")
 
 
 def of_files(root: Path, below: str = "") -> dict[str, str]:
     """Return the hashes of the files below a group but its own metadata, by their path within the store."""
-    own = root / below / "zarr.json"
-    return {_name(root, p): _hex(p) for p in sorted((root / below).rglob("*")) if p.is_file() and p != own}
+    prefix = f"{below}/" if below else ""
+    found = [prefix + name for name in places.names(root / below) if name != "zarr.json"]
+    return {name: _hex(content) for name, content in zip(found, places.contents(root, found), strict=True)}
 
 
-def _name(root: Path, file: Path) -> str:
-    return file.relative_to(root).as_posix()
-
-
-def _hex(file: Path) -> str:
-    return f"{digest(file):016x}"
+def _hex(content: bytes | None) -> str:
+    return f"{digest(content):016x}"
 
 
 def changed_files(root: Path, hashes: Mapping[str, str]) -> list[Fault]:
     """Return the files that are not what ``of_files`` said."""
-    wrong = [name for name, wanted in hashes.items() if _hex(root / name) != wanted]
-    return [Fault(name, not (root / name).is_file()) for name in wrong]
+    found = zip(hashes.items(), places.contents(root, list(hashes)), strict=True)
+    return [Fault(name, content is None) for (name, wanted), content in found if _hex(content) != wanted]
 
 
 def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: tuple[int, int, int, int]) -> None:
@@ -91,7 +89,7 @@ def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: t
         units: How many there are: bands, chunks along the samples, chunks along the repeats, drives.
     """
     bands, samples, repeats, drives = units
-    sums, own = zarr.open_group(str(root), mode="r+").require_group(GROUP), root / design / "zarr.json"
+    sums, own = zarr.open_group(zarr_store(root), mode="r+").require_group(GROUP), f"{design}/zarr.json"
     sums.create_array(
         design,
         shape=(bands, samples * repeats, drives, len(dims)),
@@ -104,7 +102,7 @@ def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: t
         attributes={
             "arrays": {name: list(d) for name, d in dims.items()},
             "repeat_chunks": repeats,
-            "files": {_name(root, own): _hex(own), **of_files(root, design)},
+            "files": {own: _hex((root / own).read_bytes()), **of_files(root, design)},
         },
     )
 
@@ -125,9 +123,14 @@ def row_file(unit: Place) -> str:
     return "/".join([GROUP, unit[0], "c", *map(str, unit[1:]), "0"])
 
 
-def is_finished(root: Path, unit: Place) -> bool:
-    """Return whether the checksums of a unit, which are written last, are there."""
-    return (root / row_file(unit)).is_file()
+def finished(root: Path, design: str) -> dict[Place, float]:
+    """Return the units of a design whose checksums, which are written last, are there, and when they were written."""
+    found = {}
+    for name, time in places.times(root / GROUP / design / "c").items():
+        place = name.split("/")
+        if len(place) == 4 and all(each.isdecimal() for each in place):
+            found[design, int(place[0]), int(place[1]), int(place[2])] = time
+    return found
 
 
 def row(names: Iterable[str], written: Mapping[str, bytes | None]) -> bytes:
@@ -138,7 +141,7 @@ def row(names: Iterable[str], written: Mapping[str, bytes | None]) -> bytes:
         written: Content of the unit's chunk by array, ``None`` where it takes no file; other units may share the
             chunks of arrays that are not here.
     """
-    found = [_hash(written[name] or b"") if name in written else 0 for name in names]
+    found = [digest(written[name]) if name in written else 0 for name in names]
     return np.array(found, dtype="<u8").tobytes()
 
 
@@ -158,7 +161,7 @@ def faults(root: Path) -> list[Fault]:
     Raises:
         ValueError, KeyError, OSError: If the root of the store cannot be read.
     """
-    attributes: dict[str, Any] = dict(zarr.open_group(str(root), mode="r").attrs)
+    attributes: dict[str, Any] = dict(zarr.open_group(zarr_store(root), mode="r").attrs)
     if not is_verifiable(attributes):
         return []
     found: list[Fault] = []
@@ -166,17 +169,15 @@ def faults(root: Path) -> list[Fault]:
     for design in names(attributes["designs"]):
         sums = _opened(root, f"{GROUP}/{design}")
         if sums is None:
-            found.append(Fault(f"{GROUP}/{design}", not (root / GROUP / design / "zarr.json").is_file()))
+            found.append(Fault(f"{GROUP}/{design}", not (root / GROUP / design / "zarr.json").exists()))
             continue
         about = dict(sums.attrs)
         found += changed_files(root, about["files"])
-        for unit in np.ndindex(*sums.shape[:3]):
-            place = (design, *unit)
-            files = chunk_files(about, place)
-            if (root / files[STATUS]).is_file() or is_finished(root, place):
-                found += _of_unit(root, place, files)
-            else:
-                complete = False
+        units = [(design, *unit) for unit in np.ndindex(*sums.shape[:3])]
+        for first in range(0, len(units), _AT_ONCE):
+            for faulty in _of_units(root, about, units[first : first + _AT_ONCE]):
+                complete = complete and faulty is not None
+                found += faulty or []
     return found + _of_histories(root, int(attributes[GROUP]["histories"]), complete)
 
 
@@ -188,26 +189,32 @@ def names(designs: Any) -> list[str]:
 def _opened(root: Path, path: str) -> Any:
     """Return a node of the store; ``None`` where it cannot be read."""
     try:
-        return zarr.open(str(root), path=path, mode="r")
+        return zarr.open(zarr_store(root), path=path, mode="r")
     except (ValueError, KeyError, OSError):
         return None
 
 
-def _of_unit(root: Path, unit: Place, files: Mapping[str, str]) -> Iterator[Fault]:
+def _of_units(root: Path, about: Mapping[str, Any], units: Sequence[Place]) -> Iterator[list[Fault] | None]:
+    """Return what is wrong with the files of each unit; ``None`` for one that is to come."""
+    files = [chunk_files(about, unit) for unit in units]
+    wanted = [name for unit, own in zip(units, files, strict=True) for name in (row_file(unit), *own.values())]
+    found = dict(zip(wanted, places.contents(root, wanted), strict=True))
+    for unit, own in zip(units, files, strict=True):
+        is_to_come = found[own[STATUS]] is None and found[row_file(unit)] is None
+        yield None if is_to_come else list(_of_unit(unit, own, found))
+
+
+def _of_unit(unit: Place, files: Mapping[str, str], found: Mapping[str, bytes | None]) -> Iterator[Fault]:
     """Return what is wrong with the files of a finished unit."""
-    own = root / row_file(unit)
-    try:
-        content = own.read_bytes()  # not compressed; a store of a million runs has too many to ask Zarr for each
-    except OSError:
-        content = b""
+    content = found[row_file(unit)] or b""
     row = np.frombuffer(content, dtype="<u8") if len(content) == 8 * len(files) else np.zeros(len(files), np.uint64)
     wanted = {name: int(value) for name, value in zip(files, row, strict=True)}
     if not wanted[STATUS]:
-        yield Fault(row_file(unit), not own.is_file(), unit)
+        yield Fault(row_file(unit), found[row_file(unit)] is None, unit)
         return
     for name, file in files.items():
-        if wanted[name] and digest(root / file) != wanted[name]:
-            yield Fault(file, not (root / file).is_file(), unit)
+        if wanted[name] and digest(found[file]) != wanted[name]:
+            yield Fault(file, found[file] is None, unit)
 
 
 def _of_histories(root: Path, wanted: int, complete: bool) -> list[Fault]:

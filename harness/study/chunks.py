@@ -2,15 +2,12 @@
 
 A unit is one chunk of every array, and there may be millions of units. Zarr plans each write and hands it to another
 thread, which for runs of a few seconds takes longer than to compute them. Here a chunk is padded, encoded by what the
-metadata of its array say, and moved into place whole.
+metadata of its array say; ``harness.common.places`` writes it.
 """
 
 from __future__ import annotations
 
-import os
-import uuid
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,21 +60,3 @@ class ChunkEncoder:
         for pack in self._pack:
             content = bytes(pack(content))
         return content
-
-
-def put(file: Path, content: bytes | None) -> None:
-    """Write a file whole, with its folders, or not at all; without content it is removed."""
-    if content is None:
-        file.unlink(missing_ok=True)
-        return
-    unfinished = file.with_name(f"{file.name}.{uuid.uuid4().hex}.partial")
-    try:
-        try:
-            unfinished.write_bytes(content)
-        except FileNotFoundError:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            unfinished.write_bytes(content)
-        os.replace(unfinished, file)
-    except BaseException:
-        unfinished.unlink(missing_ok=True)
-        raise

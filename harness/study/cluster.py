@@ -1,7 +1,7 @@
 """Run a study's units on the workers of a Dask cluster.
 
 Each worker opens study and store for itself, once, and writes the chunks of its units; only the unit comes back.
-So the cluster needs a file system that all machines see, and every worker the same code and packages.
+So the cluster needs a file system or a URL that all machines see, and every worker the same code and packages.
 
 Units are submitted as Dask futures. joblib's Dask backend would do the same call, but waits forever for a task
 whose workers all died (joblib 1.6: ``DaskDistributedBackend._collect`` calls nobody back when a future has failed).
@@ -27,6 +27,7 @@ from harness.common import components
 from harness.common.errors import ModelError, UserError, WorkError
 from harness.common.sources import has_file
 from harness.config import Study
+from harness.study import sealed_root
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.provenance import code_state, parts, processor
@@ -146,7 +147,7 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
 def _about(study: Study, folder: Path, found: components.Carried) -> dict[str, Any]:
     """Return what a worker is; runs there."""
     components.take_over(found)
-    sees = (folder / STORE).exists()
+    sees = sealed_root.is_there(folder / STORE)
     return {**code_state(study), "sees_store": sees, "host": platform.node(), "processor": processor()}
 
 
@@ -238,7 +239,7 @@ def _open(study: Study, there: _There) -> tuple[StudyEvaluator, Store]:
         if key not in _opened:
             components.take_over(there.components)
             _refuse_other_code(f"worker on {platform.node()}", there.expected, code_state(study))
-            if not (folder / STORE).exists():
+            if not sealed_root.is_there(folder / STORE):
                 raise UserError(f"the worker on {platform.node()} does not see {folder}")
             while len(_opened) >= _OPENED_AT_ONCE:
                 _opened.pop(next(iter(_opened)))

@@ -35,7 +35,7 @@ def create(study: Study, evaluator: StudyEvaluator, path: Path, attributes: Mapp
     Args:
         study: The study.
         evaluator: Its compiled models.
-        path: The store, which is not there yet.
+        path: The store, which is not there yet, on a file system.
         attributes: Of its root.
     """
     root: Any = zarr.open_group(str(path), mode="w", zarr_format=3)

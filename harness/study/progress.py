@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import zarr
 
 from harness.common.errors import UserError
 from harness.common.lock import holder
+from harness.common.places import reached, zarr_store
 from harness.study import checksums, sealed_root
 from harness.study.checksums import Fault
 from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, STATUS
@@ -76,12 +77,17 @@ def progress(folder: Path) -> Progress:
     Raises:
         UserError: If there is no store, or its root is damaged.
     """
+    with reached(folder):
+        return _progress(folder)
+
+
+def _progress(folder: Path) -> Progress:
     path = store_of(folder)
     lost = sealed_root.faults(path)
     name = sealed_root.study_name(path)
     if any(fault.file == "zarr.json" for fault in lost):
         raise UserError(f"{path}: {lost[0]}; 'harness run' with the study '{name}' and '--out {folder}' mends it")
-    root: Any = zarr.open_group(str(path), mode="r", use_consolidated=False)
+    root: Any = zarr.open_group(zarr_store(path), mode="r", use_consolidated=False)
     bad = {fault.unit for fault in lost if fault.unit is not None}
     writer = holder(folder)
     counts: list[Count] = []
@@ -95,12 +101,13 @@ def progress(folder: Path) -> Progress:
             continue  # damaged, as ``lost`` says
         own = [Count(design, str(e), int(np.prod(status.shape[:-1]))) for e in estimators]
         planned += own[0].planned
-        for place, values in _units(path, design, status, sums):
+        times = checksums.finished(path, design)
+        for place, values in _units(times, status, sums):
             if place in bad:
                 continue
             runs = values[..., 0].size
             done += runs
-            finished.append(((path / checksums.row_file(place)).stat().st_mtime, runs))
+            finished.append((times[place], runs))
             for e, count in enumerate(own):
                 count.done += runs
                 count.diverged += int(np.sum(values[..., e] == ESTIMATOR_DIVERGED))
@@ -109,13 +116,11 @@ def progress(folder: Path) -> Progress:
     return Progress(name, counts, planned, done, lost, writer, _rate(finished) if writer else None)
 
 
-def _units(path: Path, design: str, status: Any, sums: Any) -> Iterator[tuple[checksums.Place, Any]]:
+def _units(finished: Iterable[checksums.Place], status: Any, sums: Any) -> Iterator[tuple[checksums.Place, Any]]:
     """Go through the finished units of a design with the status of their runs."""
     about = dict(sums.attrs)
-    for band, chunk, drive in np.ndindex(*sums.shape[:3]):
-        place = (design, band, chunk, drive)
-        if not checksums.is_finished(path, place):
-            continue
+    for place in finished:
+        _, band, chunk, drive = place
         sample, repeat = divmod(chunk, int(about.get("repeat_chunks", 1)))
         try:
             values = np.asarray(status.blocks[band, sample, drive, repeat, 0])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from harness.common.errors import UserError
 from harness.common.files import told_as_damaged
+from harness.common.places import is_url, reached, zarr_store
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
 from harness.study import sealed_root
@@ -280,7 +281,7 @@ class StudyResults:
 
 
 def _design(path: Path, name: str) -> Design:
-    data = xr.open_dataset(path, engine="zarr", group=name, consolidated=False, cache=False)
+    data = xr.open_dataset(zarr_store(path), engine="zarr", group=name, consolidated=False, cache=False)
     if data.nbytes <= _HELD:
         data = data.load()
     units = data.get("target_unit")
@@ -304,9 +305,15 @@ def read(directory: Path) -> StudyResults:
 
     Raises:
         UserError: If there is no store, it is not one that a study wrote, or files of it are missing or damaged.
+        WorkError: If it is behind a URL that does not answer.
     """
+    with reached(directory):
+        return _read(directory)
+
+
+def _read(directory: Path) -> StudyResults:
     path = directory / "scores.zarr"
-    if not path.is_dir():
+    if not sealed_root.is_there(path) or path.is_file():
         raise UserError(
             f"{directory}: no finished study here (scores.zarr is missing); "
             f"make one with 'harness run studies/<name>.toml --out {directory}'"
@@ -318,18 +325,25 @@ def read(directory: Path) -> StudyResults:
                 f"{path}: {described(lost)}; 'harness run' with the study '{sealed_root.study_name(path)}' and "
                 f"'--out {directory}' computes what is lost again, and nothing else"
             )
-        root = zarr.open_group(path, mode="r")
+        root = zarr.open_group(zarr_store(path), mode="r")
         attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
         names = attributes.get("designs", [])
         if not names:
             raise KeyError("designs")
         has_runs = HISTORY in set(root.group_keys())
         designs = [_design(path, str(name)) for name in names]
-        kept = sorted(zarr.open_group(path, mode="r", path="history").group_keys(), key=int) if has_runs else []
+        kept = (
+            sorted(zarr.open_group(zarr_store(path), mode="r", path="history").group_keys(), key=int)
+            if has_runs
+            else []
+        )
         histories = [
-            xr.open_zarr(path, group=f"history/{index}", chunks=None, consolidated=False).load() for index in kept
+            xr.open_zarr(zarr_store(path), group=f"history/{index}", chunks=None, consolidated=False).load()
+            for index in kept
         ]
     except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last by a chunk that cannot be decoded
+        if isinstance(error, OSError) and is_url(directory):
+            raise
         raise UserError(
             f"{path}: not a store that a study wrote ({type(error).__name__}: {error}); "
             "run the study again into an empty folder"

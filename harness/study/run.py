@@ -12,6 +12,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,8 @@ from rich.text import Text
 
 from harness.common.errors import WorkError
 from harness.common.files import write_files
-from harness.common.lock import locked
+from harness.common.lock import Lock, locked
+from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.config import Study
 from harness.study import plan
@@ -39,6 +41,7 @@ from harness.study.checksums import described
 from harness.study.design import Unit, planned_runs, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
+from harness.study.sealed_root import is_there
 from harness.study.store import STORE, Store, discard
 
 if TYPE_CHECKING:
@@ -96,13 +99,13 @@ def run_study(
         ClusterFailure: If the cluster fails.
     """
     console = console or Console(stderr=True)
-    with locked(out, f"harness run of the study '{study.name}'") as has_locks:
-        if not has_locks:
+    with reached(out), locked(out, f"harness run of the study '{study.name}'", partial(_say, console)) as lock:
+        if not lock.is_kept:
             _say(console, f"{out}: its file system has no locks; see that nobody else writes there", "yellow")
         if restart:
             _say(console, discard(out), "yellow")
         try:
-            _run(study, out, jobs, console, client, agree)
+            _run(study, out, jobs, console, client, agree, lock)
         except OSError as error:
             if error.errno not in _FULL:
                 raise
@@ -113,13 +116,19 @@ def run_study(
 
 
 def _run(
-    study: Study, out: Path, jobs: int | None, console: Console, client: Client | None, agree: Agree | None
+    study: Study,
+    out: Path,
+    jobs: int | None,
+    console: Console,
+    client: Client | None,
+    agree: Agree | None,
+    lock: Lock,
 ) -> None:
     started = datetime.now(UTC)
     begin = time.perf_counter()
     with console.status("building models and drives"):
         evaluator = StudyEvaluator(study)
-        store = Store(study, evaluator, out, mend=True) if (out / STORE).exists() else None
+        store = Store(study, evaluator, out, mend=True) if is_there(out / STORE) else None
     if store is not None and store.mended:
         _say(console, f"{store.path}: {described(store.mended)}; what is lost is computed again", "yellow")
     total, workers = sum(planned_runs(study, d) for d in study.designs), jobs or joblib.cpu_count()
@@ -133,7 +142,7 @@ def _run(
         _plan(evaluator, todo, workers, console, agree)
         compiled = time.perf_counter()
         store = store or Store(study, evaluator, out)
-        _evaluate(evaluator, store, todo, total, workers, console, client)
+        _evaluate(evaluator, store, todo, total, workers, console, client, lock)
         seconds = time.perf_counter() - compiled
         record = {
             "started": started.isoformat(timespec="seconds"),
@@ -150,6 +159,7 @@ def _run(
     assert store is not None
     if todo or not store.has_histories:
         store.write_histories(histories(evaluator))
+    lock.check()
     store.consolidate()
 
 
@@ -191,6 +201,7 @@ def _evaluate(
     workers: int,
     console: Console,
     client: Client | None,
+    lock: Lock,
 ) -> None:
     """Evaluate units in threads or on a cluster, and show progress."""
     study, left = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
@@ -209,6 +220,7 @@ def _evaluate(
         task = progress.add_task(study.name, total=total, completed=total - left)
         for unit in finished:
             progress.advance(task, unit.runs(study))
+            lock.check()
 
 
 def _in_threads(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], jobs: int) -> Iterator[Unit]:

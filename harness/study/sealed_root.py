@@ -15,16 +15,26 @@ from typing import Any
 
 import zarr
 
+from harness.common import places
+from harness.common.places import zarr_store
 from harness.study import checksums
 from harness.study.checksums import GROUP, Fault
 
 _COPY, _HASH = "root", "root_hash"
 
+LAST = (f"{GROUP}/zarr.json", "zarr.json")
+"""The root's copy and the root, which are written last where a store cannot be moved into place whole."""
+
+
+def is_there(root: Path) -> bool:
+    """Return whether there is a store, or behind a URL one that was written to its end."""
+    return any((root / name).exists() for name in LAST) if places.is_url(root) else root.exists()
+
 
 def seal(root: Path) -> None:
     """Copy the attributes of the root to the group of the checksums; afterwards each protects the other."""
-    attributes = dict(zarr.open_group(str(root), mode="r", use_consolidated=False).attrs)
-    sums: Any = zarr.open_group(str(root), path=GROUP, mode="r+")
+    attributes = dict(zarr.open_group(zarr_store(root), mode="r", use_consolidated=False).attrs)
+    sums: Any = zarr.open_group(zarr_store(root), path=GROUP, mode="r+")
     sums.attrs.update({_COPY: attributes, _HASH: _hash(attributes)})
 
 
@@ -34,13 +44,13 @@ def _fault(root: Path) -> Fault | None:
     if copy is None and (own is None or not checksums.is_verifiable(own)):
         return None  # of an earlier harness, or no store at all
     if copy is None:
-        return Fault(f"{GROUP}/zarr.json", not (root / GROUP / "zarr.json").is_file())
+        return Fault(f"{GROUP}/zarr.json", not (root / GROUP / "zarr.json").exists())
     if _COPY not in copy:
         return None
     if _hash(copy[_COPY]) != copy.get(_HASH):
         return Fault(f"{GROUP}/zarr.json", False)
     if own != copy[_COPY]:
-        return Fault("zarr.json", not (root / "zarr.json").is_file())
+        return Fault("zarr.json", not (root / "zarr.json").exists())
     return None
 
 
@@ -77,11 +87,10 @@ def restore(root: Path) -> Fault | None:
     if found.file == "zarr.json":
         attributes = (_attributes(root / GROUP) or {})[_COPY]
         group = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
-        (root / "zarr.json").write_text(json.dumps(group, indent=2), encoding="utf-8")
+        places.write(root / "zarr.json", json.dumps(group, indent=2).encode())
     elif _attributes(root) is not None:
-        (root / GROUP).mkdir(exist_ok=True)
         group = {"attributes": {}, "zarr_format": 3, "node_type": "group"}
-        (root / GROUP / "zarr.json").write_text(json.dumps(group, indent=2), encoding="utf-8")
+        places.write(root / GROUP / "zarr.json", json.dumps(group, indent=2).encode())
         seal(root)
     return found
 
@@ -93,9 +102,13 @@ def _attributes(group: Path) -> dict[str, Any] | None:
 
 
 def _content(group: Path) -> dict[str, Any] | None:
+    return _parsed(places.contents(group, ["zarr.json"])[0])
+
+
+def _parsed(metadata: bytes | None) -> dict[str, Any] | None:
     try:
-        content = json.loads((group / "zarr.json").read_bytes())
-    except (OSError, ValueError):
+        content = json.loads(metadata or b"")
+    except ValueError:
         return None
     return content if isinstance(content, dict) and content.get("zarr_format") == 3 else None
 
@@ -106,9 +119,10 @@ def _has_true_copies(root: Path) -> bool:
     if not checksums.is_verifiable(own.get("attributes", {})):
         return True
     copies = (own.get("consolidated_metadata") or {}).get("metadata", {})
+    theirs = places.contents(root, [f"{name}/zarr.json" for name in copies])
     return all(
-        (theirs := _content(root / name)) is not None and _of_itself(theirs) == _of_itself(copy)
-        for name, copy in copies.items()
+        (found := _parsed(content)) is not None and _of_itself(found) == _of_itself(copy)
+        for content, copy in zip(theirs, copies.values(), strict=True)
     )
 
 

@@ -11,8 +11,9 @@ metadata, which everything here reads.
 
 from __future__ import annotations
 
+import contextlib
 import json
-import shutil
+import tempfile
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,9 +24,11 @@ import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
+from harness.common import places
 from harness.common.errors import UserError
+from harness.common.places import zarr_store
 from harness.config import Study
-from harness.study import checksums, chunks, sealed_root
+from harness.study import checksums, sealed_root
 from harness.study.checksums import HISTORY, Fault
 from harness.study.chunks import ChunkEncoder
 from harness.study.design import Unit, unit_counts, unit_shape
@@ -58,7 +61,7 @@ class Store:
         self.study, self.folder, self.path = study, folder, folder / STORE
         self._attributes = root_attributes(study)
         self.mended: list[Fault] = []
-        if self.path.exists():
+        if sealed_root.is_there(self.path):
             mended = sealed_root.restore(self.path) if mend else None
             self._check_same_study()
             self._renew_words()
@@ -67,12 +70,14 @@ class Store:
                 self.mended += [mended] if mended else []
         else:
             try:
-                folder.mkdir(parents=True, exist_ok=True)
+                if not places.is_url(folder):
+                    folder.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
-            self._create(evaluator, self.path)
-        groups: list[Any] = [zarr.open_group(str(self.path), path=d.name, mode="r+") for d in study.designs]
-        sums: Any = zarr.open_group(str(self.path), path=checksums.GROUP, mode="r+")
+            with places.whole(self.path, sealed_root.LAST) as unfinished:  # half of a store would look like a whole one
+                self._create(evaluator, unfinished)
+        groups: list[Any] = [zarr.open_group(zarr_store(self.path), path=d.name, mode="r+") for d in study.designs]
+        sums: Any = zarr.open_group(zarr_store(self.path), path=checksums.GROUP, mode="r+")
         self._sums: list[dict[str, Any]] = [dict(sums[d.name].attrs) for d in study.designs]
         self._encoders = [
             {name: ChunkEncoder(group[name]) for name in about["arrays"]}
@@ -90,24 +95,24 @@ class Store:
         files = checksums.chunk_files(self._sums[unit.design], place)
         for name in sorted(result, key=lambda name: name == STATUS):
             written[name] = self._encoders[unit.design][name].encode(result[name])
-            chunks.put(self.path / files[name], written[name])
-        chunks.put(self.path / checksums.row_file(place), checksums.row(files, written))
+            places.write(self.path / files[name], written[name])
+        places.write(self.path / checksums.row_file(place), checksums.row(files, written))
 
     @property
     def has_histories(self) -> bool:
         """Whether every run to be drawn over time is there."""
-        root = zarr.open_group(str(self.path), mode="r", use_consolidated=False)
+        root = zarr.open_group(zarr_store(self.path), mode="r", use_consolidated=False)
         return HISTORY in root and root[HISTORY].attrs.get("runs") == len(self.study.history)
 
     def write_histories(self, histories: Sequence[xr.Dataset]) -> None:
         """Write the runs to be drawn over time, each to a group ``history/<index>``; their number comes last."""
-        root = zarr.open_group(str(self.path), mode="r+", use_consolidated=False)
+        root = zarr.open_group(zarr_store(self.path), mode="r+", use_consolidated=False)
         group = root.create_group(HISTORY, overwrite=True)
         for index, history in enumerate(histories):
             history = history.assign_coords({n: as_text(history[n].values) for n in ("estimator", "target")})
             history.attrs["rmse"] = json.dumps(history.attrs["rmse"])
             name = f"{HISTORY}/{index}"
-            history.to_zarr(self.path, group=name, mode="w", consolidated=False, zarr_format=3)
+            history.to_zarr(zarr_store(self.path), group=name, mode="w", consolidated=False, zarr_format=3)
         group.attrs.update({"files": checksums.of_files(self.path, HISTORY), "runs": len(histories)})
 
     def consolidate(self) -> None:
@@ -115,38 +120,43 @@ class Store:
         with warnings.catch_warnings():
             # Version 3 of the format leaves these copies to the libraries; whoever ignores them reads the same.
             warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
-            zarr.consolidate_metadata(str(self.path), zarr_format=3)
+            zarr.consolidate_metadata(zarr_store(self.path), zarr_format=3)
 
     def _mend(self, evaluator: StudyEvaluator) -> None:
         """Put back what an empty store has, and make the units pending that have lost something else."""
-        for unfinished in self.path.rglob("*.partial"):  # a chunk whose writer was killed
-            unfinished.unlink(missing_ok=True)
+        if not places.is_url(self.path):
+            for unfinished in self.path.rglob("*.partial"):  # a chunk whose writer was killed
+                unfinished.unlink(missing_ok=True)
         self.mended = sealed_root.faults(self.path)
         if not self.mended:
             return
-        empty = self.folder / (STORE + ".empty")
-        shutil.rmtree(empty, ignore_errors=True)
         try:
-            self._create(evaluator, empty)
-            for file in (p for p in empty.rglob("*") if p.is_file() and p.parent != empty):
-                there = self.path / file.relative_to(empty)
-                if checksums.digest(there) != checksums.digest(file):
-                    there.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(file, there)
-            shutil.rmtree(empty)
+            self._restore_skeleton(evaluator)
             lost = checksums.faults(self.path)
             for unit in dict.fromkeys(fault.unit for fault in lost if fault.unit is not None):
                 self._forget(evaluator, unit)
             if any(fault.unit is None for fault in lost):
-                shutil.rmtree(self.path / HISTORY, ignore_errors=True)
+                with contextlib.suppress(FileNotFoundError):
+                    places.remove(self.path / HISTORY)
         except OSError as error:
             raise UserError(
                 f"{self.path}: {checksums.described(self.mended)}, and it cannot be mended: {error.strerror or error}"
             ) from error
 
+    def _restore_skeleton(self, evaluator: StudyEvaluator) -> None:
+        """Put back what an empty store has."""
+        with tempfile.TemporaryDirectory() as folder:
+            empty = Path(folder) / STORE
+            self._create(evaluator, empty)
+            own = [name for name in places.names(empty) if name != "zarr.json"]
+            there = places.contents(self.path, own)
+            for name, found, wanted in zip(own, there, places.contents(empty, own), strict=True):
+                if found != wanted:
+                    places.write(self.path / name, wanted)
+
     def _forget(self, evaluator: StudyEvaluator, place: checksums.Place) -> None:
         """Delete the chunks of a unit: its checksums first, then its status."""
-        sums: Any = zarr.open_group(str(self.path), path=checksums.GROUP, mode="r")
+        sums: Any = zarr.open_group(zarr_store(self.path), path=checksums.GROUP, mode="r")
         files = checksums.chunk_files(sums[place[0]].attrs, place)
         names = [d.name for d in self.study.designs]
         if evaluator.windows.count(names.index(place[0]), place[3]) is None:
@@ -156,7 +166,7 @@ class Store:
 
     def _check_same_study(self) -> None:
         try:
-            found = dict(zarr.open_group(str(self.path), mode="r").attrs)
+            found = dict(zarr.open_group(zarr_store(self.path), mode="r").attrs)
         except (FileNotFoundError, ValueError, KeyError) as error:
             raise UserError(f"{self.path} is not a result of this harness; choose another folder with --out") from error
         if wrong := differences(found, self._attributes, self.study):
@@ -169,18 +179,13 @@ class Store:
         """Take over what the study now says that decides no score: title, comments, limits."""
         new = {key: value for key, value in words(self.study).items() if self._attributes.get(key) != value}
         if new:
-            zarr.open_group(str(self.path), mode="r+").attrs.update(new)
+            zarr.open_group(zarr_store(self.path), mode="r+").attrs.update(new)
             self._attributes |= new
             sealed_root.seal(self.path)
 
     def _create(self, evaluator: StudyEvaluator, path: Path) -> None:
-        # A half-created store would look like a whole one, so it is made elsewhere and moved into place.
-        temporary = path.with_name(path.name + ".new")
-        if temporary.exists():
-            shutil.rmtree(temporary)
-        create(self.study, evaluator, temporary, self._attributes)
-        sealed_root.seal(temporary)
-        temporary.rename(path)
+        create(self.study, evaluator, path, self._attributes)
+        sealed_root.seal(path)
 
 
 def place_of(study: Study, unit: Unit) -> checksums.Place:
@@ -198,22 +203,21 @@ def discard(folder: Path) -> str:
         UserError: If what is there is not a result of a study, or cannot be deleted.
     """
     path = folder / STORE
-    if not path.exists():
+    if not sealed_root.is_there(path):
         return f"{folder} holds no result to throw away"
     try:
-        attributes = dict(zarr.open_group(str(path), mode="r").attrs)
+        attributes = dict(zarr.open_group(zarr_store(path), mode="r").attrs)
         name = str(attributes["study_name"])
     except (FileNotFoundError, ValueError, KeyError) as error:
         raise UserError(f"{path} is not a result of this harness, so that --restart leaves it alone") from error
     done = 0
     for design in checksums.names(attributes["designs"]):
-        sums = path / checksums.GROUP / design / "c"
-        done += sum(1 for file in sums.rglob("*") if file.is_file())
+        done += len(checksums.finished(path, design))
     try:
         (folder / "run.json").unlink(missing_ok=True)
         for report in ("report.html", "report.pdf", "errors.txt"):
             (folder / report).unlink(missing_ok=True)
-        shutil.rmtree(path)
+        places.remove(path)
     except OSError as error:
         raise UserError(f"{folder}: cannot be thrown away: {error.strerror or error}") from error
     commit = str(attributes.get("commit", "unknown"))[:10]

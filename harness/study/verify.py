@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import zarr
 
+from harness.common import places
 from harness.common.errors import UserError
+from harness.common.places import reached, zarr_store
 from harness.config import Study
 from harness.study import sealed_root
-from harness.study.checksums import Fault, is_finished
+from harness.study.checksums import Fault, finished
 from harness.study.design import Unit, units
 from harness.study.differences import differences
 from harness.study.evaluate import StudyEvaluator
@@ -57,7 +59,7 @@ def store_of(folder: Path) -> Path:
         UserError: If there is none.
     """
     path = folder / STORE
-    if not path.is_dir():
+    if not sealed_root.is_there(path):
         raise UserError(f"{folder}: there is no result of a study here ({STORE} is missing)")
     return path
 
@@ -74,13 +76,20 @@ def verify(folder: Path, find: Callable[[str], Study], sample: int = 3, seed: in
     Raises:
         UserError: If there is no store, it has no checksums, or ``find`` does not give the study that it is of.
     """
+    with reached(folder):
+        return _verify(folder, find, sample, seed)
+
+
+def _verify(folder: Path, find: Callable[[str], Study], sample: int, seed: int | None) -> Verification:
     path = store_of(folder)
     try:
         lost = sealed_root.faults(path)
-        attributes = dict(zarr.open_group(str(path), mode="r").attrs) if not lost else {}
+        attributes = dict(zarr.open_group(zarr_store(path), mode="r").attrs) if not lost else {}
     except (KeyError, ValueError, OSError) as error:
+        if isinstance(error, OSError) and places.is_url(path):
+            raise
         raise UserError(f"{path}: not a store that a study wrote ({type(error).__name__}: {error})") from error
-    files = sum(1 for file in path.rglob("*") if file.is_file())
+    files = len(places.names(path))
     if lost or not sample:
         return Verification(files, lost, 0, [], [], 0, "")
     name = str(attributes.get("study_name"))
@@ -91,21 +100,22 @@ def verify(folder: Path, find: Callable[[str], Study], sample: int = 3, seed: in
             f"every file is as it was written, but nothing can be computed again: {folder} {other}; give the study of "
             "this result with --study, or none to compute with --sample 0"
         )
-    finished = [u for d in study.designs for u in units(study, d) if is_finished(path, place_of(study, u))]
-    drawn = np.random.default_rng(seed).permutation(len(finished))[:sample]
-    chosen = [finished[i] for i in sorted(drawn)]
+    done = {place for d in study.designs for place in finished(path, d.name)}
+    found = [u for d in study.designs for u in units(study, d) if place_of(study, u) in done]
+    drawn = np.random.default_rng(seed).permutation(len(found))[:sample]
+    chosen = [found[i] for i in sorted(drawn)]
     evaluator = StudyEvaluator(study)
     differing = [
         f"{_in_words(study, u)}: '{array}' computed again is not what is stored"
         for u in chosen
         if (array := _first_difference(path, evaluator, u))
     ]
-    return Verification(files, lost, len(finished), chosen, differing, sum(u.runs(study) for u in chosen), other)
+    return Verification(files, lost, len(found), chosen, differing, sum(u.runs(study) for u in chosen), other)
 
 
 def _first_difference(path: Path, evaluator: StudyEvaluator, unit: Unit) -> str:
     """Return the first array in which a unit computed again differs from the store; empty if none does."""
-    group: Any = zarr.open_group(str(path), path=evaluator.study.designs[unit.design].name, mode="r")
+    group: Any = zarr.open_group(zarr_store(path), path=evaluator.study.designs[unit.design].name, mode="r")
     for name, values in evaluator.evaluate(unit).items():
         drive = () if name == OVER_TIME else (unit.drive,)
         stored = np.asarray(group[name][unit.band, unit.samples, *drive, unit.repeats])

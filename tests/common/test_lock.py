@@ -22,8 +22,8 @@ with locked(Path(sys.argv[1]), "a test"):
 
 
 def test_a_folder_has_one_holder_at_a_time(tmp_path):
-    with locked(tmp_path, "the first") as has_locks:
-        assert has_locks
+    with locked(tmp_path, "the first") as held:
+        assert held.is_kept
         assert holder(tmp_path).startswith(f"the first, process {os.getpid()} on ")
         with pytest.raises(UserError, match="written by another process: the first, process"), locked(tmp_path, "b"):
             pass
@@ -63,8 +63,8 @@ def test_a_file_system_without_locks_keeps_nobody_out(tmp_path, monkeypatch):
         raise OSError(lock.errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(lock, "_acquire", without)
-    with locked(tmp_path, "a") as has_locks:
-        assert not has_locks
+    with locked(tmp_path, "a") as held:
+        assert not held.is_kept
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):

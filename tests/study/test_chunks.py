@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import zarr
 
-from harness.study import chunks
+from harness.common import places
 from harness.study.chunks import ChunkEncoder
 
 DIMS = ("band", "sample", "drive", "repeat", "estimator", "target")
@@ -44,7 +44,7 @@ def test_every_chunk_is_that_of_zarr_to_the_bit(tmp_path, dtype, fill, further):
             values[0] = fill
         theirs[band, samples, drive, repeats] = values
         path = tmp_path / "ours" / "level" / "score" / "c" / f"{band}/{first}/{drive}/{repeat}/0/0"
-        chunks.put(path, encoder.encode(values))
+        places.write(path, encoder.encode(values))
     assert files(tmp_path / "ours") == files(tmp_path / "theirs")
     assert len(files(tmp_path / "ours")) == 3 + 2 * 3 * 4 - 4
 
@@ -54,28 +54,28 @@ def test_an_array_without_drives_is_written_as_well(tmp_path):
     ours, theirs = (made(tmp_path / name, "float32", np.nan, dims, shape) for name in ("ours", "theirs"))
     values = np.random.default_rng(2).standard_normal((3, 4, 1, 9)).astype("float32")
     theirs[0, 0:3] = values
-    chunks.put(tmp_path / "ours" / "level/score/c/0/0/0/0/0", ChunkEncoder(ours).encode(values))
+    places.write(tmp_path / "ours" / "level/score/c/0/0/0/0/0", ChunkEncoder(ours).encode(values))
     assert files(tmp_path / "ours") == files(tmp_path / "theirs")
 
 
 def test_a_chunk_that_holds_nothing_any_more_is_removed(tmp_path):
     file = tmp_path / "c" / "0"
-    chunks.put(file, b"content")
-    chunks.put(file, None)
-    chunks.put(file, None)
+    places.write(file, b"content")
+    places.write(file, None)
+    places.write(file, None)
     assert files(tmp_path) == {}
 
 
 def test_a_write_that_fails_leaves_what_was_there(tmp_path, monkeypatch):
     file = tmp_path / "c" / "0"
-    chunks.put(file, b"before")
+    places.write(file, b"before")
 
     def full(self, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(chunks.os, "replace", full)
+    monkeypatch.setattr(places.os, "replace", full)
     with pytest.raises(OSError, match="No space"):
-        chunks.put(file, b"after")
+        places.write(file, b"after")
     assert list(files(tmp_path).values()) == [b"before"]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import zarr
 
+from harness.common import places
 from harness.common.errors import UserError
 from harness.common.lock import locked
 from harness.study import checksums, sealed_root
@@ -39,7 +40,7 @@ def test_a_score_that_was_changed_with_its_checksum_is_found_by_computing_it_aga
     assert verify(copy, lambda name: study).lost
     sums = zarr.open_group(copy / STORE, path="checksums", mode="r+")["level"]
     files = checksums.chunk_files(sums.attrs, ("level", 1, 0, 0))
-    sums[1, 0, 0] = [checksums.digest(copy / STORE / file) for file in files.values()]
+    sums[1, 0, 0] = [checksums.digest(content) for content in places.contents(copy / STORE, list(files.values()))]
     found = verify(copy, lambda name: study, sample=100)
     assert not found.lost
     assert found.differing == ["level, 24 t, weave, samples 0 to 0: 'rmse' computed again is not what is stored"]

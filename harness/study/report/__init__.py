@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from harness.common.places import place
 from harness.reporting.document import Block, Document, Section, write
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
@@ -68,7 +69,7 @@ def analyse(directory: Path) -> Analysis:
     Raises:
         UserError: If the folder holds no finished study, or files of it are missing or damaged.
     """
-    return Analysis(read(Path(directory)))
+    return Analysis(read(place(directory)))
 
 
 def headline(analysis: Analysis) -> str:

@@ -1,0 +1,215 @@
+"""Where results lie: a folder of a file system, or one behind a URL such as ``s3://bucket/results/joint``.
+
+A folder behind a URL is a path of universal_pathlib, which does what pathlib does over any file system of fsspec, so
+one code reads and writes both. What differs is here: what is whole or not at all (a file system moves a finished file
+into place, an object store shows an object once it is whole), what is faster asked for at once, and what Zarr takes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import tempfile
+import uuid
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from harness.common.errors import ModelError, UserError, WorkError
+
+_URL = re.compile(r"(?P<scheme>[a-z][a-z0-9+.-]+)://", re.IGNORECASE)  # one letter is a drive of Windows
+
+_ABSENT = (FileNotFoundError, IsADirectoryError, NotADirectoryError)
+
+_REMOTE = ("botocore", "aiobotocore", "aiohttp", "fsspec", "s3fs", "gcsfs", "adlfs", "google", "azure", "paramiko")
+"""Packages whose errors are those of a place behind a URL."""
+
+
+def place(given: str | Path) -> Path:
+    """Return a folder from its path or URL; that of ``file://`` is a plain path.
+
+    Raises:
+        UserError: If nothing is installed that knows such a URL, or nothing does.
+    """
+    if not isinstance(given, str):
+        return given
+    found = _URL.match(given)
+    if found is None:
+        return Path(given)
+    scheme = found["scheme"].lower()
+    if scheme == "file":
+        return Path(url2pathname(urlsplit(given).path))
+    try:
+        import fsspec
+        from upath import UPath
+    except ImportError:
+        raise UserError(
+            f"{given}: results behind a URL need the extra 'remote': pip install '.[remote]' in the project's folder"
+        ) from None
+    try:
+        is_async = fsspec.get_filesystem_class(scheme).async_impl
+        # Others write there as well, so nothing that was listed before is believed.
+        made: Any = UPath(given, **({"use_listings_cache": False} if is_async else {}))
+        made.fs  # noqa: B018 - connects
+    except (ImportError, ValueError, TypeError, OSError) as error:
+        raise UserError(f"{given}: cannot be opened: {_words(error)} (docs/cluster.md)") from None
+    return made
+
+
+def is_url(folder: Path) -> bool:
+    """Return whether a place is behind a URL."""
+    return not isinstance(folder, Path)
+
+
+def zarr_store(folder: Path) -> Any:
+    """Return what Zarr and xarray open for a store in this folder."""
+    if not is_url(folder):
+        return str(folder)
+    from zarr.storage import FsspecStore
+
+    remote: Any = folder
+    return FsspecStore.from_url(str(remote), storage_options=dict(remote.storage_options))
+
+
+def times(folder: Path) -> dict[str, float]:
+    """Return when each file below a folder was last written, by its name within; nothing where there is no folder."""
+    if not is_url(folder):
+        found = {}
+        for path in folder.rglob("*"):
+            with contextlib.suppress(FileNotFoundError):  # renamed meanwhile
+                if path.is_file():
+                    found[path.relative_to(folder).as_posix()] = path.stat().st_mtime
+        return dict(sorted(found.items()))
+    listed = _remote(folder).find(_within(folder), detail=True)
+    skip = len(_within(folder).rstrip("/")) + 1
+    return {name[skip:]: _time(about) for name, about in sorted(listed.items())}
+
+
+def time_of(file: Path) -> float:
+    """Return when a file behind a URL was last written, by the clock there."""
+    return _time(_remote(file).info(_within(file)))
+
+
+def _time(about: dict[str, Any]) -> float:
+    found = next((about[key] for key in ("LastModified", "mtime", "modified", "updated", "created") if key in about), 0)
+    return float(found.timestamp() if hasattr(found, "timestamp") else found)
+
+
+def names(folder: Path) -> list[str]:
+    """Return the names of all files below a folder, within it and in order."""
+    return list(times(folder))
+
+
+def contents(folder: Path, wanted: Sequence[str]) -> list[bytes | None]:
+    """Return the contents of files below a folder, ``None`` for those that are not there; far away all at once."""
+    if not is_url(folder):
+        return [_content(folder / name) for name in wanted]
+    paths = [f"{_within(folder)}/{name}" for name in wanted]
+    found = _remote(folder).cat_ranges(paths, None, None, on_error="return") if paths else []
+    for error in found:
+        if isinstance(error, Exception) and not isinstance(error, _ABSENT):
+            raise error
+    return [None if isinstance(content, Exception) else content for content in found]
+
+
+def _content(file: Path) -> bytes | None:
+    try:
+        return file.read_bytes()
+    except _ABSENT:
+        return None
+
+
+def write(file: Path, content: bytes | None) -> None:
+    """Write a file whole, with its folders, or not at all; without content it is removed."""
+    if content is None:
+        file.unlink(missing_ok=True)
+        return
+    if is_url(file):
+        file.write_bytes(content)  # an object is there when it is whole
+        return
+    unfinished = file.with_name(f"{file.name}.{uuid.uuid4().hex}.partial")
+    try:
+        try:
+            unfinished.write_bytes(content)
+        except FileNotFoundError:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            unfinished.write_bytes(content)
+        os.replace(unfinished, file)
+    except BaseException:
+        unfinished.unlink(missing_ok=True)
+        raise
+
+
+def created(file: Path, content: bytes) -> bool:
+    """Write a file behind a URL if there is none of that name, and return whether this was so; one writer succeeds."""
+    try:
+        _remote(file).pipe_file(_within(file), content, mode="create")
+    except FileExistsError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def whole(folder: Path, last: Sequence[str]) -> Iterator[Path]:
+    """Give a folder to be filled that becomes this one when the block ends; a half filled one is never seen.
+
+    Args:
+        folder: What it becomes.
+        last: Names of files, those that are written last behind a URL: without them the folder counts as absent.
+    """
+    if not is_url(folder):
+        unfinished = folder.with_name(folder.name + ".new")
+        shutil.rmtree(unfinished, ignore_errors=True)
+        yield unfinished
+        unfinished.rename(folder)
+        return
+    with tempfile.TemporaryDirectory() as here:
+        unfinished = Path(here) / folder.name
+        yield unfinished
+        for name in sorted(names(unfinished), key=lambda name: (last.index(name) if name in last else -1, name)):
+            write(folder / name, (unfinished / name).read_bytes())
+
+
+def remove(folder: Path) -> None:
+    """Delete a folder with all that is in it."""
+    if is_url(folder):
+        _remote(folder).rm(_within(folder), recursive=True)
+    else:
+        shutil.rmtree(folder)
+
+
+@contextlib.contextmanager
+def reached(folder: Path) -> Iterator[None]:
+    """Tell in words what goes wrong on the way to a place behind a URL.
+
+    Raises:
+        WorkError: If it does not answer, or refuses.
+    """
+    try:
+        yield
+    except (UserError, ModelError, WorkError):
+        raise
+    except Exception as error:
+        package = type(error).__module__.partition(".")[0]
+        if not is_url(folder) or not (isinstance(error, OSError) or package in _REMOTE):
+            raise
+        raise WorkError(
+            f"{folder}: {_words(error)}; what is finished is kept, and the same command continues from there"
+        ) from error
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+
+
+def _remote(folder: Any) -> Any:
+    return folder.fs
+
+
+def _within(folder: Any) -> str:
+    """Return the name of a folder or file in its file system."""
+    return str(folder.path)
