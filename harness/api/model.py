@@ -11,6 +11,7 @@ from harness.config import ModelSpec, complete, fitting_sensors, resolve_single
 from harness.config.parameter_set import set_text
 from harness.config.unknown_parameters import KEYS as UNCERTAIN
 from harness.models.roles import SENSORS
+from harness.models.signals import SIGNALS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -243,6 +244,8 @@ class Model:
     def write(self, path: str | Path, source: str = "") -> Path:
         """Write a parameter file, which studies, commands and ``harness.model`` take by its path.
 
+        Behind every value stand its unit, the range it may have and what it means.
+
         Args:
             path: File to write.
             source: Where the values come from.
@@ -253,7 +256,13 @@ class Model:
         from harness.common.files import write_files
 
         path = Path(path)
-        (written,) = write_files(path.parent, {path.name: set_text(self._checked, source, {})})
+        means = {
+            name: f"{unit}, {lower:g} to {upper:g}; {meaning}".removeprefix("dimensionless, ")
+            for name, _, unit, lower, upper, meaning in self.parameters.itertuples()
+        }
+        noise = {("process_noise", n): f"({SIGNALS[n].unit})^2 a step" for n in self.states if n in SIGNALS}
+        noise |= {("measurement_noise", n): f"({SIGNALS[n].unit})^2" for n in self.outputs if n in SIGNALS}
+        (written,) = write_files(path.parent, {path.name: set_text(self._checked, source, means, noise)})
         return written
 
     def resolved_for(self, recordings: Sequence[Iterable[Hashable]], believed: bool = False, **keys: Any) -> ModelSpec:

@@ -146,12 +146,27 @@ def _details(console: Console, role: str, name: str) -> None:
     elif role in ("vehicles", "tyres", "effects"):
         rows = [(p.name, *_allowed(p), p.meaning) for p in module.PARAMETERS]
         _table(console, f"parameters of {name}", ("parameter", "allowed", "unit", "meaning"), rows)
+        if role == "vehicles":
+            _quantities(console, name)
     elif role == "sensors":
         _table(console, f"outputs of {name}", ("output", "signal"), list(module.OUTPUTS.items()))
     elif role == "estimators" and hasattr(module, "Settings"):
         fields = module.Settings.model_fields.items()
         rows = [(n, str(f.default), "", f.description or "") for n, f in fields]
         _table(console, f"settings of {name}", ("setting", "default", "", "meaning"), rows)
+
+
+def _quantities(console: Console, vehicle: str) -> None:
+    """Print what a vehicle computes: targets of studies, what ``--signal`` takes and ports that effects change."""
+    from harness.models.assembly.assemble import assemble
+    from harness.models.signals import SIGNALS
+
+    tyre = "magic_formula" if VEHICLES.load(vehicle).AXLES else None
+    model = assemble(vehicle, tyre)
+    names = [n for n in (*model.states, *model.ports) if n in SIGNALS]
+    rows = [(n, "state" if n in model.states else "port", _unit(SIGNALS[n].unit), SIGNALS[n].meaning) for n in names]
+    with_tyre = f" with {tyre}" if tyre else ""
+    _table(console, f"quantities of {vehicle}{with_tyre}", ("signal", "kind", "unit", "meaning"), rows)
 
 
 def _parameter_set(console: Console, name: str, vehicle: str, values: dict[str, float]) -> None:

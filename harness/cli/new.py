@@ -11,11 +11,12 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.cli.options import ModelOptions, ParametersOption, TyreOption
 from harness.common import locations
 from harness.common.errors import UserError
 from harness.common.files import write_files
 
-Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels"]
+Kind = Literal["project", "vehicle", "effect", "estimator", "tyre", "study", "channels", "parameters"]
 
 WRITES: dict[str, dict[str, str]] = {
     "project": {
@@ -46,6 +47,7 @@ NEXT = {
     "tyre": 'pytest tests/test_{name}.py; in a study: plant = {{ ..., tyre = "{name}" }}',
     "study": "harness run {name}",
     "channels": "look at every entry, then: harness check {given} --channels {name}",
+    "parameters": "write your own values into it, then: --parameters {name} where a command takes a model",
 }
 """What to do with what was written."""
 
@@ -57,17 +59,25 @@ def new(
         Path | None,
         typer.Option("--out", "-o", help="Channel map to write; channels/<name of the recording>.toml if absent."),
     ] = None,
+    model: Annotated[str | None, typer.Option("--model", "-m", help="For parameters: the vehicle they are of.")] = None,
+    parameters: ParametersOption = None,
+    tyre: TyreOption = None,
 ) -> None:
     """Write a commented file to start from, which works as it is.
 
     A project folder with a study; in it a vehicle with values, an effect, an estimator or a tyre, each with its test; a
-    study; or a channel map that is proposed from the names, units and values of a recording.
+    study; a channel map that is proposed from the names, units and values of a recording; or a parameter file for a
+    vehicle that there is already.
     """
     console = Console()
     if out is not None and kind != "channels":
         raise UserError("--out is for channels; other files have their place in the project folder")
+    if kind != "parameters" and (model or parameters or tyre):
+        raise UserError("--model, --parameters and --tyre are for parameters")
     if kind == "channels":
         called, written = _channels(name, out, console)
+    elif kind == "parameters":
+        called, written = _parameters(name, ModelOptions(model or "", parameters, tyre))
     else:
         called = name
         written = write_new(kind, name)
@@ -153,3 +163,17 @@ def _channels(given: str, out: Path | None, console: Console) -> tuple[str, list
         console.print(Text(sentence), soft_wrap=True)
     in_project = locations.project() is not None and out.parent.name == locations.CHANNELS.in_project
     return out.stem if in_project else str(out), write_files(out.parent, {out.name: found.text})
+
+
+def _parameters(name: str, chosen: ModelOptions) -> tuple[str, list[Path]]:
+    """Write a parameter file of a vehicle that there is, with the values of one of its sets to be replaced."""
+    from harness.cli.options import model_of
+    from harness.models.roles import VEHICLES
+
+    if not chosen.vehicle:
+        raise UserError(f"new parameters: whose? say the vehicle by --model; there are: {', '.join(VEHICLES.names())}")
+    out = Path(name).with_suffix(".toml")
+    if out.exists():
+        raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; choose another name")
+    written = model_of(chosen).write(out, "write here where each value comes from")
+    return str(out), [written]

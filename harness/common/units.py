@@ -198,7 +198,8 @@ def _parse(text: str, unit: str, where: str) -> float:
         ) from None
     # Root units keep the radian, which pint's dimensions do not.
     if root != units.Quantity(1.0, _plain(unit)).to_root_units().units:
-        raise UserError(f"{where}: {text!r} does not fit; a quantity{_in(unit)} is expected, e.g. '{example}'")
+        gram = "; 'g' is the gram, standard gravity is 'g_0'" if _plain(unit) == "m/s^2" and root == units.gram else ""
+        raise UserError(f"{where}: {text!r} does not fit; a quantity{_in(unit)} is expected, e.g. '{example}'{gram}")
     return float(quantity.to(_plain(unit)).magnitude)
 
 

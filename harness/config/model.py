@@ -312,11 +312,18 @@ def _values(table: Stated, model: Model, found: ParameterSet, problems: Problems
         where = f"parameter set '{table['parameters']}'" if table["parameters"] else "no parameter set named, and it"
         problems.add(
             table.key("parameters"),
-            f"{where} gives no value for {', '.join(missing)}; add them under [{table.side}.values]",
+            f"{where} gives no value for {', '.join(missing)}; add them {_at_home(table, 'values')}"
+            f"[{table.side}.values]",
         )
     if len(values) == len(model.parameters):
         _check_relations(table, values, found, problems)
     return values
+
+
+def _at_home(table: Stated, group: str) -> str:
+    """Say where in a parameter file a value belongs, if the model has one."""
+    file = table["parameters"] or ""
+    return f"to [{group}] of {file}, or as " if file.endswith(".toml") else "as "
 
 
 def _check_relations(table: Stated, values: Mapping[str, float], found: ParameterSet, problems: Problems) -> None:
@@ -377,7 +384,10 @@ def _noise(
         elif process and name not in own_states and name not in (table["unknown_inputs"] or ()):
             variance = model.noise.get(name, 0.0) * step  # an effect's state moves by its own equation
         else:
-            problems.add(key, f"no {kind}-noise variance is known for '{name}'; add this key with one")
+            problems.add(
+                key,
+                f"no {kind}-noise variance is known for '{name}'; add one {_at_home(table, f'{kind}_noise')}this key",
+            )
             continue
         if variance < 0:
             problems.add(key, f"a variance cannot be negative, got {variance:g}")

@@ -127,7 +127,7 @@ def check_tables(tables: list[Table], file: str, content: Mapping[str, Any] | No
     Raises:
         UserError: If tables and map do not fit each other.
     """
-    given = remedy.content_of(plain_map(tables, file)) if content is None else content
+    given = remedy.content_of(plain_map(tables, file)) if content is None else remedy.listed(content)
     recording, examination, _ = _examined(tables, file, given)
     found = list(examination.findings)
     after, last = given, examination

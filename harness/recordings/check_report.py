@@ -120,7 +120,7 @@ def print_findings(findings: Findings, console: Console) -> None:
         if rows:
             table = Table(*header, box=None)
             for row in rows:
-                table.add_row(*row)
+                table.add_row(*(Text(cell) for cell in row))
             console.print(table)
             console.print()
     for axle in findings.axles:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
@@ -146,11 +147,21 @@ def inputs(recording: xr.Dataset, names: Sequence[str]) -> Floats:
         if missing.size:
             raise UserError(
                 f"{_file(recording)}: '{name}' drives the model and is missing at {missing.size} of {len(values)} "
-                f"samples, first at t = {float(recording['time'][missing[0]]):.2f} s; cut with start and stop, or "
-                "bridge the gap with a longer largest_gap"
+                f"samples, first at t = {float(recording['time'][missing[0]]):.2f} s; take a part without a gap, the "
+                f"longest is {_longest_part(recording, missing)}, or bridge the gap with a longer largest_gap in the "
+                "channel map"
             )
         columns.append(values)
     return np.stack(columns, axis=1)
+
+
+def _longest_part(recording: xr.Dataset, missing: NDArray[np.intp]) -> str:
+    """Name the longest part of a recording between samples that are missing, as commands take it."""
+    edges = np.concatenate(([-1], missing, [recording.sizes["time"]]))
+    i = int(np.diff(edges).argmax())
+    time = recording["time"].to_numpy() + recording.attrs.get("span", (0.0,))[0]
+    begin = f"{time[edges[i] + 1]:g}s"
+    return f"{_file(recording)}@{begin}:{f'{time[edges[i + 1]]:g}s' if edges[i + 1] < len(time) else ''}"
 
 
 def updated(recording: xr.Dataset, name: str) -> Mask | None:

@@ -23,7 +23,7 @@ from harness.recordings import readers
 
 _NAMES: tuple[tuple[str, str], ...] = (
     ("articulation_angle", r"articulation|hitch (angle|ang)|knickwinkel"),
-    ("steering_wheel_angle", r"steer|swa|lenk|lws|handwheel|^delta( h| sw)?$"),
+    ("steering_wheel_angle", r"steer|swa|lenk|lws|\blrw\b|handwheel|^delta( h| sw)?$"),
     ("yaw_acceleration", r"yaw (ang(ular)? )?acc|psi pp|yaw ddot"),
     (
         "yaw_rate",
@@ -35,8 +35,8 @@ _NAMES: tuple[tuple[str, str], ...] = (
         "longitudinal_acceleration",
         r"long(itudinal)? ?acc|laengsbeschl|längsbeschl|acc(el(eration)?)? ?(x|long)|^a ?x( ?cg)?$",
     ),
-    ("lateral_velocity", r"lat(eral)? ?(vel|speed)|vel(ocity)? (y|lat)|^v ?y$"),
-    ("speed", r"speed|geschw|veloc|^v( ?x| veh)?$|vel (x|long)|kmh|kph"),
+    ("lateral_velocity", r"lat(eral)? ?(vel|speed)|vel(ocity)? (y|lat)|quer ?gesch|^v ?(y|quer|lat)$"),
+    ("speed", r"speed|geschw|veloc|^v( ?x| veh| fzg)?$|vel (x|long)|kmh|kph"),
     ("sideslip_angle", r"side ?slip|schwimm|^beta$"),
     ("heading", r"heading|course|kurs|azimuth|^(psi|yaw)( angle)?$"),
     ("roll_angle", r"^(roll|phi)( angle)?$|wank"),
@@ -86,6 +86,10 @@ _ENOUGH = 50
 
 _AGREES = 0.3
 """Correlation of steering and yaw rate from which its sign counts."""
+
+
+_ALIKE = 0.9
+"""Correlation of a column with what the motion makes of the others from which it is taken for their signal."""
 
 
 @dataclass(frozen=True)
@@ -166,9 +170,10 @@ def propose(path: Path) -> Proposal:
                 guess = _guess(column, values, table.units.get(column, ""))
                 left += [column] if guess is None else []
                 guesses += [] if guess is None else [guess]
-    if not any(g.signal == "speed" for g in guesses):
-        guesses += _speed_by_unit(tables, left)
-        left = [column for column in left if column not in [g.column for g in guesses]]
+    for signal in ("speed", "steering_wheel_angle"):
+        if not any(g.signal == signal for g in guesses):
+            guesses += _by_unit_and_motion(signal, tables, left, guesses)
+            left = [column for column in left if column not in [g.column for g in guesses]]
     guesses, doubled = _one_each(guesses)
     if not guesses:
         columns = ", ".join(f"'{c}'" for table in tables for c in table.columns)
@@ -271,16 +276,38 @@ def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
     return Guess(signal, column, chosen, values, False, (why, f"unit by its values to {largest:.4g}"))
 
 
-def _speed_by_unit(tables: Sequence[readers.Table], left: Sequence[str]) -> list[Guess]:
-    """Return the speed where no name tells it: the only column that is left whose file or name states its unit."""
+def _by_unit_and_motion(
+    signal: str, tables: Sequence[readers.Table], left: Sequence[str], known: Iterable[Guess]
+) -> list[Guess]:
+    """Return a signal that no name tells: the only column in its unit, or the only one of them that the motion needs.
+
+    The speed times the yaw rate is nearly the lateral acceleration; the steering times the speed nearly in proportion
+    to the yaw rate.
+    """
+    words = {"speed": "velocity", "steering_wheel_angle": "angle"}
     found = []
     for table in tables:
         for column in (c for c in left if c in table.columns):
             stated = _stated_unit(column, table.units.get(column, ""))
-            if stated is not None and stated[0] in _UNITS["m/s"]:
-                why = ("the only one in a unit of velocity", stated[1])
-                found.append(Guess("speed", column, stated[0], table.columns[column], True, why))
-    return found if len(found) == 1 else []
+            if stated is not None and stated[0] in _UNITS[SIGNALS[signal].unit]:
+                found.append(Guess(signal, column, stated[0], table.columns[column], True, (stated[1],)))
+    moves = [g for g in found if _moves_alike(g, {k.signal: k for k in known})]
+    if len(moves) == 1:
+        return [replace(moves[0], why=(f"in a unit of {words[signal]}, and as the others move", *moves[0].why))]
+    if signal == "speed" and len(found) == 1:
+        return [replace(found[0], why=("the only one in a unit of velocity", *found[0].why))]
+    return []
+
+
+def _moves_alike(guess: Guess, known: dict[str, Guess]) -> bool:
+    """Whether a column moves as its signal must beside those that are known."""
+    if guess.signal == "speed":
+        rate, other = known.get("yaw_rate"), known.get("lateral_acceleration")
+    else:
+        rate, other = known.get("speed"), known.get("yaw_rate")
+    if rate is None or other is None or len({len(guess.values), len(rate.values), len(other.values)}) > 1:
+        return False
+    return abs(_correlation(guess.si * rate.si, other.si)) > _ALIKE
 
 
 def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:

@@ -40,6 +40,12 @@ def content_of(mapping: ChannelMap) -> dict[str, Any]:
     return content
 
 
+def listed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a map with its clocks as a list, which one clock need not be."""
+    clock = content.get("time")
+    return {**content, "time": [clock]} if isinstance(clock, Mapping) else dict(content)
+
+
 def mended(
     content: Mapping[str, Any],
     faults: Sequence[Fault],
@@ -56,9 +62,7 @@ def mended(
         clocks: Channel of the clock by its number.
         duration: s of the recording, over which a clock drifts.
     """
-    found = copy.deepcopy(dict(content))
-    if isinstance(found.get("time"), dict):
-        found["time"] = [found["time"]]
+    found = listed(copy.deepcopy(dict(content)))
     for fault in faults:
         _mend(found, fault)
     for cause in causes:
@@ -68,7 +72,7 @@ def mended(
 
 def lines(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
     """Return the lines of the map that are others than before."""
-    old = {**before, "time": [before["time"]] if isinstance(before.get("time"), dict) else before.get("time")}
+    old = listed(before)
     found = []
     for key, value in after.items():
         if value != old.get(key):

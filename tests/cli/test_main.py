@@ -44,6 +44,15 @@ def small_study(tmp_path):
     return path
 
 
+def test_a_vehicle_is_listed_with_what_it_computes(harness):
+    status, printed, _ = harness("list", "vehicles", "car")
+    assert status == 0
+    rows = {line.split()[0]: line.split()[1] for line in printed.split("quantities of car")[1].splitlines() if line}
+    assert rows["lateral_velocity"] == "state"
+    assert rows["slip_angle_axle_rear"] == "port"
+    assert "example_state" in harness("list", "vehicles", "scalar_example")[1]  # without tyres
+
+
 def test_help_of_every_command(harness):
     status, out, _ = harness("--help")
     assert status == 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import harness as h
 from harness.cli.main import app
 from harness.cli.new import WRITES, write_new
 from harness.common.errors import UserError
@@ -110,6 +111,38 @@ def test_nothing_is_written_over(kind, lab):
 def test_names_that_do_not_do_are_refused(arguments, says, lab):
     with pytest.raises(UserError, match=says):
         write_new(*arguments)
+
+
+def test_a_parameter_file_of_a_vehicle_that_there_is_says_what_every_value_means(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, printed = run("new", "parameters", "mine", "--model", "car", "--tyre", "linear")
+    assert status == 0, printed
+    assert "next: write your own values into it, then: --parameters mine.toml" in " ".join(printed.split())
+    text = (tmp_path / "mine.toml").read_text()
+    assert "mass = 2303.1 # kg, 0.5 to 5000; mass of the car\n" in text
+    (tmp_path / "mine.toml").write_text(text.replace("mass = 2303.1", "mass = 1500"))
+    mine = h.model("car", "mine.toml")
+    assert mine.parameters.value["mass"] == 1500
+    assert mine.stated.get("tyre") is None
+    assert "# (rad/s)^2 a step" in text
+    status, printed = run("new", "parameters", "mine", "--model", "car")
+    assert status == 2
+    assert "is there already" in printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("parameters", "mine"), "say the vehicle by --model; there are: car, "),
+        (("parameters", "mine", "--model", "cra"), "closest: car"),
+        (("effect", "mine", "--model", "car"), "--model, --parameters and --tyre are for parameters"),
+        (("parameters", "mine", "--model", "car", "--out", "x.toml"), "--out is for channels"),
+    ],
+)
+def test_what_a_parameter_file_needs_is_said(arguments, says, run, lab):
+    status, printed = run("new", *arguments)
+    assert status == 2
+    assert says in " ".join(printed.split())
 
 
 def test_outside_a_project_the_way_in_is_said(run, tmp_path, monkeypatch):

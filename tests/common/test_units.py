@@ -43,6 +43,7 @@ def test_converts(value, unit, expected):
         ("60 deg", "", "does not fit; a quantity without a unit"),
         ("5 %", "rad", "does not fit"),
         ("60 rpm", "Hz", "does not fit"),
+        ("0.3 g", "m/s^2", "'g' is the gram, standard gravity is 'g_0'"),
         ("3 ton", "kg", "short ton; write 't'"),
         ("5", "kg", "has no unit; write e.g. '5 kg'"),
         ("0.9", "", "has no unit; write it without quotes"),

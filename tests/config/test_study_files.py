@@ -260,7 +260,11 @@ def test_parameter_file_errors_name_that_file(load, tmp_path, changed, expected)
 def test_missing_value_is_named(load, tmp_path):
     text = _parameter_file().replace("friction = 0.9\n", "")
     (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(UserError, match=r"plant\.parameters: parameter set 'mine\.toml' gives no value for friction"):
+    says = (
+        r"plant\.parameters: parameter set 'mine\.toml' gives no value for friction; add them to "
+        r"\[values\] of mine\.toml, or as \[plant\.values\]"
+    )
+    with pytest.raises(UserError, match=says):
         load(("ziaukas_2023", "mine.toml"))
     assert (
         load(("ziaukas_2023", "mine.toml"), append="[plant.values]\nfriction = 0.7\n").plant.values["friction"] == 0.7

@@ -1,10 +1,12 @@
 """``harness check``: whether signals agree with each other, forces and slip angles of the axles, the report."""
 
+import io
 import re
 
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from harness.cli.main import app
@@ -12,6 +14,7 @@ from harness.common.errors import UserError
 from harness.models.signals import SIGNALS
 from harness.recordings import axle_curves, load_recording
 from harness.recordings.check import check_tables
+from harness.recordings.check_report import print_findings
 from harness.recordings.consistency import AGREES, NOT_JUDGED, check, verdicts
 from harness.recordings.examine import examine
 from harness.recordings.geodesy import tangent_plane
@@ -133,6 +136,19 @@ def test_the_lines_that_mend_keep_what_the_map_says():
     assert found.remedy.lines == ('yaw_rate = { channel = "w", unit = "deg/s", sign = -1 }',)
     assert found.remedy.passes
     assert content["yaw_rate"]["unit"] == "rad/s"
+
+
+def test_nothing_is_mended_of_a_right_map_with_one_clock():
+    signals = noisy()
+    content = {"time": {"channel": "t [s]", "unit": "s"}}
+    content |= {n: {"channel": f"{n} [SI]", "unit": SIGNALS[n].unit} for n in signals}
+    table = pd.DataFrame({"t [s]": TIME, **{f"{n} [SI]": v for n, v in signals.items()}})
+    found = check_tables(tables_of(table, mapped=True), "drive", content)
+    assert found.found == ()
+    assert found.remedy is None
+    console = Console(width=300, record=True, file=io.StringIO())
+    print_findings(found, console)
+    assert "yaw_rate [SI]" in console.export_text()  # brackets are no markup
 
 
 def test_a_clock_that_drifts_is_mended():

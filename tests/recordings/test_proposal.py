@@ -54,11 +54,28 @@ def test_units_that_are_not_stated_follow_from_each_other(recording, names, spee
 
 
 def test_a_column_in_km_h_is_the_speed_whatever_its_name(recording):
-    columns = {"t": TIME, "v_Fzg_kmh": 3.6 * SPEED, "Gierrate_grad/s": np.degrees(RATE), "Lenkradwinkel_grad": -STEER}
+    columns = {"t": TIME, "v_vorn_kmh": 3.6 * SPEED, "Gierrate_grad/s": np.degrees(RATE), "Lenkradwinkel_grad": -STEER}
     found = guessed(recording(**columns, Temp=np.full_like(TIME, 20.0)))
-    assert found["speed"] == ("v_Fzg_kmh", "km/h", 1)
+    assert found["speed"] == ("v_vorn_kmh", "km/h", 1)
     assert found["steering_wheel_angle"] == ("Lenkradwinkel_grad", "deg", -1)  # no acceleration is needed to see that
     assert "speed" not in guessed(recording(**columns, v_hinten_kmh=3.6 * SPEED))  # which of the two?
+
+
+def test_columns_whose_names_say_nothing_are_told_by_unit_and_motion(recording):
+    columns = {"t": TIME, "K1_deg": -np.degrees(STEER), "K2_km/h": 3.6 * SPEED, "K3_m/s": 0.3 * np.sin(TIME)}
+    columns |= {"K4_deg": 5 * np.cos(3 * TIME), "gyro_z": RATE, "ay": noisy(SPEED * RATE, 0.1)}
+    found = guessed(recording(**columns))
+    assert found["speed"] == ("K2_km/h", "km/h", 1)  # K3 is a velocity as well, and moves otherwise
+    assert found["steering_wheel_angle"] == ("K1_deg", "deg", -1)
+    assert "speed" not in guessed(recording(**columns, K5_kmh=3.7 * SPEED))  # which of the two?
+
+
+def test_german_names_and_a_velocity_across(recording):
+    columns = {"Zeit": TIME, "LRW_deg": STEER, "V_Fzg_kmh": 3.6 * SPEED, "Gierrate": RATE, "Quergeschw": 0.1 * RATE}
+    found = guessed(recording(**columns))
+    assert found["steering_wheel_angle"][0] == "LRW_deg"
+    assert found["speed"][0] == "V_Fzg_kmh"
+    assert found["lateral_velocity"][0] == "Quergeschw"
 
 
 @pytest.mark.parametrize("turned", ["yaw_rate", "lateral_acceleration", "steering_wheel_angle"])

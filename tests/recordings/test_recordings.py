@@ -1,5 +1,6 @@
 """Measured drives: channel maps, time bases, gaps and spikes; the drives of the project's maps."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -171,6 +172,25 @@ def test_clock_that_jumps_far_ahead_is_refused(tmp_path):
     path, _ = stored(tmp_path, {"time": time, "yaw_rate": np.sin(TIME)})
     with pytest.raises(UserError, match=r"the clock jumps from 20 to 1e\+09 s at row 2001"):
         load_recording(path)
+
+
+def test_an_input_with_a_gap_names_the_longest_part_without(tmp_path):
+    columns = drive(TIME)
+    step, keep = TIME[1] - TIME[0], ~((TIME > 3) & (TIME < 4))
+    path, _ = stored(tmp_path, {n: v[keep] for n, v in columns.items()})
+    with pytest.raises(UserError, match=r"take a part without a gap, the longest is .*@(\d.*)s:, or") as caught:
+        inputs(load_recording(path), ["yaw_rate"])
+    part = re.search(r"the longest is (\S+@\S+:),", str(caught.value))[1]
+    found = load_recording(part)
+    assert len(inputs(found, ["yaw_rate"])) == pytest.approx((TIME[-1] - 4) / step, abs=2)
+    rest = load_recording(f"{path}@2s:")
+    assert re.search(r"the longest is (\S+@\S+:),", _refused(rest))[1] == part
+
+
+def _refused(recording):
+    with pytest.raises(UserError) as caught:
+        inputs(recording, ["yaw_rate"])
+    return str(caught.value)
 
 
 def test_gaps_stay_missing_and_short_ones_are_bridged(tmp_path):
