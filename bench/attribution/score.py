@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from harness.diagnosis.selection.validation import EXCESS
+from harness.diagnosis.criteria import EXCESS
 from harness.models.assembly.placement import split
 from harness.models.quantities import print_unit
 from harness.reporting import style

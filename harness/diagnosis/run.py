@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from harness.common.failures import Failures
 from harness.config import ModelSpec
+from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.progress import progress
@@ -21,7 +22,7 @@ from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
-from harness.diagnosis.selection.forward_selection import ROUNDS, trace
+from harness.diagnosis.selection.forward_selection import trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from harness.identification.data import Drive
 from harness.identification.measured_file import names_of

@@ -1,6 +1,6 @@
 """The road wheels turn a fixed time after the steering wheel (second order, ``_lag.delay``).
 
-The delay of the actuator and that of the channel that recorded the steering wheel are one and the same here.
+A channel that recorded the steering wheel late is a negative delay: the vehicle then seems to turn before its driver.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ("steering_delayed", "steering_delayed_rate")
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("steering_delay", r"\tau_\delta", "s", 0.0, 0.5, "delay of the steering", neutral=0.0),
+    Parameter("steering_delay", r"\tau_\delta", "s", -0.1, 0.5, "delay of the steering", neutral=0.0),
 )
 
 

@@ -27,8 +27,8 @@ from bench.attribution.tables import (
     tables,
     wilson,
 )
+from harness.diagnosis.criteria import EXCESS
 from harness.diagnosis.run import augmented_model_of
-from harness.diagnosis.selection.validation import EXCESS
 from harness.identification.measured_file import finely
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.candidates import placements

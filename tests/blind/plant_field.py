@@ -69,7 +69,9 @@ class Logger:
     def faults(self) -> list[dict[str, object]]:
         """Return what a trace may truly say of the recording, in the library's words."""
         late = [
-            {"name": "steering_delay" if c == "steering_wheel_angle" else "sensor_delay", "place": c, "delay": d}
+            {"name": "steering_delay", "place": c, "delay": -d}  # the vehicle turns before the wheel is recorded
+            if c == "steering_wheel_angle"
+            else {"name": "sensor_delay", "place": c, "delay": d}
             for c, d in self.delays.items()
             if c != "speed"
         ]

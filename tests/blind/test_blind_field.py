@@ -89,6 +89,8 @@ def test_the_seal_says_what_is_wrong_with_the_recording_and_the_map_what_to_do(t
         "sensor_bias",
         "wheel_radius_error",
     }
+    delay = {f["place"]: f["delay"] for f in sealed["recording"] if "delay" in f}
+    assert delay.pop("steering_wheel_angle") < 0.0 < min(delay.values())  # a late steering wheel: the vehicle is early
     assert "remove_spikes = true" in (tmp_path / "channels.toml").read_text()
     assert not plant.main(["--case", "car-none", "--out", str(tmp_path / "clean")])
     assert json.loads((tmp_path / "clean" / "sealed.json").read_text())["recording"] == []

@@ -40,9 +40,7 @@ def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
 
 def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():
     def score(name, *response):
-        return SimpleNamespace(
-            hypothesis=SimpleNamespace(name=name, amplitudes=()), response=(np.array(response),), excited=True
-        )
+        return SimpleNamespace(hypothesis=Hypothesis(name, "effect", ()), response=(np.array(response),), excited=True)
 
     def winner(normalised_excess_mse):
         held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=10.0)

@@ -11,6 +11,7 @@ from harness.common.failures import FILE, Failures
 from harness.common.files import json_text
 from harness.common.statistics import Interval
 from harness.diagnosis import run
+from harness.diagnosis.criteria import HORIZONS
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.how_likely import likely
@@ -27,7 +28,7 @@ from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.forward_selection import trace as search_for
-from harness.diagnosis.selection.posterior import HORIZONS, Alike, Model, Posterior
+from harness.diagnosis.selection.posterior import Alike, Model, Posterior
 from harness.diagnosis.selection.score_test import Score
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.whiteness import whiteness

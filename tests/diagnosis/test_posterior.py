@@ -6,14 +6,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
+from harness.diagnosis.criteria import ODDS, PRIOR
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.augmented_model import Ahead
-from harness.diagnosis.model.hypotheses import PRIOR, Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.diagnosis.selection import posterior as p
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.priors import ODDS, kind_of, log_odds, log_size
+from harness.diagnosis.selection.priors import kind_of, log_odds, log_size
 from harness.identification.coordinates import Coordinate
 from support.driven_car import FREE, driven
 
@@ -96,26 +98,41 @@ def ahead(square, samples=4000, seed=0):
     return Ahead(-0.5 * (squares + math.log(2 * math.pi)), squares, np.ones(samples, dtype=int))
 
 
-def test_none_of_these_wins_where_a_horizon_is_missed_and_loses_where_none_is():
-    drives = [SimpleNamespace(time=0.03 * np.arange(4001))]
-    for square, wins in (((1.0, 1.0), False), ((1.0, 1.1), False), ((1.0, 1.6), True), ((1.0, 0.5), True)):
-        factors = p.misfit([ahead(square, seed=1)])
-        held_out = ahead(square, seed=2)
-        model, none = (
-            p.by_block([d], drives).mean(axis=1) for d in (held_out.densities, p.inflated(held_out, factors))
-        )
-        found = p.probabilities(np.log([1.0, ODDS["none"]]), np.array([model, none]))
-        assert (found[1] > 0.9) == wins, square
-        assert wins or found[1] < 0.01, square
+def innovations(drift, seed, samples=12_000):
+    """Return white innovations of two signals at 100 Hz, a Gauss-Markov process of 1 s beside them in the first."""
+    rng = np.random.default_rng(seed)
+    found = rng.standard_normal((samples, 2))
+    slow = lfilter([math.sqrt(1 - 0.99**2)], [1.0, -0.99], rng.standard_normal(samples))
+    return found + np.column_stack([drift * slow, np.zeros(samples)])
 
 
-def test_a_covariance_times_a_factor_has_the_density_that_it_should():
-    held = ahead((1.0, 1.0), 50)
-    found = p.inflated(held, np.array([2.0, 1.0]))
-    errors = np.sqrt(held.squares[:, 0])
-    exact = [multivariate_normal(0.0, 2.0).logpdf(e) for e in errors]
-    assert found[:, 0] == pytest.approx(np.array(exact))
-    assert found[:, 1] == pytest.approx(held.densities[:, 1])
+@pytest.mark.parametrize(("drift", "wins"), [(0.0, False), (0.02, False), (0.15, True), (0.5, True)])
+def test_none_of_these_wins_where_the_innovations_are_coloured_and_loses_where_they_are_white(drift, wins):
+    fitted, held_out = ([innovations(drift, seed)] for seed in (1, 2))
+    gain = p.coloured(fitted, held_out, (10, 100))
+    found = p.probabilities(np.log([1.0, ODDS["none"]]), np.array([[0.0], [gain]]))
+    assert (found[1] > 0.9) == wins
+    assert wins or found[1] < 0.01
+
+
+def test_what_is_coloured_in_the_fitted_drives_alone_is_no_evidence():
+    assert p.coloured([innovations(0.5, 1)], [innovations(0.0, 2)], (10, 100)) < 0
+    assert p.coloured([innovations(0.5, 1)], [innovations(0.5, 2, 500)], (1000,)) == 0.0  # shorter than a block
+
+
+def test_sums_over_blocks_have_the_variance_of_their_samples():
+    white = innovations(0.0, 3)
+    for samples in (1, 10, 100):
+        assert np.nanmean(p.long_run([white], samples)) == pytest.approx(1.0, abs=0.15)
+    gaps = white.copy()
+    gaps[::3] = np.nan
+    gaps[:60] = np.nan
+    found = p.long_run([gaps], 100)
+    assert found.shape == (120, 2)
+    assert np.isnan(found[0]).all()
+    assert np.nanmean(found) == pytest.approx(1.0, abs=0.2)
+    exact = multivariate_normal(0.0, 3.0).logpdf(2.0) - multivariate_normal(0.0, 1.0).logpdf(2.0)
+    assert p._wider(np.array([[4.0]]), np.array([3.0])) == pytest.approx(exact)
 
 
 def test_coverage_is_that_of_the_chi_square_region():
@@ -139,7 +156,7 @@ def test_the_confusable_set_is_the_smallest_with_its_mass():
 
 
 def test_the_odds_of_a_kind_are_shared_and_places_share_those_of_their_effect(augmented):
-    tried = hypotheses(augmented, FREE)
+    tried = [h for h in hypotheses(augmented, FREE) if not h.parts]  # which never stands in a model itself
     odds = log_odds(tried)
     for kind, together in ODDS.items():
         of_kind = [h for h in tried if kind_of(h) == kind]

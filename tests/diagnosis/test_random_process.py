@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from harness.config import resolve_single
+from harness.diagnosis.criteria import EXCESS, WHITE
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.random_process import (
-    EXPLAINED,
-    NEXT_TO_WHITE,
     _left,
     expected_excess,
     find_random_process,
@@ -62,9 +61,9 @@ def test_next_to_white_is_a_twentieth_of_the_squared_correlations():
     noise = np.random.default_rng(3).normal(size=12000)
     before, little, half = (np.convolve(noise, [1.0, *[share] * 12])[: len(noise)] for share in (0.5, 0.025, 0.25))
     before, little, half, noise = (whiteness(series) for series in (before, little, half, noise))
-    assert min(little.ljung_box, little.periodogram) < EXPLAINED
-    assert 0 < _left(before, little) < NEXT_TO_WHITE
-    assert _left(before, half) > NEXT_TO_WHITE
+    assert min(little.ljung_box, little.periodogram) < WHITE
+    assert 0 < _left(before, little) < EXCESS
+    assert _left(before, half) > EXCESS
     assert _left(before, noise) == 0
     assert half.correlation == pytest.approx(_squares(0.25, 12), rel=0.1)
 

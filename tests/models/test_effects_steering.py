@@ -48,8 +48,10 @@ def follow(effect: str, own: dict, wheel: np.ndarray, step: float, tyre: str = "
     return np.array([angle(state, u)[0] for state, u in zip(x, inputs, strict=True)])
 
 
-@pytest.mark.parametrize("effect", ["steering_lag", "steering_delay"])
-@pytest.mark.parametrize("amount", [0.0, 0.02, 0.1, 0.2])
+@pytest.mark.parametrize(
+    ("effect", "amount"),
+    [(e, a) for e in ("steering_lag", "steering_delay") for a in (0.0, 0.02, 0.1, 0.2)] + [("steering_delay", -0.04)],
+)
 def test_lag_and_delay_have_gain_and_phase_of_their_names(effect, amount):
     """Measured at 1 Hz, where a driver steers; exact at zero."""
     step, omega, ratio = 1e-3, 2 * np.pi, VALUES["car"]["steering_ratio"]

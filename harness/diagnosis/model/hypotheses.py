@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from harness.diagnosis.criteria import PRIOR
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import Coordinate, parameter_coordinate
 from harness.models.assembly.placement import (
@@ -22,8 +23,11 @@ from harness.models.assembly.placement import (
 ALL_PARAMETERS = "parameters"
 """Name of the hypothesis that many parameters are wrong at once, each a little."""
 
-PRIOR = 0.2
-"""Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once."""
+CHANNEL_DELAYS = "channel_delays"
+"""Name of the hypothesis that the channels of the recording have clocks of their own."""
+
+_LATE = ("steering_delay", "sensor_delay")
+"""Effects that say so of one channel each."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class Hypothesis:
         shapes: Parameters that mean nothing while it is absent.
         change_times: Parameters of which every drive has its own.
         output: Column of the only output that it acts on, if it is a fault of one sensor.
+        parts: Hypotheses that it tries at once, which then stand in a model in its place; none of most.
     """
 
     name: str
@@ -45,6 +50,17 @@ class Hypothesis:
     shapes: tuple[str, ...] = ()
     change_times: tuple[str, ...] = ()
     output: int | None = None
+    parts: tuple[Hypothesis, ...] = ()
+
+    @property
+    def single(self) -> tuple[Hypothesis, ...]:
+        """What a model has that it is added to."""
+        return self.parts or (self,)
+
+    @property
+    def many(self) -> bool:
+        """Whether it is that many things are wrong at once, which predicts a gain whatever is missing."""
+        return bool(self.parts) or self.name == ALL_PARAMETERS
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -60,7 +76,8 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
     """Return everything to be tried on a model whose ``free`` parameters are fitted anyway.
 
     An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at
-    once are those that cannot be negative: each moves by a share of its value.
+    once are those that cannot be negative: each moves by a share of its value. The delays of all channels are tried at
+    once as well: of four clocks that differ none alone explains much, and other effects resemble their sum.
     """
     fixed = [p for p in augmented.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
     found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
@@ -72,7 +89,17 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
         if place_of(load_effect(name)) in ("tyre", "body"):
             everywhere.setdefault(split(name)[0], []).append(one)
     found += [_together(file, parts) for file, parts in everywhere.items() if len(parts) > 1]
+    late = [h for h in found if split(h.name)[0] in _LATE]
+    if len(late) > 1:
+        found.append(replace(_together(CHANNEL_DELAYS, late), parts=tuple(late)))
     return tuple(found)
+
+
+def still_open(h: Hypothesis, taken: Container[str]) -> Hypothesis | None:
+    """Return a hypothesis without the amplitudes that are taken; ``None`` if nothing is left to be tried."""
+    rest = tuple(a for a in h.amplitudes if a not in taken)
+    parts = tuple(p for p in h.parts if set(p.amplitudes) <= set(rest))
+    return replace(h, amplitudes=rest, parts=parts) if rest and (not h.parts or len(parts) > 1) else None
 
 
 def _effect(augmented: AugmentedModel, name: str) -> Hypothesis:

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
-from harness.diagnosis.selection.acceptance import BIC_NEEDED, Round
+from harness.diagnosis.criteria import BIC_NEEDED
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, CHANNEL_DELAYS
+from harness.diagnosis.selection.acceptance import Round
 from harness.models.quantities import words
 from harness.reporting import style
 
@@ -19,6 +20,8 @@ def called(name: str) -> str:
     """Return a hypothesis in words."""
     if name == ALL_PARAMETERS:
         return "many parameters at once"
+    if name == CHANNEL_DELAYS:
+        return "delays of the channels"
     effect, _, place = name.partition("@")
     return f"{words(effect)}, {words(place)}" if place else words(effect)
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable
 from functools import partial
 
+from harness.diagnosis.criteria import ALIKE, BIC_NEEDED, ERROR_NEEDED
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
 from harness.diagnosis.report import (
     figures,
@@ -19,7 +20,7 @@ from harness.diagnosis.report.how_likely import scaled
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.diagnosis.result.verdict import COLOURED
-from harness.diagnosis.selection.acceptance import ALIKE, BIC_NEEDED, ERROR_NEEDED, Candidate
+from harness.diagnosis.selection.acceptance import Candidate
 from harness.identification import figures as fit_figures
 from harness.models.quantities import quantity, words
 from harness.reporting import style

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.diagnosis.criteria import BIC_NEEDED
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.report.figures import called
@@ -12,7 +13,6 @@ from harness.diagnosis.report.how_likely import likely, scaled, size
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.wording import unmodelled_words
-from harness.diagnosis.selection.acceptance import BIC_NEEDED
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.models.quantities import listed, quantity
 from harness.reporting import style
@@ -92,7 +92,9 @@ def _certainty(outcome: Outcome) -> list[str]:
     """Return the evidence for each addition."""
     found = []
     for r in outcome.trace.rounds:
-        if r.added is None or r.added.held_out is None or r.added.hypothesis not in outcome.trace.added:
+        if r.added is None or r.added.held_out is None:
+            continue
+        if not set(r.added.hypothesis.single) & set(outcome.trace.added):
             continue
         gain = r.added.held_out.log_likelihood - r.before.log_likelihood
         text = (
@@ -167,5 +169,5 @@ def _rounds(outcome: Outcome) -> list[str]:
 
 def _in_place(trace: Trace) -> list[Hypothesis]:
     """Return what no round added: parameters that took the place of an effect."""
-    rounds = {r.added.hypothesis for r in trace.rounds if r.added is not None}
+    rounds = {h for r in trace.rounds if r.added is not None for h in r.added.hypothesis.single}
     return [h for h in trace.added if h not in rounds]

@@ -18,12 +18,11 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
+from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FARTHER, WHITE
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
-from harness.diagnosis.selection.acceptance import AHEAD, BIC_NEEDED
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.diagnosis.selection.validation import EXCESS
 from harness.identification.contract import Problem
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
@@ -34,18 +33,6 @@ from harness.identification.whiteness import Whiteness
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, split
 from harness.models.contracts import Parameter
-
-EXPLAINED = 1e-8
-"""p-value of the innovations on the held-out drives, below which something is missing whatever the simulation error is.
-With the right structure it is rarely below 1e-4; the margin covers noise variances that are slightly wrong."""
-
-FARTHER = 4.0
-"""Largest ratio of the excess of the simulation to the one expected of the random process; beyond it something else is
-missing. A slow process may well reach twice its standard deviation in a drive."""
-
-NEXT_TO_WHITE = 0.05
-"""Share of the squared correlations of the innovations that may remain: a road is smoother than a Gauss-Markov
-process, which shows the more, the larger its bank is."""
 
 _SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
 """The model was fitted before, so the search with the process starts near the maximum."""
@@ -85,7 +72,7 @@ def find_random_process(trace: Trace, final: ModelSpec, ranking: DisturbanceRank
     if trace.fitting.noise_held or not ranking.ranked_inputs or 2 * ranking.ranked_inputs[0].gain < BIC_NEEDED:
         return None
     most = ranking.ranked_inputs[0].gain
-    suspected = [set(s.disturbance_input.ports) for s in ranking.ranked_inputs if 2 * (most - s.gain) < AHEAD]
+    suspected = [set(s.disturbance_input.ports) for s in ranking.ranked_inputs if 2 * (most - s.gain) < BIC_NEEDED]
     for name in _processes(final, trace.fitting.augmented):
         found = _fitted(trace, final, name) if _changed(final, name) in suspected else None
         if found is not None:
@@ -132,7 +119,7 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> RandomProcess | None:
         return None
     tests = ([w for d in judged for w in d.whiteness] for judged in (before, after))
     left = [_left(b, a) for b, a in zip(*tests, strict=True)]
-    if max(left) > NEXT_TO_WHITE:
+    if max(left) > EXCESS:
         return None
     if trace.after.normalised_excess_mse > max(
         EXCESS, FARTHER * expected_excess(filters, there, with_it, trace.held_out.variances)
@@ -148,7 +135,7 @@ def _left(before: Whiteness, after: Whiteness) -> float:
 
     A series that is too short, or missing, is not tested (NaN) and is no evidence against a process.
     """
-    if not min(after.ljung_box, after.periodogram) < EXPLAINED:
+    if not min(after.ljung_box, after.periodogram) < WHITE:
         return 0.0
     return after.correlation / before.correlation
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.diagnosis.criteria import BIC_NEEDED, STABLE, TRIED, TRUSTED
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -41,23 +42,15 @@ from harness.identification.coordinates import Coordinate
 from harness.identification.data import Drive
 from harness.identification.uncertainty import covariance_of
 
-NEEDED = 25.0
-"""Least gain in log-likelihood of the drives left out with which a curve is taken."""
-
-CURVES = 3
-"""Largest number of curves."""
-
-TRUSTED = 0.03
-"""Largest standard deviation of the prior on the step of a parameter: further from the fit its linear response does not
-hold, and a parameter that these drives hardly excite would leave the model's range."""
+_NEEDED = 0.5 * BIC_NEEDED
+"""Least gain in log-likelihood of the drives left out with which a curve is taken; it has no BIC."""
 
 TURNS = 3
 """Largest number of periodic disturbances: an order and its harmonics."""
 
 _ENTRIES = 8
 _PAIRS = 12
-_STABLE = 0.2
-"""Inputs in the stability selection, pairs of which curves are fitted, and the least stability of a pair."""
+"""Inputs in the stability selection, and pairs of which curves are fitted."""
 
 _SPEED = ("speed", "longitudinal_velocity")
 """Signals, the integral of either of which is the distance driven."""
@@ -193,7 +186,7 @@ def find_unmodelled(
     augmented = fitting.augmented
     moved = [c for c in final.coordinates if not c.drives]
     here = _Drives(ranking, fitting, final.point, moved)
-    ranked_inputs = [s.disturbance_input for s in ranking.ranked_inputs if s.gain > NEEDED][:_ENTRIES]
+    ranked_inputs = [s.disturbance_input for s in ranking.ranked_inputs if s.gain > _NEEDED][:_ENTRIES]
     there = DisturbanceRanking(held_out.fitting, before.point, ranking.disturbance_inputs, ranked=False)
     kept_aside = _Drives(there, held_out.fitting, before.point, moved)
     if not (here.followed and kept_aside.followed):
@@ -203,7 +196,7 @@ def find_unmodelled(
     if ranked_inputs:
         residuals = [r.residual for r in here.distance_drives]
         pairs = proposals(ranking, ranked_inputs, here.regressors, here.signals, here.moved, residuals)
-        pairs = [p for p in pairs if p.stability >= _STABLE][:_PAIRS]
+        pairs = [p for p in pairs if p.stability >= STABLE][:_PAIRS]
     prior = np.array([min(c.prior, TRUSTED) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
     alone = _solved(here.sums([]), prior, 0, _STIFFNESS[0])[0]
     curves, weights = _selected(here, pairs, prior)
@@ -246,7 +239,7 @@ def _periodic(
     disturbances: list[list[Waves]] = []
     total = 0.0
     while len(found) < TURNS:
-        best = find_periodic(here.ranking, there.ranking.disturbance_inputs, here.distance_drives, NEEDED)
+        best = find_periodic(here.ranking, there.ranking.disturbance_inputs, here.distance_drives, _NEEDED)
         if best is None:
             break
         distance_drives, gain, disturbance = there.turned(best)
@@ -280,7 +273,7 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[
     predicted: list[float] = []
     stiffness = _STIFFNESS[0]
     reached = _left_out(here.sums([]), prior, 0, stiffness)
-    while len(chosen) < CURVES:
+    while len(chosen) < TRIED:
         best: tuple[float, float, _Term] | None = None
         for term in tried:
             if any(term is c for c in chosen):
@@ -291,7 +284,7 @@ def _selected(here: _Drives, pairs: Sequence[Proposal], prior: Floats) -> tuple[
                 value = _left_out(sums, prior, len(terms), tension)
                 if (best is None or value > best[0]) and _possible(sums, prior, terms, tension):
                     best = (value, tension, term)
-        if best is None or best[0] - reached < NEEDED:
+        if best is None or best[0] - reached < _NEEDED:
             break
         predicted.append(best[0] - reached)
         reached, stiffness = best[0], best[1]

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 from harness.common.failures import RAISED, Failures
 from harness.config import ModelSpec
+from harness.diagnosis.criteria import WHITE
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.localisation import NOWHERE, Where, where
-from harness.diagnosis.residuals.random_process import EXPLAINED, RandomProcess
+from harness.diagnosis.residuals.random_process import RandomProcess
 from harness.diagnosis.result.answer import answer
 from harness.diagnosis.result.cautions import cautions
 from harness.diagnosis.result.estimator_gain import Estimated
@@ -99,7 +100,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     judged = failures.attempt("the tests of the innovations", lambda: _judged(trace), lambda _: ())
     # Innovations that could not be tested do not count as white.
     coloured = not judged or any(
-        min(w.ljung_box, w.periodogram) < EXPLAINED for j in judged if j.held_out for w in j.whiteness
+        min(w.ljung_box, w.periodogram) < WHITE for j in judged if j.held_out for w in j.whiteness
     )
     found = failures.attempt(
         "the search for where something is missing",

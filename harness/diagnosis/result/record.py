@@ -11,6 +11,7 @@ from typing import Any
 from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
+from harness.diagnosis.criteria import HORIZONS, MASS
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
@@ -20,7 +21,7 @@ from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.wording import described
 from harness.diagnosis.selection.acceptance import Candidate, Round
-from harness.diagnosis.selection.posterior import HORIZONS, MASS, Model, Posterior
+from harness.diagnosis.selection.posterior import Model, Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.models.assembly.placement import load_effect, ports_of, split
 from harness.models.signals import SIGNALS

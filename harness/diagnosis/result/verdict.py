@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
+from harness.diagnosis.criteria import BIC_NEEDED, EXCESS
 from harness.diagnosis.residuals.localisation import Where
-from harness.diagnosis.selection.acceptance import BIC_NEEDED, beyond_belief
+from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.diagnosis.selection.validation import EXCESS, Judgement, leaves_nothing
+from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 
 Verdict = Literal["adequate", "amended", "unresolved"]
 

@@ -6,35 +6,21 @@ import math
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
+from harness.diagnosis.criteria import (
+    ALIKE,
+    BIC_NEEDED,
+    ERROR_NEEDED,
+    EXCESS,
+    HOPEFUL,
+    IMPLAUSIBLE,
+    MOST,
+    SAME,
+)
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.score_test import Score, cosine
-from harness.diagnosis.selection.validation import EXCESS, Judgement
+from harness.diagnosis.selection.validation import Judgement
 from harness.study.results import words
-
-BIC_NEEDED = 50.0
-"""Gain in BIC on the fitted drives below which nothing is added."""
-
-ERROR_NEEDED = 0.2
-"""Share of the simulation error on held-out drives, beyond the noise of sensors and inputs, that one must take."""
-
-AHEAD = 50.0
-"""Gain in BIC by which the best must lead a hypothesis of like response, or both are reported together."""
-
-HOPEFUL = 500.0
-"""Gain in BIC from which an addition that leaves the simulation error is tried with a further one: the error may be
-that of another effect."""
-
-SENSOR_NEEDED = 0.5
-"""Share of its own signal's simulation error, beyond the noise, that a fault of one sensor must take away where the
-error of other signals, on which it does not act, masks its share in that of all."""
-
-IMPLAUSIBLE = 3.0
-"""Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which an error of one of many
-parameters is implausible: without a bound, many parameters together fit whatever is missing."""
-
-ALIKE = 0.9
-"""Cosine of two responses from which hypotheses count as hardly distinguishable."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +103,7 @@ def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
     if own is None or c.held_out is None or before.normalised_excess_mses[own] <= EXCESS:
         return False
     likelier = c.bic >= BIC_NEEDED and c.held_out.log_likelihood > before.log_likelihood
-    less = c.held_out.normalised_excess_mses[own] <= (1 - SENSOR_NEEDED) * before.normalised_excess_mses[own]
+    less = c.held_out.normalised_excess_mses[own] <= (1 - MOST) * before.normalised_excess_mses[own]
     return likelier and less and c.held_out.normalised_excess_mse < before.normalised_excess_mse
 
 
@@ -140,7 +126,7 @@ def with_further(found: Round, further: Round) -> Round:
 
 
 def _alike(best: Candidate, other: Candidate) -> bool:
-    return best.bic - other.bic < AHEAD or acts_alike(other.score, best.score)
+    return best.bic - other.bic < BIC_NEEDED or acts_alike(other.score, best.score)
 
 
 def acts_alike(one: Score, other: Score) -> bool:
@@ -217,7 +203,7 @@ def lookalikes(
     passes = not objections(winner, before) or passes_except_error(winner, before)
     if winner.held_out.normalised_excess_mse < EXCESS or not passes:
         return []
-    single = [s for s in promised if s.hypothesis not in tried and s.hypothesis.name != ALL_PARAMETERS]
+    single = [s for s in promised if s.hypothesis not in tried and not s.hypothesis.many]
     return [s for s in single if acts_alike(s, winner.score)]
 
 
@@ -225,6 +211,6 @@ def distinct(scores: Sequence[Score]) -> list[Score]:
     """Return scores, best first, without those whose response is that of a better one to a thousandth."""
     kept: list[Score] = []
     for s in scores[:12]:
-        if all(abs(cosine(s, k)) < 0.999 for k in kept):
+        if all(abs(cosine(s, k)) < SAME for k in kept):
             kept.append(s)
     return kept

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from harness.config.parameter_set import stated_std
+from harness.diagnosis.criteria import HOPEFUL
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -18,9 +19,6 @@ Added = tuple[Hypothesis, ...]
 
 ITERATIONS = 8
 """Most steps of the parameters in a turn of a fit."""
-
-_CLOSE = 500.0
-"""Lead in log-likelihood from which on a model without something need not be fitted to the end."""
 
 
 class CandidateFits:
@@ -65,7 +63,7 @@ class CandidateFits:
     def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
         """Fit to the end only what comes near an objective."""
         fitted = self.fit(added, start, turns=1)
-        return self.fit(added, fitted.point) if objective - fitted.objective < _CLOSE else fitted
+        return self.fit(added, fitted.point) if objective - fitted.objective < HOPEFUL else fitted
 
     def judge(self, added: Added, point: Point) -> Judgement:
         """Judge a model on the held-out drives; the same one once."""

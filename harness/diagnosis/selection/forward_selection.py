@@ -15,11 +15,12 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
+from harness.diagnosis.criteria import BIC_NEEDED, ROUNDS, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.selection.acceptance import BIC_NEEDED, Round, with_further
+from harness.diagnosis.selection.acceptance import Round, with_further
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.model_comparison import compared
 from harness.diagnosis.selection.posterior import Posterior
@@ -28,12 +29,6 @@ from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import Drive
 from harness.identification.signal_noise import white_noise
 from harness.models.quantities import listed
-
-ROUNDS = 5
-"""Largest number of additions."""
-
-_INSTEAD = 3
-"""Parameters at most that are tried in the place of an effect."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +138,7 @@ class _Search:
             for r in passed:
                 assert r.added is not None
                 assert r.added.fitted is not None
-                added, best = (*added, r.added.hypothesis), r.added.fitted
+                added, best = (*added, *r.added.hypothesis.single), r.added.fitted
         kept, best = self.failures.attempt(
             "the checks of what was added", lambda: self._checked(added, best, rounds), lambda _: (added, best)
         )
@@ -190,7 +185,7 @@ class _Search:
         found = tried.decided(room)
         if found.hopeful is not None:
             assert found.hopeful.fitted is not None
-            with_it = (*tried.added, found.hopeful.hypothesis)
+            with_it = (*tried.added, *found.hopeful.hypothesis.single)
             further = selection_round(self.candidate_fits, with_it, [found.hopeful.fitted], tried.number + 1).decided(
                 room - 1
             )
@@ -208,7 +203,7 @@ class _Search:
         for h, (alone, lost) in zip(added[1:], self._without(added, [(h,) for h in added[1:]], best), strict=True):
             if lost < BIC_NEEDED:
                 return (h,), alone
-        for h in added[:-1] if len(added) > 2 else ():  # without one of two the other would be alone
+        for h in added if len(added) > 2 else ():  # without one of two the other would be alone
             rest = tuple(k for k in added if k != h)
             self.candidate_fits.say(f"is {h.name.replace('_', ' ')} still needed?")
             without, lost = self.candidate_fits.without(added, rest, best)
@@ -231,7 +226,7 @@ class _Search:
             rest = tuple(k for k in added if k != h)
             if h.kind != "effect" or all(k.kind != "parameter" for k in added[i + 1 :]):
                 continue
-            parameters = _stand_ins(rounds, added)[:_INSTEAD]
+            parameters = _stand_ins(rounds, added)[:TRIED]
             if not parameters:
                 continue
             names = [p.name.replace("_", " ") for p in parameters]

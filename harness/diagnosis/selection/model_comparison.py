@@ -14,31 +14,24 @@ import numpy as np
 from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
+from harness.diagnosis.criteria import BLOCK, HORIZONS, ODDS, SAME, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.model.augmented_model import Ahead
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.posterior import (
-    HORIZONS,
     Alike,
     Model,
     Posterior,
     by_block,
+    coloured,
     coverage,
-    inflated,
     interval,
-    misfit,
     probabilities,
 )
-from harness.diagnosis.selection.priors import ODDS, log_odds, log_size
+from harness.diagnosis.selection.priors import log_odds, log_size
 from harness.diagnosis.selection.score_test import cosine
-
-_SAME = 0.999
-"""Cosine of two responses from which the drives cannot tell hypotheses apart at all; only one of them is fitted."""
-
-_ALTERNATIVES = 3
-"""Hypotheses at most that are fitted in the place of each addition."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +70,8 @@ def compared(fits: CandidateFits, rounds: Sequence[Round], added: Added, best: F
     shares = probabilities(priors, densities)
     order = np.argsort(-shares, kind="stable")
     first = predicted[order[0]]
-    factors = misfit(_ahead(fits.fitting, first.fitted.point))
-    none = by_block([inflated(a, factors) for a in first.aheads], fits.held_out.drives, first.penalty)
-    joint = probabilities(
-        np.append(priors, priors[order[0]] + math.log(ODDS["none"])),
-        np.vstack([densities, none[:, possible].mean(axis=1)]),
-    )
+    none = densities[order[0]] + _colour(fits, first) / densities.shape[1]
+    joint = probabilities(np.append(priors, priors[order[0]] + math.log(ODDS["none"])), np.vstack([densities, none]))
     found = tuple(
         Model(
             tuple(classes[i]),
@@ -105,6 +94,16 @@ def _predicted(fits: CandidateFits, added: Added, fitted: Fitted) -> _Predicted:
     penalty = penalty if math.isfinite(penalty) else 0.0
     blocks = by_block([a.densities for a in aheads], fits.held_out.drives, penalty)
     return _Predicted(added, fitted, aheads, penalty, blocks)
+
+
+def _colour(fits: CandidateFits, p: _Predicted) -> float:
+    """Return how much likelier the held-out drives are if something that the model lacks adds to its innovations."""
+    step = fits.augmented.spec.step
+    lengths = [round(h / step) for h in HORIZONS if step < h < BLOCK]  # of longer ones a drive holds too few
+    judged = fits.judge(p.added, p.fitted.point).point
+    each = (fits.fitting.runs(p.fitted.point), fits.held_out.fitting.runs(judged))
+    here, there = ([run.whitened[1:] for run in runs] for runs in each)
+    return coloured(here, there, lengths)
 
 
 def _ahead(fitting: Fitting, point: Point) -> list[Ahead]:
@@ -130,7 +129,7 @@ def _alike(h: Hypothesis, rounds: Sequence[Round], odds: dict[tuple[str, str], f
         found += [
             o.hypothesis
             for o in r.candidates
-            if o.fitted is None and o.score.excited and abs(cosine(o.score, c.score)) > _SAME
+            if o.fitted is None and not o.hypothesis.parts and o.score.excited and abs(cosine(o.score, c.score)) > SAME
         ]
     weights = np.exp([odds[k.kind, k.name] for k in found])
     return Alike(tuple(found), tuple(map(float, weights / weights.sum())))
@@ -149,7 +148,7 @@ def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added
         base = _without(fits, best.point, h, rest)
         choices = {rest: base}
         own = _tried(h, rounds)
-        for c in [] if own is None else _like(*own, rest)[:_ALTERNATIVES]:
+        for c in [] if own is None else _like(*own, rest)[:TRIED]:
             choices[*rest, c.hypothesis] = fits.start(base, c.score)
         open_ |= {frozenset(a): (a, p) for a, p in choices.items() if frozenset(a) not in fits.models}
     if open_:
@@ -160,8 +159,8 @@ def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added
 def _like(r: Round, own: Candidate, rest: Added) -> list[Candidate]:
     """Return what acts like a hypothesis and what else was fitted beside it, the most promising first."""
     others = [c for c in r.candidates if c.hypothesis not in (own.hypothesis, *rest)]
-    others = [c for c in others if c.hypothesis.name != ALL_PARAMETERS and c.score.excited]
-    alike = [c for c in others if acts_alike(c.score, own.score) and abs(cosine(c.score, own.score)) <= _SAME]
+    others = [c for c in others if not c.hypothesis.many and c.score.excited]
+    alike = [c for c in others if acts_alike(c.score, own.score) and abs(cosine(c.score, own.score)) <= SAME]
     return sorted({id(c): c for c in (*alike, *(c for c in others if c.fitted))}.values(), key=lambda c: -c.bic)
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from harness.diagnosis.criteria import BIC_NEEDED, ERROR_NEEDED
 from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
-from harness.diagnosis.selection.acceptance import BIC_NEEDED, ERROR_NEEDED
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.coordinates import Coordinate

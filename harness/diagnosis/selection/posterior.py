@@ -23,22 +23,11 @@ from scipy.stats import chi2
 
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
+from harness.diagnosis.criteria import BLOCK, MASS, MISFIT
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.augmented_model import Ahead
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.identification.data import Drive
-
-HORIZONS = (0.0, 0.1, 1.0, 10.0, math.inf)
-"""s; one sample, then decades from what sensors and steering do to what a manoeuvre does, and the whole drive."""
-
-BLOCK = 5.0
-"""s; longer than what is left of a manoeuvre in the next one, and short enough for two dozen blocks in 120 s."""
-
-MASS = 0.9
-"""Probability that the confusable set holds."""
-
-MISFIT = 1.5
-"""Factor by which squared errors differ from what a model predicts, at one horizon or more, where none is right."""
 
 _DRAWS = 1000
 
@@ -145,26 +134,50 @@ def interval(differences: Floats) -> Interval:
     return Interval(float(differences.sum()), float(low), float(high))
 
 
-def misfit(fitted: Sequence[Ahead]) -> Floats:
-    """Return the factors on the predicted covariance, by horizon, with which none of the models would be right.
+def long_run(whitened: Sequence[Floats], samples: int) -> Floats:
+    """Return squares of sums of whitened innovations over blocks, each over the samples in it ``(blocks, ny)``.
 
-    They are the mean squares of the errors on the fitted drives where these differ by the factor ``MISFIT`` at least,
-    else 1; at the horizon where they differ most it is ``MISFIT`` in any case, because else nothing would be claimed.
+    They are chi-squared with one degree of freedom if the innovations are white, whatever the length of the blocks;
+    their mean is the long-run variance. A block of which less than half is measured is left out as NaN.
+
+    Args:
+        whitened: Of each drive ``(samples, ny)``; NaN where nothing was measured.
+        samples: Length of a block.
     """
-    squares = np.sum([a.squares.sum(axis=0) for a in fitted], axis=0)
-    away = np.clip(np.log(squares / sum(int(a.seen.sum()) for a in fitted)), -10.0, 10.0)
-    most, least = int(np.argmax(np.abs(away))), math.log(MISFIT)
-    found = np.where(np.abs(away) >= least, away, 0.0)
-    if abs(away[most]) < least:
-        found[most] = math.copysign(least, away[most])
-    return np.exp(found)
+    found = []
+    for w in whitened:
+        cut = w[: len(w) // samples * samples].reshape(-1, samples, w.shape[1])
+        count = np.isfinite(cut).sum(axis=1)
+        found.append(np.where(2 * count > samples, np.nansum(cut, axis=1) ** 2 / np.maximum(count, 1), np.nan))
+    return np.concatenate(found)
 
 
-def inflated(ahead: Ahead, factors: Floats) -> Floats:
-    """Return the log densities ``(samples, horizons)`` with predicted covariances times factors ``(horizons,)``."""
-    with np.errstate(invalid="ignore"):
-        more = 0.5 * ahead.squares * (1.0 - 1.0 / factors) - 0.5 * ahead.seen[:, None] * np.log(factors)
-    return np.where(np.isfinite(ahead.densities), ahead.densities + more, -np.inf)
+def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats], lengths: Sequence[int]) -> float:
+    """Return how much likelier the held-out drives are if something unmodelled adds to the slow innovations.
+
+    It adds to the variance of sums over blocks: for each output by what the fitted drives show, and by the factor
+    ``MISFIT`` at least, because else nothing would be claimed. Of the lengths of the blocks the one counts at which the
+    fitted drives show most.
+
+    Args:
+        fitted: Whitened innovations of the fitted drives ``(samples, ny)``.
+        held_out: The same of the held-out ones.
+        lengths: Of the blocks, in samples.
+    """
+    tried = []
+    for samples in lengths:
+        if min(len(w) for w in (*fitted, *held_out)) < samples:
+            continue
+        here = long_run(fitted, samples)
+        with np.errstate(invalid="ignore"):
+            factors = np.fmax(np.nansum(here, axis=0) / np.maximum(np.isfinite(here).sum(axis=0), 1), MISFIT)
+        tried.append((_wider(here, factors), _wider(long_run(held_out, samples), factors)))
+    return max(tried, default=(0.0, 0.0))[1]
+
+
+def _wider(squares: Floats, factors: Floats) -> float:
+    """Return the gain in log density of normal variables with given squares if their variance is times a factor."""
+    return float(np.nansum(0.5 * squares * (1.0 - 1.0 / factors) - 0.5 * np.log(factors)))
 
 
 def coverage(held_out: Sequence[Ahead]) -> Floats:

@@ -6,22 +6,10 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+from harness.diagnosis.criteria import ODDS, PRIOR
 from harness.diagnosis.fitting.fit import Fitted
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.models.assembly.placement import split
-
-ODDS = {
-    "effect": 0.3,  # of the vehicle: a model that somebody believes in lacks something in every fourth case or so
-    "sensor": 0.3,  # a fault of one sensor is as common: mountings, scales, clocks
-    "parameter": 0.3,  # and so is one stated value that is off by more than its tolerance
-    "many": 0.03,  # that many are off at once is rarer, and such a model fits whatever is missing
-    "none": 0.1,  # something that the library does not hold; it has thirty effects because they are what is met
-}
-"""Odds, against the same model without it, that something of a kind is there; all hypotheses of a kind share them.
-
-That the odds are shared corrects for how many hypotheses are tried (Scott and Berger 2010, section 2). An effect that
-is tried at several places shares those of its file.
-"""
 
 
 def kind_of(h: Hypothesis) -> str:
@@ -37,6 +25,7 @@ def log_odds(tried: Sequence[Hypothesis]) -> dict[tuple[str, str], float]:
     Args:
         tried: All of them.
     """
+    tried = [h for h in tried if not h.parts]
     files = {(kind_of(h), split(h.name)[0]) for h in tried}
     of_kind = Counter(kind for kind, _ in files)
     of_file = Counter((kind_of(h), split(h.name)[0]) for h in tried)

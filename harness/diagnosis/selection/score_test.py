@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from harness.common.arrays import Floats
+from harness.diagnosis.criteria import PRIOR
 from harness.diagnosis.fitting.fit import Fitted, Fitting, in_rows
 from harness.diagnosis.innovations.innovation_model import Linearisation
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, PRIOR, Hypothesis
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.change_times import Choices, choices, join
 from harness.diagnosis.selection.step_responses import Change, Columns, Onsets
 from harness.identification.uncertainty import covariance_of

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FAVOUR, HOPE, MOST, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
 from harness.diagnosis.selection.acceptance import (
-    BIC_NEEDED,
     Candidate,
     Round,
     decide,
@@ -25,24 +25,8 @@ from harness.diagnosis.selection.acceptance import (
 )
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.score_test import Score, ScoreTest
-from harness.diagnosis.selection.validation import EXCESS, Judgement, leaves_nothing
+from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 from harness.models.quantities import listed
-
-_FAVOUR = 2.0
-"""Lead in BIC that a parameter of the model gets over an effect, which may be equivalent to it."""
-
-_OWN = 0.5
-"""Share of the best hypothesis's gain from which, reached by the refitted model without it, a round starts again from
-there: its ranking was that of a poor fit."""
-
-_REFITTED = 3
-
-_HOPE = 1.5
-"""A fit may gain this much more than the score test predicts, and more still where others did; many parameters at once,
-the longest fit, are not fitted where they cannot reach the best one."""
-
-_NEAR = 0.5
-"""Hypotheses are fitted whose predicted gain is at least this share of the largest one."""
 
 
 def selection_round(candidate_fits: CandidateFits, added: Added, without: list[Fitted], number: int) -> SelectionRound:
@@ -95,7 +79,7 @@ class SelectionRound:
             return None
         again = self.again()
         gain = max(f.objective for f in self.fits.values()) - self.best.objective
-        if again.objective - self.best.objective > max(BIC_NEEDED, _OWN * gain):
+        if again.objective - self.best.objective > max(BIC_NEEDED, MOST * gain):
             return again
         if again is not self.best:
             self.without = [*self.without, again]
@@ -115,32 +99,30 @@ class SelectionRound:
         """Score everything that is not in force yet, and choose what is worth a fit."""
         self.say("score test of every effect and every fixed parameter")
         scores = ScoreTest(self.candidate_fits.fitting, self.best).of(self.open())
-        favour = {s.hypothesis: _FAVOUR * (s.hypothesis.kind == "parameter") for s in scores}
+        favour = {s.hypothesis: FAVOUR * (s.hypothesis.kind == "parameter") for s in scores}
         self.promised = sorted(scores, key=lambda s: self.predicted_bic_gain(s) + favour[s.hypothesis], reverse=True)
-        # The predicted gain of many parameters at once is large whatever is missing; it must not exclude others.
-        alone = [self.predicted_bic_gain(s) for s in self.promised if s.hypothesis.name != ALL_PARAMETERS]
-        enough = max(0.5 * BIC_NEEDED, _NEAR * max(alone, default=0.0))
+        # The predicted gain of many things at once is large whatever is missing; it must not exclude others.
+        alone = [self.predicted_bic_gain(s) for s in self.promised if not s.hypothesis.many]
+        enough = MOST * max([BIC_NEEDED, *alone])
         self.shortlist = [s for s in distinct(self.promised) if self.predicted_bic_gain(s) > enough]
 
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet."""
         free = self.candidate_fits.free
         taken = {n for h in self.added for n in h.amplitudes} | set(free)
-        rests = [
-            (h, tuple(a for a in h.amplitudes if a not in taken))
-            for h in hypotheses(self.candidate_fits.augmented, free)
-        ]
-        return [replace(h, amplitudes=rest) for h, rest in rests if rest]
+        found = (still_open(h, taken) for h in hypotheses(self.candidate_fits.augmented, free))
+        return [h for h in found if h is not None]
 
     def fit_worthy(self) -> None:
         """Fit the best few."""
-        self.fit([s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS][:_REFITTED])
+        several = [s for s in self.shortlist if s.hypothesis.parts]
+        self.fit([*[s for s in self.shortlist if not s.hypothesis.many][:TRIED], *several])
         gains = [(self.judged(s).bic, self.predicted_bic_gain(s)) for s in self.tried()]
         reached, predicted = max(gains, default=(0.0, 1.0))
         short = max(1.0, reached / predicted)
         many = [s for s in self.shortlist if s.hypothesis.name == ALL_PARAMETERS]
         if not self.settled():
-            self.fit([s for s in many if _HOPE * short * self.predicted_bic_gain(s) >= reached])
+            self.fit([s for s in many if HOPE * short * self.predicted_bic_gain(s) >= reached])
 
     def settled(self) -> bool:
         """Whether a single hypothesis is accepted and explains everything; then many parameters need no fit."""
@@ -156,7 +138,7 @@ class SelectionRound:
         winner = max(tried, key=lambda c: c.bic)
         assert winner.fitted is not None
         start = self.taken_back(winner.hypothesis, winner.fitted)
-        self.fit(lookalikes(winner, self.before, self.promised, self.fits)[:_REFITTED], start)
+        self.fit(lookalikes(winner, self.before, self.promised, self.fits)[:TRIED], start)
 
     def fit_spared(self) -> None:
         """Fit what was passed over for a small predicted gain, where nothing is accepted or nearly so.
@@ -167,8 +149,8 @@ class SelectionRound:
         before = self.before
         if any(not objections(c, before) or passes_except_error(c, before) for c in map(self.judged, self.tried())):
             return
-        alone = [s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS]
-        self.fit([s for s in alone if s.hypothesis not in self.fits][:_REFITTED])
+        alone = [s for s in self.shortlist if not s.hypothesis.many]
+        self.fit([s for s in alone if s.hypothesis not in self.fits][:TRIED])
 
     def decided_by_sensor(self, room: int) -> Round:
         """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
@@ -202,7 +184,7 @@ class SelectionRound:
         self.say(f"fitting {listed([s.hypothesis.name.replace('_', ' ') for s in scores])}")
 
         def fitted(s: Score) -> Fitted:
-            added = (*self.added, s.hypothesis)
+            added = (*self.added, *s.hypothesis.single)
             starts = [self.candidate_fits.start(point, s) for point in (self.best.point, near) if point is not None]
             found = self.candidate_fits.fit(added, self.candidate_fits.fitting.best(starts))
             self.candidate_fits.judge(added, found.point)
@@ -214,7 +196,7 @@ class SelectionRound:
     def judged(self, s: Score) -> Candidate:
         """Return a hypothesis that was fitted, with its judgement on the held-out drives."""
         fitted = self.fits[s.hypothesis]
-        judged = self.candidate_fits.judge((*self.added, s.hypothesis), fitted.point)
+        judged = self.candidate_fits.judge((*self.added, *s.hypothesis.single), fitted.point)
         return Candidate(s, fitted, self.candidate_fits.bic(fitted.objective - self.best.objective, s.freedom), judged)
 
     def unfitted(self, s: Score) -> Candidate:

@@ -8,18 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.diagnosis.criteria import EXCESS, LITTLE
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.identification.data import Drive
 from harness.identification.judgement import DriveJudgement, judged_on
-
-EXCESS = 0.05
-"""Mean square of the simulation error over its floor, less one, below which nothing is left to explain."""
-
-LITTLE = 0.01
-"""Share of the excess of the model without additions below which nothing is left to explain either."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,105 @@
+"""The numbers that decide what a trace names and what its verdict is: each here once, with its reason.
+
+Halved or doubled, a number that is not here (a grid, a tolerance of a fit, a number of iterations) changes how long a
+trace takes and the last digits of what it finds, and not which effect it names.
+"""
+
+from __future__ import annotations
+
+import math
+
+BIC_NEEDED = 50.0
+"""Gain in BIC on the fitted drives that counts as evidence, and as a lead over another hypothesis.
+
+Drives without a missing effect reach 9, 43 and 69 by chance where samples are taken as independent; the other criteria
+refuse what passes this one. A curve or an order, which has no BIC, needs as much: half of it in log-likelihood."""
+
+HOPEFUL = 500.0
+"""Gain in BIC beyond doubt: an addition that leaves the simulation error is then tried with a further one, because the
+error may be that of another effect."""
+
+MOST = 0.5
+"""Share that counts as most of something: hypotheses with this share of the largest predicted gain are fitted; a round
+begins again where the model without addition, refitted, reaches this share of the best gain, because its ranking was
+that of a poor fit; a fault of one sensor must take it of its own signal's error, where other signals mask its share."""
+
+ERROR_NEEDED = 0.2
+"""Share of the simulation error on held-out drives, beyond the noise of sensors and inputs, that an addition must take:
+what gains likelihood and no prediction is mostly noise that was fitted."""
+
+EXCESS = 0.05
+"""Mean square of the simulation error over its floor, less one, below which nothing is left to explain: the variance of
+the noise itself is estimated to a few percent. Also the share of the squared correlations of the innovations that a
+random process may leave: a road is smoother than a Gauss-Markov process, the more so, the larger its bank is."""
+
+LITTLE = 0.01
+"""Share of the excess of the model without additions below which nothing is left to explain either: of a large effect
+the library's form and the vehicle differ by as much."""
+
+IMPLAUSIBLE = 3.0
+"""Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which an error of one of many
+parameters is implausible: without a bound, many parameters together fit whatever is missing."""
+
+ALIKE = 0.9
+"""Cosine of two responses from which hypotheses count as hardly distinguishable: a fifth of the power of one shows
+beside the other."""
+
+SAME = 0.999
+"""Cosine of two responses from which the drives cannot tell hypotheses apart at all; only one of them is fitted."""
+
+FAVOUR = 2.0
+"""Lead in BIC that a parameter of the model gets in the ranking over an effect, which may be equivalent to it."""
+
+HOPE = 1.5
+"""A fit may gain this much more than the score test predicts, and more still where others did; many parameters at once,
+the longest fit, are not fitted where they cannot reach the best one."""
+
+TRIED = 3
+"""Hypotheses that are fitted at a time: the best of a round, what acts like the best, what stands in the place of an
+addition; and curves at most. A feasibility study had the true one first in 33 of 34 score tests."""
+
+ROUNDS = 5
+"""Largest number of additions: two effects, and what the recordings have of their own."""
+
+WHITE = 1e-8
+"""p-value of the innovations on the held-out drives, below which something is missing whatever the simulation error is.
+With the right structure it is rarely below 1e-4; the margin covers noise variances that are slightly wrong."""
+
+FARTHER = 4.0
+"""Largest ratio of the excess of the simulation to the one expected of a random process; beyond it something else is
+missing. A slow process may well reach twice its standard deviation in a drive."""
+
+TRUSTED = 0.03
+"""Largest standard deviation of the prior on the step of a parameter beside curves: further from the fit its linear
+response does not hold, and a parameter that these drives hardly excite would leave the model's range."""
+
+STABLE = 0.2
+"""Share of the halves of the drives that must choose a curve over a regressor before it is fitted."""
+
+ODDS = {
+    "effect": 0.3,  # of the vehicle: a model that somebody believes in lacks something in every fourth case or so
+    "sensor": 0.3,  # a fault of one sensor is as common: mountings, scales, clocks
+    "parameter": 0.3,  # and so is one stated value that is off by more than its tolerance
+    "many": 0.03,  # that many are off at once is rarer, and such a model fits whatever is missing
+    "none": 0.1,  # something that the library does not hold; it has thirty effects because they are what is met
+}
+"""Odds, against the same model without it, that something of a kind is there; all hypotheses of a kind share them.
+
+That the odds are shared corrects for how many hypotheses are tried (Scott and Berger 2010, section 2). An effect that
+is tried at several places shares those of its file."""
+
+PRIOR = 0.2
+"""Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once."""
+
+HORIZONS = (0.0, 0.1, 1.0, 10.0, math.inf)
+"""s; one sample, then decades from what sensors and steering do to what a manoeuvre does, and the whole drive."""
+
+BLOCK = 5.0
+"""s; longer than what is left of a manoeuvre in the next one, and short enough for two dozen blocks in 120 s."""
+
+MASS = 0.9
+"""Probability that the confusable set holds."""
+
+MISFIT = 1.5
+"""Factor on the long-run variance of the innovations that something unmodelled adds at least: a noise variance that was
+estimated, and parameters that were, leave some percent."""
