@@ -137,6 +137,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
         limits=tolerable,
         over_time=along,
         score_after=settled,
+        bound=raw.report.bound,
         count_from=CountFrom(**raw.count_from.model_dump()),
     )
     object.__setattr__(study, "hash", _hash(study))  # the record is complete only now

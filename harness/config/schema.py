@@ -247,6 +247,9 @@ class ReportTable(Table):
     sensitivity_over_time: OverTimeTable | None = Field(
         default=None, description="sensitivity indices along a drive; the errors per window are kept in the store"
     )
+    bound: StrictBool = Field(
+        default=False, description="the smallest error that anyone could reach with these sensors, in the box plots"
+    )
 
 
 def _one_or_several(value: Any) -> str:

@@ -296,6 +296,7 @@ class Study:
         limits: Largest error that counts as tolerable by target, SI; it decides no score, only what the report says.
         over_time: The drive for sensitivity over time; ``None`` if it was not asked for.
         score_after: s at the beginning of every drive that no score counts.
+        bound: Whether the report shows the posterior Cramer-Rao bound; it decides no score.
         count_from: Where the counts begin that random numbers depend on.
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
@@ -320,6 +321,7 @@ class Study:
     over_time: OverTimeSpec | None = None
     score_after: float = 0.0
     count_from: CountFrom = CountFrom()
+    bound: bool = False
 
     def design(self, name: str) -> DesignSpec:
         """Return a design by name."""

@@ -41,7 +41,8 @@ def parameter_information(spec: ModelSpec, profile: Profile) -> xr.Dataset:
     walk = np.diag([spec.process_noise[s] * stretch for s in model.states])
     noise = np.diag([spec.measurement_noise[o] for o in model.outputs])
     first = [model.start_variance.get(s, spec.process_noise[s]) for s in model.states]
-    covariance = _smallest_covariance(step, linear.a, linear.c, walk, noise, np.diag(first))
+    transitions = np.eye(len(first)) + step * linear.a[:-1]
+    covariance = smallest_covariance(transitions, linear.c, walk, noise, np.diag(first))
     behind = len(model.states) - len(model.within)
     blocks = covariance[:, behind:, behind:]
     scale = np.array([s.believed if s.logarithmic else 1.0 for s in spec.parameter_states])
@@ -58,15 +59,30 @@ def parameter_information(spec: ModelSpec, profile: Profile) -> xr.Dataset:
     )
 
 
-def _smallest_covariance(step: float, a: Floats, c: Floats, walk: Floats, noise: Floats, first: Floats) -> Floats:
-    """Return the inverse of the information at every sample ``(samples, nx, nx)``; slopes hold over a step."""
-    found = np.empty((len(a), *first.shape))
+def smallest_covariance(transitions: Floats, slopes: Floats, walk: Floats, noise: Floats, first: Floats) -> Floats:
+    """Return the inverse of the information that measurements up to each sample hold of the state.
+
+    The recursion of Tichavsky, Muravchik and Nehorai (1998, 21) for additive normal noise, in the form of the inverse,
+    so that states without process noise are allowed. On a linear model it is the covariance of the Kalman filter.
+
+    Args:
+        transitions: Slopes of the next state at each sample but the last ``(samples - 1, ..., nx, nx)``.
+        slopes: Slopes of the outputs ``(samples, ..., ny, nx)``; that of the first is not read.
+        walk: Covariance of the process noise per step ``(..., nx, nx)``.
+        noise: Covariance of the measurement noise ``(..., ny, ny)``.
+        first: Covariance at the first sample ``(..., nx, nx)``.
+
+    Returns:
+        ``(samples, ..., nx, nx)``.
+    """
+    found = np.empty((len(slopes), *first.shape))
     found[0] = covariance = first
-    for k in range(1, len(a)):
-        ahead = np.eye(len(first)) + step * a[k - 1]
-        covariance = ahead @ covariance @ ahead.T + walk
-        gain = np.linalg.solve(c[k] @ covariance @ c[k].T + noise, c[k] @ covariance).T
-        left = np.eye(len(first)) - gain @ c[k]
-        covariance = left @ covariance @ left.T + gain @ noise @ gain.T
+    unit = np.eye(first.shape[-1])
+    for k in range(1, len(slopes)):
+        ahead, seen = transitions[k - 1], slopes[k]
+        covariance = ahead @ covariance @ ahead.swapaxes(-1, -2) + walk
+        gain = np.linalg.solve(seen @ covariance @ seen.swapaxes(-1, -2) + noise, seen @ covariance).swapaxes(-1, -2)
+        left = unit - gain @ seen
+        covariance = left @ covariance @ left.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
         found[k] = covariance
     return found

@@ -19,7 +19,7 @@ from harness.common.files import told_as_damaged
 from harness.common.places import is_url, reached, zarr_store
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
-from harness.study import sealed_root
+from harness.study import bound, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
 from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 
@@ -255,6 +255,7 @@ class StudyResults:
         designs: The designs, in the order of the study.
         histories: The runs kept over time, as many as the study asked for.
         run: What ``run.json`` says about the run, possibly nothing.
+        bounds: Smallest RMSE that anyone could reach, SI, by design, target and band; empty where it was not asked for.
     """
 
     directory: Path
@@ -262,6 +263,7 @@ class StudyResults:
     designs: list[Design]
     histories: list[xr.Dataset]
     run: dict[str, Any] = field(default_factory=dict)
+    bounds: bound.Bounds = field(default_factory=dict)
 
     @property
     def is_verifiable(self) -> bool:
@@ -349,7 +351,8 @@ def _read(directory: Path) -> StudyResults:
             "run the study again into an empty folder"
         ) from error
     attributes["study"] = root.attrs.get("study", "")
-    return StudyResults(directory, attributes, designs, histories, _record_of_run(directory / "run.json"))
+    bounds = bound.read(directory, str(attributes.get("study_hash", "")))
+    return StudyResults(directory, attributes, designs, histories, _record_of_run(directory / "run.json"), bounds)
 
 
 def _record_of_run(path: Path) -> dict[str, Any]:

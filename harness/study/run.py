@@ -36,7 +36,7 @@ from harness.common.lock import Lock, locked
 from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.config import Study
-from harness.study import plan
+from harness.study import bound, plan
 from harness.study.checksums import described
 from harness.study.design import Unit, planned_runs, units
 from harness.study.evaluate import StudyEvaluator
@@ -161,6 +161,9 @@ def _run(
         store.write_histories(histories(evaluator))
     lock.check()
     store.consolidate()
+    if study.bound:
+        with console.status("computing the smallest errors possible"):
+            bound.write(evaluator, out)
 
 
 def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console: Console, agree: Agree | None) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.config import resolve_single
-from harness.estimation.information import _smallest_covariance, parameter_information
+from harness.estimation.information import parameter_information, smallest_covariance
 from harness.estimation.observability import synthetic_manoeuvre
 
 TRUCK = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula"}
@@ -18,8 +18,8 @@ def bound(*names, sensors="stability_control", **further):
 def test_a_constant_is_known_as_the_mean_of_its_measurements():
     """Measured directly, with a wide prior: the deviation falls with the root of the number of samples."""
     samples, r = 101, 0.04
-    a, c = np.zeros((samples, 1, 1)), np.ones((samples, 1, 1))
-    found = _smallest_covariance(0.1, a, c, np.zeros((1, 1)), np.array([[r]]), np.array([[1e6]]))
+    still, c = np.ones((samples - 1, 1, 1)), np.ones((samples, 1, 1))
+    found = smallest_covariance(still, c, np.zeros((1, 1)), np.array([[r]]), np.array([[1e6]]))
     assert found[-1, 0, 0] == pytest.approx(r / (samples - 1), rel=1e-6)
 
 
