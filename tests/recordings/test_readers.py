@@ -242,6 +242,22 @@ def test_an_mdf_file_whose_groups_form_a_circle_is_damaged(tmp_path, version):
         readers.read_tables(path)
 
 
+def test_an_mdf_group_that_says_it_has_no_samples_is_left_out(tmp_path):
+    """Where its data are there all the same, asammdf reads nothing of them for ever."""
+    with asammdf.MDF(version="4.10") as made:
+        for name in ("a", "b"):
+            made.append([asammdf.Signal(np.arange(3.0), np.arange(3.0), name=name)])
+        path = Path(made.save(tmp_path / "empty.mf4"))
+    with asammdf.MDF(path) as file:
+        count = file.groups[0].channel_group.address + 24 + 6 * 8 + 8  # head, links, number of the record
+    content = bytearray(path.read_bytes())
+    assert int.from_bytes(content[count : count + 8], "little") == 3
+    content[count : count + 8] = bytes(8)
+    path.write_bytes(content)
+    (table,) = readers.read_tables(path)
+    assert "b" in table.columns
+
+
 def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "asammdf", None)
     (tmp_path / "a.mf4").write_bytes(b"x")

@@ -93,6 +93,8 @@ def _tables(file: Any, size: int) -> list[Table]:
     tables: list[Table] = []
     for index, channels in groups:
         about = file.groups[index].channel_group
+        if not about.cycles_nr:  # nothing to be read, and where there are bytes all the same asammdf never ends
+            continue
         claimed = about.cycles_nr * (about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0))
         if claimed > _MOST_PACKED * size:  # a damaged count, for which room would be made
             raise ValueError(f"channel group {index} claims {claimed} bytes of samples in a file of {size}")
