@@ -80,7 +80,7 @@ class Covariance:
 
 
 def covariance_of(information: Floats, singular: float = _SINGULAR, dropped: bool = False) -> Covariance:
-    """Return the inverse of an information matrix.
+    """Return the inverse of an information matrix; one that is not finite tells nothing.
 
     Args:
         information: Fisher information, with that of the priors ``(n, n)``.
@@ -88,6 +88,7 @@ def covariance_of(information: Floats, singular: float = _SINGULAR, dropped: boo
         dropped: Whether empty directions are left out of the inverse (the pseudo-inverse, to solve with); otherwise
             they count as known that badly, so that it shows how estimates are correlated.
     """
+    information = information if np.isfinite(information).all() else np.zeros_like(information)
     scale = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     floor = max(singular * values.max(initial=0.0), 1e-300)
@@ -126,8 +127,10 @@ def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> K
     """Return errors and correlation of the coordinates, those at a bound held there.
 
     Directions that the information leaves empty (two parameters of which only the product acts) make the error of
-    whatever they move infinite.
+    whatever they move infinite. Where the slopes of the likelihood overflow, as at a measurement of 1e6 rad/s, the
+    recordings tell nothing.
     """
+    information = information if np.isfinite(information).all() else np.diag(space.weight)
     reach = space.upper - space.lower
     side = np.array([at_bound(*of) for of in zip(z, space.lower, space.upper, strict=True)], dtype=int)
     silent = np.sqrt(np.diagonal(information)) * reach < 2.0 * NORMAL  # all else known, it would be the whole range

@@ -211,8 +211,8 @@ class _Search:
         values = self.objective.values(starts)
         if not np.isfinite(values).any():
             raise UserError(
-                "the filter diverges on these recordings with the stated noise; check units and signs of the recorded "
-                "signals (harness check), or state other first variances"
+                "the filter diverges on these recordings with the stated noise; check units, signs and spikes of the "
+                "recorded signals (harness check), or state other first variances"
             )
         everything = np.ones(len(self.space), dtype=bool)
         return maximise(self.objective, starts[:, int(np.argmax(values))], everything, _ITERATIONS)

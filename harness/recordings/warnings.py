@@ -37,8 +37,9 @@ def _slow(recording: xr.Dataset) -> list[str]:
         there = np.flatnonzero(speed < limit)
         if there.size:
             share, first = 100 * there.size / speed.size, time[there[0]] - time[0]
+            rounded = f"{share:.0f}" if share >= 10 else f"{share:.2g}"
             found.append(
-                f"'{speeds[0]}': the vehicle {does} at {share:.2g} % of the samples, first {first:.2f} s after the "
+                f"'{speeds[0]}': the vehicle {does} at {rounded} % of the samples, first {first:.2f} s after the "
                 f"start; no equations of slip hold there, so leave that part out"
             )
     return found

@@ -16,10 +16,12 @@ from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.how_likely import likely
 from harness.diagnosis.report.report import document
+from harness.diagnosis.report.residual_figures import correlations
 from harness.diagnosis.report.summary import _rounds
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
 from harness.diagnosis.residuals.random_process import _left
+from harness.diagnosis.residuals.regressors import Regressor
 from harness.diagnosis.residuals.unmodelled import find_unmodelled
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.outcome import outcome_of
@@ -217,6 +219,13 @@ def test_a_missing_output_and_a_short_drive_are_no_obstacle():
     found = cross_correlation([short, short], [short, short], 0.01)
     assert np.isfinite(found.values).all()
     assert _left(whiteness(short[:, 0]), whiteness(nothing[:, 0])) == 0.0
+
+
+def test_a_signal_that_overflows_leaves_the_figure_of_correlations_to_the_others():
+    short = np.random.default_rng(1).normal(size=(120, 2))
+    found = cross_correlation([short], [short * [1.0, np.nan]], 0.01)
+    names = [Regressor(name, name, "1", of=lambda *_: short[:, 0]) for name in ("known", "overflown")]
+    assert b"<svg" in correlations(found, ["yaw_rate", "lateral_velocity"], names)
 
 
 def test_what_is_not_finite_is_null():

@@ -92,7 +92,8 @@ def nis(names: Sequence[str], found: Sequence[NisOverTime]) -> bytes:
 
 def correlations(found: CrossCorrelation, outputs: Sequence[str], regressors: Sequence[Regressor]) -> bytes:
     """Return the correlation of every innovation with the past of the signals of the largest correlations."""
-    strength = np.abs(found.values / found.band[:, None]).max(axis=(0, 1))
+    known = np.where(np.isfinite(found.values), found.values, 0.0)  # nothing is known of a signal that overflows
+    strength = np.abs(known / found.band[:, None]).max(axis=(0, 1))
     drawn = np.argsort(-strength)[:DRAWN]
     chosen = style.looks([regressors[j].name for j in drawn])
     with style.drawing():
@@ -103,7 +104,7 @@ def correlations(found: CrossCorrelation, outputs: Sequence[str], regressors: Se
             for j in drawn:
                 look = chosen[regressors[j].name]
                 axes.plot(found.lag, found.values[:, a, j], color=look.line, ls=look.dashes)
-            reach = 1.15 * max(float(np.abs(found.values[:, a]).max()), 2.0 * float(found.band[a]))
+            reach = 1.15 * max(float(np.abs(known[:, a]).max()), 2.0 * float(found.band[a]))
             axes.set_ylim(-reach, reach)
             axes.set_ylabel(words(name).replace(" ", "\n", 1))
             axes.grid(True)

@@ -115,8 +115,8 @@ class Search:
         finite = [p for p in points if np.isfinite(self.objective.values(p[:, None])[0])]
         if not finite:
             raise UserError(
-                "the filter diverges on these recordings at the initial values; check units and signs of the recorded "
-                "signals, start from other values, or ask for more starts"
+                "the filter diverges on these recordings at the initial values; check units, signs and spikes of the "
+                "recorded signals (harness check), start from other values, or ask for more starts"
             )
         return finite
 
