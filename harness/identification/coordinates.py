@@ -19,7 +19,7 @@ from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import ModelSpec
 from harness.config.bounds import broken_relations
-from harness.config.parameter_set import set_std
+from harness.config.parameter_set import set_std, stated_std
 from harness.identification.filtered_model import Candidates
 from harness.identification.signal_noise import SignalNoise
 from harness.models.contracts import Parameter
@@ -90,6 +90,10 @@ class Coordinate:
         """Return the derivative of the value to the coordinate."""
         return math.exp(z) if self.logarithmic else self.scale
 
+    def known_to(self, std: float) -> Coordinate:
+        """Return the same with a prior by which its value is known to a standard deviation, in the value's unit."""
+        return replace(self, prior=std / self.slope(self.centre))
+
 
 class Coordinates:
     """The coordinates of a fit, about what is held where none of them moves.
@@ -125,6 +129,7 @@ class Coordinates:
         priors: Mapping[str, float] | None = None,
         process: bool = True,
         signals: SignalNoise | None = None,
+        stated: bool = False,
     ) -> Coordinates:
         """Return the coordinates of parameters and noise of a model.
 
@@ -136,13 +141,14 @@ class Coordinates:
                 parameter is positive, else in its unit.
             process: Whether the process noise moves too.
             signals: What the signals show of their noise, below which no variance falls; not regarded by default.
+            stated: Whether other parameters have the prior of ``stated_std``.
 
         Raises:
             UserError: If a name is unknown or a parameter has no room to move.
         """
         variances = np.asarray(measurement, dtype=float)
         moved = (
-            *_parameters(spec, free, priors or {}),
+            *_parameters(spec, free, priors or {}, stated),
             *(process_coordinates(spec) if process else ()),
             *measurement_coordinates(spec, variances, signals),
         )
@@ -267,8 +273,8 @@ def measurement_coordinates(spec: ModelSpec, variances: Floats, signals: SignalN
     return found
 
 
-def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float]) -> list[Coordinate]:
-    model, std = spec.model(), set_std(spec)
+def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float], stated: bool) -> list[Coordinate]:
+    model, std = spec.model(), stated_std(spec) if stated else set_std(spec)
     names, found = model.parameter_names, []
     for name in (*free, *priors):
         if name not in names:
@@ -279,6 +285,6 @@ def _parameters(spec: ModelSpec, free: Sequence[str], priors: Mapping[str, float
         if not p.lower < p.upper:
             raise UserError(f"free: '{name}' has no room between its bounds {p.lower:g} and {p.upper:g} {p.unit}")
         c = parameter_coordinate(p, row, spec.values[name], priors.get(name, math.inf))
-        known = std[name] / c.slope(c.centre) if name in std else math.inf
-        found.append(replace(c, known=min(known, c.prior)))
+        known = c.known_to(std[name]).prior if name in std else math.inf
+        found.append(replace(c, known=min(known, c.prior), prior=known if stated and name not in priors else c.prior))
     return found

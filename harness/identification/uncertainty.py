@@ -133,7 +133,10 @@ def limits_of_knowledge(space: Coordinates, z: Floats, information: Floats) -> K
     information = information if np.isfinite(information).all() else np.diag(space.weight)
     reach = space.upper - space.lower
     side = np.array([at_bound(*of) for of in zip(z, space.lower, space.upper, strict=True)], dtype=int)
-    silent = np.sqrt(np.diagonal(information)) * reach < 2.0 * NORMAL  # all else known, it would be the whole range
+    told = information - np.diag(space.weight)  # by the recordings alone
+    silent = (
+        np.sqrt(np.maximum(np.diagonal(told), 0.0)) * reach < 2.0 * NORMAL
+    )  # all else known, it would be the whole range
     side[silent] = 0
     known = (side == 0) & ~silent
     n, multiple = len(space), np.zeros(len(space))

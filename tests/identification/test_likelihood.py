@@ -1,12 +1,14 @@
 """The likelihood fit: finds what was hidden, with honest intervals, and says what the drives cannot tell."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from harness.common.errors import UserError
 from harness.identification.contract import Problem
+from harness.identification.coordinates import Coordinates
 from harness.identification.innovations import Innovations
 from harness.identification.methods.likelihood import Search, Settings, first_noise, identify
 from harness.identification.uncertainty import _judge, limits_of_knowledge
@@ -96,7 +98,10 @@ def test_a_parameter_without_any_effect_is_not_determined():
     fit = identify(Problem(innovations, (drive,), ("cog_height",)), QUICK)
     height = fit.estimate("cog_height")
     assert height.verdict == "not determined"
-    assert np.isinf(height.error)
+    stiffness = identify(Problem(innovations, (drive,), STIFFNESS), QUICK).estimate(STIFFNESS[0])
+    assert stiffness.verdict == "not determined"
+    assert stiffness.reason.startswith("these drives tell less of it than was stated of it before")
+    assert stiffness.error <= 0.1 * stiffness.start  # what is known without any drive
 
 
 def test_confounded_parameters_name_each_other():
@@ -197,6 +202,36 @@ def test_a_prior_holds_a_parameter_that_the_data_hardly_tell():
     assert held.value == pytest.approx(0.7, abs=0.005)
     assert held.error <= 0.001
     assert loose.error > held.error
+
+
+def test_priors_are_those_that_the_parameter_set_states(tmp_path, monkeypatch):
+    """As in the refit of a trace: ``std`` of the set, a tenth of the value where it says nothing."""
+    monkeypatch.chdir(tmp_path)
+    car = model_of(CAR)
+    values = "".join(f"{n} = {v!r}\n" for n, v in car.values.items())
+    noise = "".join(
+        f"[{kind}_noise]\n" + "".join(f"{n} = {v!r}\n" for n, v in variances.items())
+        for kind, variances in (("process", car.process_noise), ("measurement", car.measurement_noise))
+    )
+    stated = f"[std]\n{STIFFNESS[0]} = 1e-3\n"
+    Path("mine.toml").write_text(f'vehicle = "{car.vehicle}"\n[values]\n{values}{noise}{stated}', encoding="utf-8")
+    spec = dataclasses.replace(car, parameters="mine.toml")
+    names = (STIFFNESS[0], "cog_height")
+    known = Coordinates.of(spec, names, np.ones(len(car.measurement_noise)), stated=True)
+    slopes = [c.slope(c.centre) for c in known.coordinates[:2]]
+    np.testing.assert_allclose(known.weight[:2] ** -0.5 * slopes, [1e-3, 0.1 * car.values["cog_height"]])
+    assert not Coordinates.of(spec, names, np.ones(len(car.measurement_noise))).weight[:2].any()
+
+
+def test_a_model_that_cannot_be_driven_is_no_candidate():
+    search = Search(problem_of(15, duration=5.0), QUICK)
+    spinning = search.coordinates.centre.copy()
+    spinning[1] = np.log(0.2 * np.exp(spinning[1]))  # the rear axle
+    assert np.isneginf(search.objective.values(spinning[:, None])[0])
+    search.objective.driveable = None
+    assert np.isfinite(search.objective.values(spinning[:, None])[0])
+    unstable = {**WRONG, STIFFNESS[1]: 0.2 * WRONG[STIFFNESS[1]]}
+    assert Search(problem_of(15, duration=5.0, **unstable), QUICK).objective.driveable is None
 
 
 def test_forcing_the_process_noise_down_leaves_a_search_that_began_with_too_much():

@@ -172,4 +172,4 @@ def _coordinate(
     p = model.model.parameters[row]
     value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
     c = parameter_coordinate(p, row, value, prior, scale, drives)
-    return c if math.isinf(std) else replace(c, prior=std / c.slope(c.centre))
+    return c if math.isinf(std) else c.known_to(std)

@@ -21,6 +21,7 @@ from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
 from harness.identification.contract import Fit, Problem
 from harness.identification.coordinates import Coordinates
+from harness.identification.driveable import Driveable
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.signal_noise import signal_noise, white_noise
@@ -46,6 +47,10 @@ class Settings(BaseModel):
     annealings: int = Field(3, ge=0, description="how often the process noise is forced down, while that gains")
     profiles: bool = Field(True, description="whether the likelihood along each parameter is computed")
     process_noise: bool = Field(True, description="whether the process noise is estimated; false holds it as stated")
+    stated_priors: bool = Field(
+        True,
+        description="whether values have priors: the std of the parameter set, else a tenth",
+    )
     priors: dict[str, float] = Field(
         default_factory=dict,
         description="standard deviation of a prior about the first value by parameter; of the logarithm if positive",
@@ -92,8 +97,12 @@ class Search:
             settings.priors,
             settings.process_noise,
             signal_noise(problem.drives),
+            settings.stated_priors,
         )
         self.objective = LogPosterior(problem.innovations, problem.drives, self.coordinates)
+        driveable = Driveable(problem.innovations, problem.drives)
+        if driveable.admits([self.coordinates.candidates(self.coordinates.centre).values[:, 0]] * len(problem.drives)):
+            self.objective.driveable = driveable  # from a model that can be driven no fit leads to one that cannot
 
     def starts(self, count: int, seed: int) -> list[Floats]:
         """Return first points: the given one, then the likeliest of many spread about it.
