@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test proof wheel lint attribution attribution-docs check-proof tuning-proof fuzz faults audit endurance scale bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs check-proof tuning-proof fuzz faults audit endurance scale bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -83,7 +83,10 @@ report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done
 
 test: $(VENV)/dev.stamp ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof and not wheel and not notebooks"
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof and not wheel and not notebooks and not browser"
+
+test-view: $(VENV)/dev.stamp ## run the tests of harness view in a browser (needs Chromium on the PATH)
+	$(BIN)/python -m pytest -m browser tests/study/view
 
 proof: $(VENV)/dev.stamp ## run the tests that take long: the cluster, the blind plant, a trace from end to end
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m proof

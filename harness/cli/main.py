@@ -35,6 +35,7 @@ from harness.cli.simulate import simulate
 from harness.cli.stores import status, verify
 from harness.cli.trace import trace
 from harness.cli.tune import tune
+from harness.cli.view import view
 from harness.common.errors import UserError
 from harness.common.files import refuse_url
 from harness.common.places import is_url
@@ -313,6 +314,7 @@ app.command()(_answers_errors(remedy))
 app.command()(_answers_errors(new))
 app.command()(_answers_errors(verify))
 app.command()(_answers_errors(status))
+app.command()(_answers_errors(view))
 
 
 def main() -> None:

@@ -134,7 +134,7 @@ class Design:
     @cached_property
     def rmse(self) -> NDArray[np.float64]:
         """RMSE in report units, ``(target, band, estimator, drive, sample, repeat)``; NaN unless ok."""
-        return self._per_target("rmse")
+        return self.per_target("rmse")
 
     def giving(self, target: int) -> list[int]:
         """Return the estimators that give a target: all but those whose finished runs have no error in it."""
@@ -142,7 +142,8 @@ class Design:
         known = np.isfinite(self.rmse[target]).any(axis=(0, 2, 3, 4))
         return [e for e in range(len(self.estimators)) if known[e] or not finished[e]]
 
-    def _per_target(self, name: str) -> NDArray[np.float64]:
+    def per_target(self, name: str) -> NDArray[np.float64]:
+        """Return a score of targets in report units, shape as ``rmse``; NaN unless the run is ok."""
         values = self._read(name, ("target", *_RUN_DIMS)).astype(float, copy=False)
         values *= np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
         values[:, self.status != OK] = np.nan
@@ -155,6 +156,11 @@ class Design:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[name] = self._per_run(name)
         return self._kept[name]
+
+    @property
+    def time_of_divergence(self) -> NDArray[np.float64]:
+        """When each run that was not ok was lost, in s, shape as ``status``; NaN of the others."""
+        return self._read("time_of_divergence", _RUN_DIMS)
 
     def _per_run(self, name: str) -> NDArray[np.float64]:
         if name not in self.data:

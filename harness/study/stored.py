@@ -13,6 +13,7 @@ import zarr
 from harness.common import locations
 from harness.common.errors import UserError
 from harness.common.files import BUNDLED_STUDIES, parse_toml
+from harness.common.places import zarr_store
 from harness.config import Study, build_study
 from harness.study.differences import differences
 from harness.study.layout import root_attributes
@@ -60,7 +61,7 @@ def attributes_of(folder: Path) -> dict[str, Any]:
     """
     path = store_of(folder)
     try:
-        return dict(zarr.open_group(str(path), mode="r", use_consolidated=False).attrs)
+        return dict(zarr.open_group(zarr_store(path), mode="r", use_consolidated=False).attrs)
     except (KeyError, ValueError, OSError) as error:
         raise UserError(f"{path}: not a store that a study wrote ({type(error).__name__}: {error})") from error
 
@@ -83,7 +84,7 @@ class Comparison:
 def stored_scores(folder: Path, study: Study, run: Replayed) -> dict[str, np.ndarray]:
     """Return the stored scores of a run by name, ``(estimator,)`` or ``(estimator, target)``."""
     place: Place = run.place
-    group: Any = zarr.open_group(str(store_of(folder)), path=study.designs[place.design].name, mode="r")
+    group: Any = zarr.open_group(zarr_store(store_of(folder)), path=study.designs[place.design].name, mode="r")
     at, chosen = (place.band, place.sample, place.drive, place.repeat), list(run.estimators)
     return {name: np.asarray(group[name][at])[chosen] for name in run.scores if name != OVER_TIME}
 

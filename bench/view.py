@@ -1,0 +1,99 @@
+"""How fast is ``harness view``: first picture, clicks, a slider, memory; ``python -m bench.view results/mass``.
+
+``--runs 100000`` makes a store of that many runs first, as ``bench.scale`` does. Every time is that of a browser, from
+the reader's action until the page shows what belongs to it; the first click compiles and is told apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench import scale
+
+CLICKS, STEPS = 8, 12
+ARGUMENTS = [
+    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+IDLE = "window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle"
+SEARCH = "location.search"
+
+
+def peak(process: int) -> float:
+    """Return the largest memory that a process has had, in MiB (Linux)."""
+    lines = Path(f"/proc/{process}/status").read_text(encoding="utf-8").splitlines()
+    return float(next(line.split()[1] for line in lines if line.startswith("VmHWM"))) / 1024
+
+
+def until_changed(page: Any, before: str, doing: Any) -> float:
+    """Do something and return how long it takes until the address of the page says so."""
+    begin = time.perf_counter()
+    doing()
+    page.wait_for_function(f"{SEARCH} !== {before!r}", timeout=600_000, polling=5)
+    return time.perf_counter() - begin
+
+
+def measure(page: Any, address: str) -> dict[str, float]:
+    """Return the times of a page in s."""
+    begin = time.perf_counter()
+    page.goto(address)
+    page.wait_for_function(IDLE, timeout=120_000, polling=5)
+    found = {"first picture": time.perf_counter() - begin}
+    boxes, rank = page.get_by_label("Box", exact=True), page.get_by_label("Its run")
+    count = boxes.locator("option").count()
+    clicks = []
+    for k in range(CLICKS + 1):
+        boxes.select_option(index=k % count)
+        before = page.evaluate(SEARCH)
+        clicks.append(until_changed(page, before, lambda k=k: rank.select_option(["largest", "median"][k % 2])))
+        page.wait_for_timeout(1000)
+    found["first click, with compilation"] = clicks[0]
+    found["click (median)"], found["click (slowest)"] = float(np.median(clicks[1:])), max(clicks[1:])
+    handle, steps = page.locator(".noUi-handle").first, []
+    handle.focus()
+    for k in range(STEPS):
+        before = page.evaluate(SEARCH)
+        steps.append(
+            until_changed(page, before, lambda k=k: handle.press("ArrowRight" if k < STEPS / 2 else "ArrowLeft"))
+        )
+        page.wait_for_timeout(1500)
+    found["step of a slider (median)"], found["step of a slider (slowest)"] = float(np.median(steps)), max(steps)
+    return found
+
+
+def main() -> None:
+    """Measure the page of a result folder."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="result folder; made there with --runs")
+    parser.add_argument("--runs", type=int, help="make a store of so many runs first")
+    chosen = parser.parse_args()
+    if chosen.runs is not None:
+        scale.make(chosen.folder, chosen.runs)
+    from playwright.sync_api import sync_playwright
+
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        sys.exit("needs Chromium on the PATH")
+    begin = time.perf_counter()
+    command = [sys.executable, "-m", "harness", "view", str(chosen.folder), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as playwright:
+        assert server.stdout is not None
+        address = server.stdout.readline().strip()
+        print(f"start: {time.perf_counter() - begin:.1f} s")
+        page = playwright.chromium.launch(executable_path=browser, args=ARGUMENTS).new_page()
+        for name, seconds in measure(page, address).items():
+            print(f"{name}: {seconds:.2f} s")
+        print(f"memory of the server: {peak(server.pid):.0f} MiB")
+        server.terminate()
+
+
+if __name__ == "__main__":
+    main()

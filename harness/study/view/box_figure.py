@@ -1,0 +1,129 @@
+"""The figure of box plots, and which run a click on it means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from bokeh.models import ColumnDataSource, FixedTicker, Legend, LegendItem
+
+from harness.models.quantities import Quantity
+from harness.reporting import style
+from harness.reporting.style import Look
+from harness.study.view import looks
+from harness.study.view.boxes import POINTS, SCORES, Box, unit_of
+
+
+class BoxFigure:
+    """Boxes across levels or drives, an estimator beside the other.
+
+    Args:
+        boxes: What is drawn.
+        labels: Of the levels or drives.
+        estimators: Names by index.
+        chosen: Look by name.
+        score: One of ``SCORES``.
+        target: What it is of.
+        log: Whether the axis is logarithmic.
+
+    Attributes:
+        plot: The figure.
+        marked: Source of the run that is shown: ``x`` and ``y`` of its scores.
+    """
+
+    def __init__(
+        self,
+        boxes: Sequence[Box],
+        labels: Sequence[str],
+        estimators: Sequence[str],
+        chosen: dict[str, Look],
+        score: str,
+        target: Quantity,
+        log: bool,
+    ) -> None:
+        self._boxes, self._names = [b for b in boxes if len(b.values)], estimators
+        self._log = log and all((b.values > 0).all() for b in self._boxes)
+        self.estimators = list(dict.fromkeys(b.estimator for b in boxes))
+        self.width = 0.84 / max(1, len(self.estimators))
+        unit = unit_of(score, target)
+        self.plot = looks.plot(
+            f"{SCORES[score]}{'' if score in ('nees', 'nis', 'time_of_divergence') else ' of the ' + target.words}",
+            460,
+            tools="pan,wheel_zoom,box_zoom,reset",
+            y_axis_type="log" if self._log else "linear",
+            x_range=(-0.5, len(labels) - 0.5),
+            name="boxes of runs",
+        )
+        self.plot.toolbar.active_drag = None
+        self.plot.yaxis.axis_label = SCORES[score] + style.in_unit(unit)
+        self.plot.xaxis.ticker = FixedTicker(ticks=list(range(len(labels))))
+        self.plot.xaxis.major_label_overrides = {i: str(label) for i, label in enumerate(labels)}
+        self.plot.xaxis.major_label_orientation = 0.0 if sum(map(len, labels)) < 90 else 0.6
+        self.plot.xgrid.grid_line_color = None
+        items = [self._draw(e, chosen[estimators[e]]) for e in self.estimators]
+        self.plot.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None, ncols=4), "above")
+        self.marked = ColumnDataSource({"x": [], "y": []})
+        self.plot.scatter(
+            "x", "y", source=self.marked, marker="star", size=16, fill_color="#ffffff", line_color="#000000",
+            line_width=1.8,
+        )  # fmt: skip
+
+    def _draw(self, estimator: int, look: Look) -> LegendItem:
+        """Draw the boxes and points of one estimator."""
+        own = [b for b in self._boxes if b.estimator == estimator]
+        x = np.array([self.place(b.across, estimator) for b in own])
+        low, middle, high = np.array([b.quartiles for b in own]).reshape(-1, 3).T
+        ends = np.array([[b.values[0], b.values[-1]] for b in own]).reshape(-1, 2).T
+        line, tint = looks.colour(look.line), looks.colour(look.tint)
+        numbers = {"runs": [len(b.values) for b in own], "lost": [b.lost for b in own]}
+        source = ColumnDataSource(
+            {"x": x, "low": low, "middle": middle, "high": high, "least": ends[0], "most": ends[1], **numbers}
+        )
+        wide = 0.85 * self.width
+        self.plot.segment("x", "least", "x", "most", source=source, color=line)
+        box = self.plot.vbar(
+            "x", wide, "high", "low", source=source, fill_color=tint, line_color=line, fill_alpha=0.8,
+            hatch_pattern=looks.hatch(look), hatch_color=line, hatch_alpha=0.6, hatch_scale=7,
+        )  # fmt: skip
+        self.plot.scatter("x", "middle", source=source, marker="dash", size=14, color=line, line_width=3)
+        most = max(8, POINTS // max(1, len(self._boxes)))
+        spread = [self._points(b, most) for b in own]
+        nothing = np.empty(0)
+        points = ColumnDataSource({k: np.concatenate([nothing, *(s[k] for s in spread)]) for k in ("x", "y")})
+        marker = {"o": "circle", "s": "square", "^": "triangle", "D": "diamond", "v": "inverted_triangle"}
+        drawn = self.plot.scatter(
+            "x", "y", source=points, marker=marker.get(look.marker, "plus"), size=5, color=line, alpha=0.55
+        )
+        name = str(self._names[estimator])
+        told = [("median", "@middle{0.000 a}"), ("quartiles", "@low{0.000 a} to @high{0.000 a}")]
+        told += [("smallest, largest", "@least{0.000 a}, @most{0.000 a}"), ("runs, lost", "@runs, @lost")]
+        self.plot.add_tools(looks.hover([box], *told), looks.hover([drawn], ("run", "@y{0.000 a}")))
+        return LegendItem(label={"value": name}, renderers=[box, drawn])
+
+    def _points(self, box: Box, most: int) -> dict[str, np.ndarray]:
+        rows = box.points(most)
+        scatter = np.random.default_rng(box.across).uniform(-0.3, 0.3, len(rows)) * self.width
+        return {"x": self.place(box.across, box.estimator) + scatter, "y": box.values[rows]}
+
+    def place(self, across: int, estimator: int) -> float:
+        """Return where the box of an estimator stands."""
+        return across + (self.estimators.index(estimator) - (len(self.estimators) - 1) / 2) * self.width
+
+    def hit(self, x: float, y: float) -> tuple[Box, int] | None:
+        """Return the box below a click and the run whose score is nearest to it; ``None`` beside all boxes."""
+        near = [b for b in self._boxes if abs(self.place(b.across, b.estimator) - x) <= self.width / 2]
+        if not near or (self._log and y <= 0):
+            return None
+        if self._log:
+            return near[0], int(np.argmin(np.abs(np.log(near[0].values) - np.log(y))))
+        return near[0], near[0].nearest(y)
+
+    @property
+    def boxes(self) -> list[Box]:
+        """The boxes that hold a run."""
+        return self._boxes
+
+    def mark(self, across: int, values: dict[int, float]) -> None:
+        """Mark the scores of the run that is shown, by estimator."""
+        known = {e: v for e, v in values.items() if e in self.estimators and np.isfinite(v)}
+        self.marked.data = {"x": [self.place(across, e) for e in known], "y": list(known.values())}

@@ -1,0 +1,62 @@
+"""The look of the figures of a page: that of the reports."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bokeh.models import HoverTool
+from bokeh.plotting import figure
+
+from harness.reporting.style import Look
+
+FONT = "DejaVu Sans, Verdana, sans-serif"
+WRAPPED = """
+:host { max-width: 100%; box-sizing: border-box; }
+.bk-btn-group { flex-wrap: wrap; }
+.bk-btn { white-space: normal; overflow-wrap: anywhere; }
+"""
+"""Style of widgets that are no wider than a phone."""
+HATCHES = {"/": "right_diagonal_line", "\\": "left_diagonal_line", ".": "dot", "-": "horizontal_line",
+           "|": "vertical_line", "+": "cross", "x": "diagonal_cross", "o": "ring", "*": "criss_cross"}  # fmt: skip
+
+
+def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset", **further: Any) -> Any:
+    """Return an empty figure as wide as the page."""
+    found = figure(
+        title=title, height=height, sizing_mode="stretch_width", tools=tools, toolbar_location="right", **further
+    )
+    found.toolbar.logo = None
+    found.toolbar.autohide = True
+    found.output_backend = "canvas"
+    for axis in found.axis:
+        axis.axis_label_text_font = axis.major_label_text_font = FONT
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_font_size = axis.major_label_text_font_size = "13px"
+        axis.minor_tick_line_color = None
+        axis.axis_label_text_color = axis.major_label_text_color = "#111111"
+    found.title.text_font, found.title.text_font_size = FONT, "14px"
+    found.grid.grid_line_color = "#e4e4e4"
+    found.outline_line_color = None
+    return found
+
+
+def dash(look: Look) -> str | list[int]:
+    """Return the dashes of an estimator's line."""
+    if isinstance(look.dashes, str):
+        return "solid"
+    return [max(1, round(2 * part)) for part in look.dashes[1]]
+
+
+def hatch(look: Look) -> str:
+    """Return the hatch of an estimator's boxes."""
+    return HATCHES.get(look.hatch[:1], "blank")
+
+
+def colour(of: tuple[float, float, float]) -> str:
+    """Return a colour as a browser takes it."""
+    return "#" + "".join(f"{round(255 * part):02x}" for part in of)
+
+
+def hover(renderers: list[Any], *rows: tuple[str, str]) -> HoverTool:
+    """Return a tool that shows numbers; names are shown as text, never as code."""
+    return HoverTool(renderers=renderers, tooltips=list(rows), visible=False)

@@ -1,0 +1,104 @@
+"""What a page shows, as the query of its address says it: whoever opens the address sees the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+from urllib.parse import urlencode
+
+from harness.study.replay import Place
+from harness.study.results import StudyResults
+from harness.study.view.boxes import SCORES
+
+
+@dataclass(frozen=True)
+class State:
+    """Indices from 0.
+
+    Attributes:
+        design, target: What the boxes are of.
+        score: One of ``harness.study.view.boxes.SCORES``.
+        drive: The boxes are of this drive alone; ``None`` for all.
+        level: Boxes of this level by drive; ``None`` for boxes by level.
+        log: Whether the axis is logarithmic.
+        estimators: Those with boxes.
+        run: The run that is drawn, if any.
+        compared: Estimators that are drawn in it.
+        changes: Other values in the run, by parameter of the plant, SI.
+    """
+
+    design: int = 0
+    target: int = 0
+    score: str = "rmse"
+    drive: int | None = None
+    level: int | None = None
+    log: bool = True
+    estimators: tuple[int, ...] = ()
+    run: Place | None = None
+    compared: tuple[int, ...] = ()
+    changes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def query(self) -> str:
+        """The query that says this."""
+        found: dict[str, Any] = {"design": self.design, "target": self.target, "score": self.score}
+        found |= {k: v for k, v in (("drive", self.drive), ("level", self.level)) if v is not None}
+        found |= {"log": int(self.log), "estimators": ".".join(map(str, self.estimators))}
+        if self.run is not None:
+            run = self.run
+            found["run"] = f"{run.design}.{run.band}.{run.drive}.{run.sample}.{run.repeat}"
+            found["compared"] = ".".join(map(str, self.compared))
+            found |= {f"plant.{name}": repr(value) for name, value in self.changes.items()}
+        return "?" + urlencode(found)
+
+
+def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> State:
+    """Return what an address asks for; what it asks for that is not there is as if it were not asked for."""
+    given = {name: values[-1].decode("utf-8", "replace") for name, values in arguments.items() if values}
+    design = _index(given.get("design"), len(results.designs)) or 0
+    of = results.designs[design]
+    every = tuple(range(len(of.estimators)))
+    state = State(
+        design=design,
+        target=_index(given.get("target"), len(of.targets)) or 0,
+        score=given["score"] if given.get("score") in SCORES else "rmse",
+        drive=_index(given.get("drive"), len(of.drives)),
+        level=_index(given.get("level"), len(of.bands)),
+        log=given.get("log", "1") != "0",
+        estimators=_indices(given.get("estimators"), len(every)) or every,
+    )
+    run = _place(given.get("run", ""), results)
+    if run is None:
+        return state
+    changes = {}
+    for name, value in given.items():
+        if name.startswith("plant."):
+            try:
+                changes[name.removeprefix("plant.")] = float(value)
+            except ValueError:
+                continue
+    compared = _indices(given.get("compared"), len(every)) or state.estimators[:3]
+    return replace(state, run=run, compared=compared, changes=changes)
+
+
+def _index(given: str | None, count: int) -> int | None:
+    return int(given) if given and given.isascii() and given.isdigit() and int(given[:9]) < count else None
+
+
+def _indices(given: str | None, count: int) -> tuple[int, ...]:
+    found = [_index(part, count) for part in (given or "").split(".")]
+    return tuple(dict.fromkeys(i for i in found if i is not None))
+
+
+def _place(given: str, results: StudyResults) -> Place | None:
+    parts = given.split(".")
+    if len(parts) != 5 or _index(parts[0], len(results.designs)) is None:
+        return None
+    sizes = results.designs[int(parts[0])].data.sizes
+    counts = [sizes[d] for d in ("band", "drive", "sample", "repeat")]
+    rest = [_index(part, count) for part, count in zip(parts[1:], counts, strict=True)]
+    band, drive, sample, repeat = rest
+    if band is None or drive is None or sample is None or repeat is None:
+        return None
+    return Place(int(parts[0]), band, drive, sample, repeat)

@@ -1,0 +1,204 @@
+"""The page of a study: the answer in words, box plots, and below them the run that was clicked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bokeh.document import Document
+from bokeh.events import Tap
+from bokeh.layouts import column
+from bokeh.models import CheckboxButtonGroup, CustomJS, Div, RadioButtonGroup, Select, TextInput
+from jinja2 import Environment
+
+from harness.models.quantities import words
+from harness.reporting import style
+from harness.study.replay import Place
+from harness.study.report.analysis import Analysis
+from harness.study.report.opening import answer_in_short
+from harness.study.view import looks
+from harness.study.view.box_figure import BoxFigure
+from harness.study.view.boxes import SCORES, Box, boxes, unit_of
+from harness.study.view.run_panel import RunPanel, Runs
+from harness.study.view.state import read
+
+_ALL = "all"
+_ADDRESS = "history.replaceState(null, '', cb_obj.value)"
+_RANKS = {"": "…", "0": "smallest", "0.5": "median", "1": "largest"}
+
+
+def said(text: str, **further: Any) -> Div:
+    """Return a text that is shown as it is, whatever characters it has."""
+    return Div(text=text, render_as_text=True, sizing_mode="stretch_width", **further)
+
+
+class StudyPage:
+    """One reader's page.
+
+    Args:
+        document: Where it goes.
+        analysis: Of the study.
+        runs: What computes runs again.
+    """
+
+    def __init__(self, document: Document, analysis: Analysis, runs: Runs) -> None:
+        self._document, self._analysis, self._results = document, analysis, analysis.store
+        context = document.session_context
+        self.state = read(context.request.arguments if context is not None else {}, self._results)
+        self._figure: BoxFigure | None = None
+        self._busy = False
+        self._panel = RunPanel(document, runs, analysis.looks, self._ran)
+        self._address = TextInput(value="", visible=False)
+        self._address.js_on_change("value", CustomJS(code=_ADDRESS))
+        self._holder = column(sizing_mode="stretch_width")
+        self._widgets = self._make_widgets()
+        self._add_roots()
+        self._redraw()
+        if self.state.run is not None:
+            self._panel.show(self.state.run, self.state.compared, self.state.changes)
+
+    @property
+    def _design(self) -> Any:
+        return self._results.designs[self.state.design]
+
+    def _make_widgets(self) -> dict[str, Any]:
+        state, design = self.state, self._design
+        designs = [(str(i), words(d.name)) for i, d in enumerate(self._results.designs)]
+        found = {
+            "design": Select(title="Design", options=designs, value=str(state.design)),
+            "target": Select(title="Target", width=260),
+            "score": Select(title="Score", options=list(SCORES.items()), value=state.score, width=190),
+            "drive": Select(title="Drive", width=190),
+            "level": Select(title="Boxes", width=230),
+            "scale": RadioButtonGroup(labels=["linear", "logarithmic"], active=int(state.log)),
+            "estimators": CheckboxButtonGroup(
+                labels=design.estimators, active=list(state.estimators), stylesheets=[looks.WRAPPED]
+            ),
+            "box": Select(title="Box", width=360),
+            "rank": Select(title="Its run", options=list(_RANKS.items()), value="", width=120),
+        }
+        for name in ("design", "target", "drive", "level"):
+            found[name].on_change("value", self._on_select(name))
+        found["score"].on_change("value", lambda _a, _o, new: self._change(score=new))
+        found["scale"].on_change("active", lambda _a, _o, new: self._change(log=bool(new)))
+        found["estimators"].on_change("active", lambda _a, _o, new: self._change(estimators=tuple(sorted(new))))
+        found["rank"].on_change("value", self._by_rank)
+        return found
+
+    def _on_select(self, name: str) -> Callable[[str, str, str], None]:
+        def changed(_attribute: str, _old: str, new: str) -> None:
+            value = None if new == _ALL else int(new)
+            further = {"drive": None, "level": None, "target": 0} if name == "design" else {}
+            self._change(**further, **{name: value})
+
+        return changed
+
+    def _change(self, **keys: Any) -> None:
+        if not self._busy:
+            self.state = replace(self.state, **keys)
+            self._redraw()
+
+    def _add_roots(self) -> None:
+        attributes = self._results.attributes
+        title = str(attributes.get("title") or attributes.get("study_name") or self._results.directory.name)
+        roots = {
+            "title": said(title, styles={"font-size": "1.35rem", "font-weight": "bold"}),
+            "answer": said(answer_in_short(self._analysis.main, self._results.designs), styles={"font-size": "1rem"}),
+            "boxes": self._holder,
+            "address": self._address,
+            **self._widgets,
+            **self._panel.roots,
+        }
+        for name, model in roots.items():
+            model.name = name
+            self._document.add_root(model)
+        self._document.title = title
+        text = (Path(__file__).parent / "page.html").read_text(encoding="utf-8")
+        self._document.template = Environment().from_string(text)  # what it is given are names of roots and HTML
+
+    def _redraw(self) -> None:
+        """Draw the boxes of the state, and let all widgets say it."""
+        state, design, w = self.state, self._design, self._widgets
+        self._busy = True
+        w["target"].options = [(str(i), t.words) for i, t in enumerate(design.targets)]
+        w["drive"].options = [(_ALL, "all drives"), *((str(i), d) for i, d in enumerate(design.drives))]
+        levels = ((str(i), f"by drive, at {b}") for i, b in enumerate(design.bands))
+        w["level"].options = [(_ALL, "by level"), *levels]
+        w["target"].value, w["design"].value = str(state.target), str(state.design)
+        w["drive"].value = _ALL if state.drive is None else str(state.drive)
+        w["drive"].disabled = state.level is not None
+        w["level"].value = _ALL if state.level is None else str(state.level)
+        found = boxes(design, state.score, state.target, state.estimators, state.drive, state.level)
+        labels = design.bands if state.level is None else design.drives
+        target = design.targets[state.target]
+        self._figure = BoxFigure(found, labels, design.estimators, self._analysis.looks, state.score, target, state.log)
+        self._figure.plot.on_event(Tap, self._tapped)
+        self._holder.children = [self._figure.plot]
+        unit = unit_of(state.score, target)
+        w["box"].options = [
+            (str(i), f"{labels[b.across]}, {design.estimators[b.estimator]}: "
+             f"median {style.with_unit(b.quartiles[1], unit)}")
+            for i, b in enumerate(self._figure.boxes)
+        ]  # fmt: skip
+        if w["box"].options:
+            w["box"].value = w["box"].options[0][0]
+        w["rank"].value = ""
+        self._busy = False
+        self._mark(self._panel.scores)
+        self._address.value = state.query
+
+    def _tapped(self, event: Tap) -> None:
+        found = self._figure.hit(event.x, event.y) if self._figure is not None else None
+        if found is not None:
+            self._choose(*found)
+
+    def _by_rank(self, _attribute: str, _old: str, new: str) -> None:
+        if new and not self._busy and self._figure is not None and self._widgets["box"].value:
+            box = self._figure.boxes[int(self._widgets["box"].value)]
+            self._choose(box, round(float(new) * (len(box.values) - 1)))
+
+    def _choose(self, box: Box, rank: int) -> None:
+        """Show a run of a box, with the box's estimator and at most two that were shown before."""
+        band, drive, sample, repeat = map(int, box.runs[rank])
+        place = Place(self.state.design, band, drive, sample, repeat)
+        others = [e for e in (*self.state.compared, *self.state.estimators) if e != box.estimator]
+        compared = tuple(sorted([box.estimator, *dict.fromkeys(others)][:3]))
+        self._panel.show(place, compared, {})
+
+    def _ran(self, place: Place, compared: tuple[int, ...], changes: dict[str, float]) -> None:
+        """Take note of what the panel shows."""
+        self.state = replace(self.state, run=place, compared=compared, changes=changes)
+        self._mark(self._panel.scores)
+        self._address.value = self.state.query
+
+    def _is_in_boxes(self, run: Place) -> bool:
+        """Return whether a run is among those that the boxes are of."""
+        state = self.state
+        return run.band == state.level if state.level is not None else state.drive in (None, run.drive)
+
+    def _mark(self, scores: dict[str, np.ndarray] | None) -> None:
+        """Mark the run among the boxes."""
+        state, figure = self.state, self._figure
+        if figure is None:
+            return
+        run = state.run
+        if run is None or scores is None or run.design != state.design or not self._is_in_boxes(run):
+            figure.mark(0, {})
+            return
+        values = scores[state.score]
+        if state.score in ("rmse", "bias", "max_error"):
+            values = values[:, state.target] * self._design.targets[state.target].scale
+        across = run.band if state.level is None else run.drive
+        figure.mark(across, dict(zip(state.compared, map(float, values), strict=True)))
+
+
+def build(results_analysis: Analysis, runs: Runs) -> Callable[[Document], None]:
+    """Return what puts the page of a study into a document."""
+
+    def put(document: Document) -> None:
+        StudyPage(document, results_analysis, runs)
+
+    return put

@@ -1,0 +1,74 @@
+"""The numbers of the boxes are those of the store, and an address says all that is shown."""
+
+import numpy as np
+import pytest
+
+import harness as h
+from harness.study.replay import Place
+from harness.study.results import read as read_results
+from harness.study.view.boxes import SCORES, boxes
+from harness.study.view.state import State, read
+
+
+@pytest.fixture(scope="module")
+def results(folder):
+    return read_results(folder)
+
+
+def test_a_box_holds_the_runs_of_its_level(folder, results):
+    design = results.designs[0]
+    found = boxes(design, "rmse", 0, [0, 1], None, None)
+    assert [(b.across, b.estimator, len(b.values)) for b in found] == [(0, 0, 12), (0, 1, 12), (1, 0, 12), (1, 1, 12)]
+    stored = h.open_results(folder)["mass"].rmse.values[..., 0]
+    for box in found:
+        assert (np.diff(box.values) >= 0).all()
+        own = [stored[b, s, d, r, box.estimator] * design.targets[0].scale for b, d, s, r in box.runs]
+        np.testing.assert_array_equal(own, box.values)
+    assert found[0].quartiles[1] == pytest.approx(np.median(found[0].values))
+    assert found[0].values[found[0].nearest(found[0].quartiles[1])] in found[0].values[5:7]
+
+
+def test_boxes_by_drive_and_of_one_drive(results):
+    design = results.designs[0]
+    by_drive = boxes(design, "rmse", 0, [1], None, 1)
+    assert [(b.across, len(b.values)) for b in by_drive] == [(0, 6), (1, 6)]
+    assert {tuple(r[:2]) for b in by_drive for r in b.runs} == {(1, 0), (1, 1)}
+    (first, second) = boxes(design, "max_error", 0, [0], 1, None)
+    assert {r[1] for b in (first, second) for r in b.runs} == {1}
+
+
+@pytest.mark.parametrize("score", SCORES)
+def test_every_score_has_boxes(results, score):
+    found = boxes(results.designs[0], score, 0, [0, 1], None, None)
+    assert all(len(b.values) + b.lost == 12 for b in found)
+    assert (sum(len(b.values) for b in found) == 0) == (score == "time_of_divergence")
+
+
+def test_points_are_thinned_by_rank_with_both_ends(results):
+    box = boxes(results.designs[0], "rmse", 0, [0], None, None)[0]
+    assert list(box.points(100)) == list(range(12))
+    assert list(box.points(3))[::2] == [0, 11]
+
+
+def _asked(query):
+    from urllib.parse import parse_qs
+
+    return {name: [v.encode() for v in values] for name, values in parse_qs(query.lstrip("?")).items()}
+
+
+def test_an_address_says_what_is_shown(results):
+    state = State(0, 0, "nis", 1, None, False, (1,), Place(0, 1, 1, 0, 5), (0, 1), {"mass": 1750.5})
+    assert read(_asked(state.query), results) == state
+    assert read({}, results).estimators == (0, 1)
+
+
+@pytest.mark.parametrize(
+    "query",
+    ["design=7", "design=-1", "target=x", "score=<b>", "run=0.0.9.0.0", "run=0.0", "estimators=9", "drive=99999999999",
+     "run=0.0.0.0.0&plant.mass=nan x", "design=٣"],
+)  # fmt: skip
+def test_what_is_not_there_is_not_asked_for(results, query):
+    found = read(_asked(query), results)
+    assert (found.design, found.target, found.score, found.drive) == (0, 0, "rmse", None)
+    assert found.run in (None, Place(0, 0, 0, 0, 0))
+    assert found.changes == {}

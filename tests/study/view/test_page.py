@@ -1,0 +1,124 @@
+"""The page in a browser: a click computes the stored run again, and nothing goes wrong on the way."""
+
+import shutil
+
+import pytest
+
+import harness as h
+from harness.config import load_study
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+QUIET = [
+    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+SAME = "The scores are those of the store, to the last bit."
+PLACE_OF = """([x, y]) => {
+    const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name('boxes of runs'));
+    const box = view.canvas_view.el.getBoundingClientRect();
+    return [box.x + view.frame.x_scale.compute(x), box.y + view.frame.y_scale.compute(y)];
+}"""
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="needs Chromium on the PATH")]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=BROWSER, args=QUIET)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(browser, address):
+    """Open the page with a query; at the end nothing may have gone wrong, and no name become code."""
+    context, wrong = browser.new_context(viewport={"width": 1280, "height": 900}), []
+
+    def visit(query=""):
+        page = context.new_page()
+        page.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda e: wrong.append(str(e)))
+        page.on("request", lambda r: wrong.append(r.url) if not r.url.startswith((address, "data:", "blob:")) else None)
+        page.goto(address + query)
+        page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle", timeout=60_000)
+        return page
+
+    yield visit
+    hits = [page.evaluate("window.hit") for page in context.pages]
+    context.close()
+    assert wrong == []
+    assert set(hits) <= {None}
+
+
+def said(page, words):
+    page.get_by_text(words).first.wait_for(timeout=300_000)
+
+
+def test_a_click_on_the_worst_run_computes_it_again(opened, folder):
+    page = opened()
+    errors = h.open_results(folder)["mass"].rmse.isel(band=1, estimator=0, target=0).values
+    page.evaluate("window.scrollTo(0, 0)")
+    x, y = page.evaluate(PLACE_OF, [1 - 0.84 / 4, float(errors.max())])
+    page.mouse.click(x, y)
+    said(page, SAME)
+    worst = int(errors.argmax())
+    sample, drive, repeat = worst // 12, worst // 6 % 2, worst % 6
+    page.wait_for_function(f"location.search.includes('run=0.1.{drive}.{sample}.{repeat}')")
+    again = opened(page.evaluate("location.search"))
+    said(again, SAME)
+    said(again, f"repeat {repeat}")
+
+
+def test_by_keyboard_a_run_is_chosen_and_a_slider_moved(opened):
+    page = opened()
+    page.get_by_label("Its run").select_option("largest")
+    said(page, SAME)
+    handle = page.locator(".noUi-handle").first
+    handle.focus()
+    for _ in range(3):
+        handle.press("ArrowRight")
+    said(page, "This run is in no store: mass in t")
+    page.wait_for_function("location.search.includes('plant.mass=')")
+    page.get_by_role("button", name="As it was").click()
+    said(page, SAME)
+    page.wait_for_function("!location.search.includes('plant.mass')")
+
+
+def test_boxes_follow_what_is_chosen(opened):
+    page = opened()
+    for label, option in (("Score", "NIS"), ("Boxes", "by drive, at 1.9 t"), ("Score", "time of divergence")):
+        page.get_by_label(label, exact=True).select_option(option)
+    page.get_by_role("button", name="linear", exact=True).click()
+    page.get_by_role("button", name="EKF", exact=True).first.click()
+    page.wait_for_function("location.search.includes('log=0') && location.search.includes('estimators=1')")
+    assert "score=time_of_divergence" in page.evaluate("location.search")
+
+
+def test_a_run_is_taken_away(opened, tmp_path):
+    page = opened("?run=0.1.1.0.4&compared=0")
+    said(page, SAME)
+    for button, file in (("As study file", "study.toml"), ("As CSV", "run.csv")):
+        with page.expect_download() as download:
+            page.get_by_role("button", name=button).click()
+        assert download.value.suggested_filename == file
+        download.value.save_as(tmp_path / file)
+    study = load_study(tmp_path / "study.toml")
+    assert (study.count_from.drive, study.count_from.repeat) == (1, 4)
+    assert (tmp_path / "run.csv").read_text().startswith("time,")
+
+
+@pytest.mark.parametrize("width", [390, 1280, 1920])
+def test_it_is_no_wider_than_the_screen(opened, width):
+    page = opened("?run=0.1.1.0.4&compared=0.1")
+    page.set_viewport_size({"width": width, "height": 900})
+    said(page, SAME)
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_nothing_is_written_to_the_store(opened, folder):
+    before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in sorted(folder.rglob("*")) if p.is_file()}
+    said(opened("?run=0.0.0.0.1&compared=0.1&plant.mass=1600"), "This run is in no store")
+    after = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in sorted(folder.rglob("*")) if p.is_file()}
+    assert before == after
