@@ -3,6 +3,8 @@
     python bench/remedy.py estimated    # error against the one with the mass known, after 60 s of excited driving
     python bench/remedy.py considered   # share of samples with the true value inside the stated 95 % band
     python bench/remedy.py straight     # what ten minutes straight ahead do to an estimated mass
+    python bench/remedy.py steering     # a considered mass with the steering unknown, by the steering's believed noise
+    python bench/remedy.py particles    # the particle filter of the mass study, by the steering's believed noise
 
 Every estimator sees the same drives and noise. Settings stand below; numbers come out in a table of Markdown.
 """
@@ -10,15 +12,17 @@ Every estimator sees the same drives and noise. Settings stand below; numbers co
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.config import Study, build_study
-from harness.study.design import units
+from harness.config import Study, build_study, load_study
+from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 
@@ -37,6 +41,7 @@ DRIVES = [
 """Six excited drives of two minutes; the first minute is for learning."""
 
 RUNS = 8
+CONSIDERED = [{"name": "trailer_mass", "prior": "8 t"}]
 
 
 def study(belief: Mapping[str, Any], sensors: str, kind: str, further: Mapping[str, Any], of: str = "plant") -> Study:
@@ -70,6 +75,7 @@ class Run:
     rmse: Floats
     nees: Floats
     covered: Floats
+    lost: int
     kept: Floats
 
 
@@ -86,7 +92,8 @@ def runs(of: Study) -> Iterator[Run]:
         estimate, deviation = scores.kept[:, 0, : len(of.targets)], scores.kept[:, 1, : len(of.targets)]
         inside = np.abs(estimate - truth)[begin:] <= 1.96 * deviation[begin:]
         label = design.band_labels[unit.band]
-        yield Run(label, of.drives[unit.drive].name, scores.rmse, scores.nees, inside.mean(axis=0), scores.kept)
+        lost = int(np.sum(scores.diverged_at < len(truth)))
+        yield Run(label, of.drives[unit.drive].name, scores.rmse, scores.nees, inside.mean(axis=0), lost, scores.kept)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -156,7 +163,51 @@ def straight() -> None:
     table(["walk", "plant", "estimate after 10 min t", "stated deviation t"], rows)
 
 
+def steering() -> None:
+    """Consider the mass with the steering unknown and the trailer's yaw rate alone, by the believed random walk."""
+    rows = []
+    printed = study({"unknown_inputs": STEERING}, "series", "ekf", {}).belief.process_noise[STEERING[0]]
+    for factor in (1, 10, 100, 763):
+        walk = {"unknown_inputs": STEERING, "noise": {"process": {STEERING[0]: factor * printed}}}
+        for name, belief in (("certain", {}), ("considered", {"considered_parameters": CONSIDERED})):
+            found = list(runs(study({**walk, **belief}, "series", "ekf", {})))
+            shares = [100 * np.mean([r.covered[0] for r in found if r.level == level]) for level in LEVELS]
+            lost = sum(r.lost for r in found)
+            rows.append([f"{factor}", name, f"{lost} of {len(found) * RUNS}", *(f"{s:.0f} %" for s in shares)])
+    table(["variance of the steering over the printed one", "mass", "lost", *LEVELS], rows)
+
+
+def particles() -> None:
+    """Compare the particle filter of the mass study with the EKF at the believed mass, by the believed random walk."""
+    mass = load_study(Path(__file__).resolve().parents[1] / "studies" / "mass.toml")
+    cloud = next(e for e in mass.estimators if e.kind == "particle")
+    field = {"EKF": next(e for e in mass.estimators if e.kind == "ekf" and not e.noise)}
+    for count in (64, 1000):
+        field[f"PF, {count}"] = dataclasses.replace(cloud, settings=cloud.settings | {"particles": count})
+    level = mass.designs[0]
+    home, rows = level.factors[0].levels.index(level.factors[0].nominal), []
+    for factor in (1, 100, 763):
+        noise = {"unknown_inputs": float(factor)}
+        tuned = tuple(dataclasses.replace(e, name=name, noise=noise) for name, e in field.items())
+        evaluator = StudyEvaluator(dataclasses.replace(mass, estimators=tuned, designs=(level,), history=()))
+        errors: dict[str, list[Floats]] = {name: [] for name in field}
+        lost = dict.fromkeys(field, 0)
+        for drive in range(len(mass.drives)):
+            unit, cases = Unit(0, home, drive, 0, 1), [Case(0, repeat) for repeat in range(RUNS)]
+            batch, believed = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "belief")
+            for index, name in enumerate(field):
+                scores = evaluator.estimate(index, unit, cases, batch, believed)
+                errors[name].append(scores.rmse[: len(mass.targets)])
+                lost[name] += int(np.sum(scores.diverged_at < len(batch.truth)))
+        for name, found in errors.items():
+            force, angle = np.median(np.concatenate(found, axis=1), axis=1)
+            rows.append([f"{factor}", name, f"{force / 1e3:.2f}", f"{np.degrees(angle):.2f}", f"{lost[name]}"])
+    table(["variance of the steering over the printed one", "filter", "force kN", "angle deg", "lost"], rows)
+
+
+PARTS = {f.__name__: f for f in (estimated, considered, straight, steering, particles)}
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["estimated", "considered", "straight"])
-    {"estimated": estimated, "considered": considered, "straight": straight}[parser.parse_args().what]()
+    parser.add_argument("what", choices=list(PARTS))
+    PARTS[parser.parse_args().what]()
