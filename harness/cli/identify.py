@@ -74,6 +74,11 @@ def identify(
         Console(stderr=True).print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
     with Console(stderr=True).status("writing the report"):
         written = found.report(out, command())
-    Console().print(Text(found.answer, style="bold"), soft_wrap=True)
+    console, estimates = Console(), found.estimates
+    console.print(Text(found.answer, style="bold"), soft_wrap=True)
+    for name, e in estimates[estimates.index.isin(listed(free or []))].iterrows():
+        unit = f" {e.unit}" if e.unit and e.unit != "dimensionless" else ""
+        interval = f"95 % interval {e.lower:.4g} to {e.upper:.4g}" if e.lower < e.upper else "no interval"
+        console.print(Text(f"{name}: {e.start:.4g} to {e.value:.4g}{unit}, {interval}; {e.verdict}"), soft_wrap=True)
     for path in written:
-        Console().print(Text(str(path)), soft_wrap=True)
+        console.print(Text(str(path)), soft_wrap=True)

@@ -17,13 +17,16 @@ _BACKWARDS = -0.2
 
 
 def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
-    """Return the irregularities found in reading and comparing the signals of recordings, each with the evidence."""
+    """Return the irregularities found in reading and comparing the signals of recordings, each with the evidence.
+
+    What was found in reading a file of which there are several parts is said once.
+    """
     found = []
     for recording in recordings:
         findings = [str(f) for f in examine(recording).findings]
         slow = _slow(recording)
         found += [f"{recording.attrs['name']}: {w}" for w in (*recording.attrs.get("warnings", ()), *findings, *slow)]
-    return tuple(found)
+    return tuple(dict.fromkeys(found))
 
 
 def _slow(recording: xr.Dataset) -> list[str]:

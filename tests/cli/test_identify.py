@@ -40,6 +40,8 @@ def test_a_fit_writes_a_set_that_loads_its_numbers_and_a_report(folder, tmp_path
     stored = json.loads((tmp_path / "identify.json").read_text())
     estimates = {e["name"]: e for e in stored["estimates"]}
     front = estimates["stiffness_over_load_front"]
+    assert f"stiffness_over_load_front: 7.5 to {front['value']:.4g} 1/rad, 95 % interval " in done.stdout
+    assert "; determined\n" in done.stdout
     assert front["start"] == pytest.approx(7.5)
     assert front["interval_95"][0] < 8.36 < front["interval_95"][1]
     assert [d["held_out"] for d in stored["drives"]] == [False, True]

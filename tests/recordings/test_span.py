@@ -8,6 +8,7 @@ from harness.common.errors import UserError
 from harness.identification.data import refuse_the_same
 from harness.recordings import load_recording
 from harness.recordings.span import file_and_span
+from harness.recordings.warnings import recording_warnings
 
 
 @pytest.fixture
@@ -62,3 +63,12 @@ def test_what_is_fitted_is_not_held_out(lap):
     for fitted, held_out in (([begin], [middle]), ([end], [middle]), ([whole], [end]), ([begin], [whole])):
         with pytest.raises(UserError, match="overlaps what is fitted"):
             refuse_the_same(fitted, held_out)
+
+
+def test_what_is_odd_about_a_file_is_said_once_of_several_parts(tmp_path):
+    time = np.arange(0.0, 30.0, 0.01)
+    gap = (time > 10) & (time < 11)
+    table = pd.DataFrame({"time": time, "yaw_rate": np.where(gap, np.nan, 0.1 * np.sin(time)), "speed": 10.0 + time})
+    table.to_csv(tmp_path / "lap.csv", index=False)
+    parts = [load_recording(f"{tmp_path / 'lap.csv'}@{part}").assign_attrs(name="lap") for part in ("0s:9s", "12s:")]
+    assert [w.split(": gaps")[0] for w in recording_warnings(parts) if "gaps longer" in w] == ["lap: yaw_rate"]
