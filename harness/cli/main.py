@@ -189,6 +189,7 @@ def campaign(
     """
     from harness.campaign import write_campaign
 
+    refuse_url(results)
     console = Console()
     for path in write_campaign(results, out):
         console.print(Text(str(path)), soft_wrap=True)

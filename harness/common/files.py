@@ -100,8 +100,10 @@ def read_text(path: Path) -> str:
     """Return the text of a file, without a byte-order mark.
 
     Raises:
-        UserError: If it is absent (with the closest names beside it), is not UTF-8 or cannot be read.
+        UserError: If it is absent (with the closest names beside it), no plain file, not UTF-8, or cannot be read.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe gives nothing, some devices give without end
+        raise UserError(f"{path}: is no file but a pipe or a device; write what it gives to a file")
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:

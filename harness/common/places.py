@@ -13,6 +13,7 @@ import re
 import shutil
 import tempfile
 import uuid
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,16 +34,21 @@ def place(given: str | Path) -> Path:
     """Return a folder from its path or URL; that of ``file://`` is a plain path.
 
     Raises:
-        UserError: If nothing is installed that knows such a URL, or nothing does.
+        UserError: If it is empty, nothing is installed that knows such a URL, or nothing does.
     """
     if not isinstance(given, str):
         return given
+    if not given.strip():  # a variable of a script that is not set
+        raise UserError("the path is empty; name a folder, '.' for this one")
     found = _URL.match(given)
     if found is None:
         return Path(given)
     scheme = found["scheme"].lower()
-    if scheme == "file":
-        return Path(url2pathname(urlsplit(given).path))
+    if scheme in ("file", "local"):
+        host, path = urlsplit(given).netloc, urlsplit(given).path
+        if not path or host not in ("", "localhost"):
+            raise UserError(f"{given}: write the whole path behind three strokes: {scheme}:///results/joint")
+        return Path(url2pathname(path))
     try:
         import fsspec
         from upath import UPath
@@ -53,8 +59,10 @@ def place(given: str | Path) -> Path:
     try:
         is_async = fsspec.get_filesystem_class(scheme).async_impl
         # Others write there as well, so nothing that was listed before is believed.
-        made: Any = UPath(given, **({"use_listings_cache": False} if is_async else {}))
-        made.fs  # noqa: B018 - connects
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of file systems that upath has no class of its own for
+            made: Any = UPath(given, **({"use_listings_cache": False} if is_async else {}))
+            made.fs  # noqa: B018 - connects
     except (ImportError, ValueError, TypeError, OSError) as error:
         raise UserError(f"{given}: cannot be opened: {_words(error)} (docs/cluster.md)") from None
     return made

@@ -1,5 +1,6 @@
 """TOML: what is written is read again, bit by bit, with its comments."""
 
+import os
 import tomllib
 from pathlib import Path
 
@@ -54,6 +55,13 @@ def test_a_url_is_no_folder(url, tmp_path, monkeypatch):
     with pytest.raises(UserError, match=r"of the commands only run, report, status and verify take a URL"):
         write_files(Path(url), {"a.txt": "text"})
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes that are files")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.toml")
+    with pytest.raises(UserError, match=r"a\.toml: is no file but a pipe"):
+        read_toml(tmp_path / "a.toml")
 
 
 @pytest.mark.parametrize("folder", ["results/a", "/tmp/a:/b", "C:/results", "s3"])

@@ -35,9 +35,18 @@ def bucket():
         yield url
 
 
+@pytest.mark.parametrize("given", ["", "  "])
+def test_an_empty_path_is_not_the_working_directory(given):
+    with pytest.raises(UserError, match="the path is empty"):
+        places.place(given)
+
+
 def test_a_file_url_is_a_plain_path(tmp_path):
     assert places.place(f"file://{tmp_path}/a%20b") == tmp_path / "a b"
     assert places.place("C:/a") == Path("C:/a")
+    for url in ("file://", "file://here", "local://x/y"):
+        with pytest.raises(UserError, match="three strokes"):
+            places.place(url)
 
 
 @pytest.mark.parametrize("url", ["nonsense://a/b", "hdfs://a/b"])

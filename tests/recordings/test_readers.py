@@ -1,4 +1,5 @@
 import gzip
+import os
 import sys
 from pathlib import Path
 
@@ -256,6 +257,16 @@ def test_an_mdf_group_that_says_it_has_no_samples_is_left_out(tmp_path):
     path.write_bytes(content)
     (table,) = readers.read_tables(path)
     assert "b" in table.columns
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes that are files")
+def test_a_pipe_or_a_device_is_not_read(tmp_path):
+    """The first would be waited for, the second fill the memory."""
+    os.mkfifo(tmp_path / "a.csv")
+    (tmp_path / "b.csv").symlink_to("/dev/zero")
+    for name in ("a.csv", "b.csv"):
+        with pytest.raises(UserError, match="no file but a pipe or a device"):
+            readers.read(tmp_path / name)
 
 
 def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):

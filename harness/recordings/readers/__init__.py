@@ -81,6 +81,8 @@ def read_tables(path: str | os.PathLike[str]) -> list[Table]:
         raise UserError(f"{path}: no reader for this suffix; known are {files}")
     if not os.path.exists(path):
         raise UserError(f"{path}: the recording does not exist; give the path of a file or folder")
+    if not (os.path.isfile(path) or os.path.isdir(path)):  # a pipe gives nothing, some devices give without end
+        raise UserError(f"{path}: the recording is no file but a pipe or a device; write what it gives to a file")
     try:
         tables: list[Table] = module.read(path)
     except OSError as error:
