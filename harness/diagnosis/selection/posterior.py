@@ -155,9 +155,9 @@ def long_run(whitened: Sequence[Floats], samples: int) -> Floats:
 def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats], lengths: Sequence[int]) -> float:
     """Return how much likelier the held-out drives are if something unmodelled adds to the slow innovations.
 
-    It adds to the variance of sums over blocks: for each output by what the fitted drives show, and by the factor
-    ``MISFIT`` at least, because else nothing would be claimed. Of the lengths of the blocks the one counts at which the
-    fitted drives show most.
+    It adds to the variance of sums over blocks: of each output what the fitted drives show, where that is the factor
+    ``MISFIT`` or more; of the output that shows most ``MISFIT`` in any case, because else nothing would be claimed. Of
+    the lengths of the blocks the one counts at which the fitted drives show most.
 
     Args:
         fitted: Whitened innovations of the fitted drives ``(samples, ny)``.
@@ -169,8 +169,10 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats], lengths: Sequ
         if min(len(w) for w in (*fitted, *held_out)) < samples:
             continue
         here = long_run(fitted, samples)
-        with np.errstate(invalid="ignore"):
-            factors = np.fmax(np.nansum(here, axis=0) / np.maximum(np.isfinite(here).sum(axis=0), 1), MISFIT)
+        factors = np.nansum(here, axis=0) / np.maximum(np.isfinite(here).sum(axis=0), 1)
+        most = int(np.argmax(factors))
+        factors = np.where(factors < MISFIT, 1.0, factors)
+        factors[most] = max(factors[most], MISFIT)
         tried.append((_wider(here, factors), _wider(long_run(held_out, samples), factors)))
     return max(tried, default=(0.0, 0.0))[1]
 
