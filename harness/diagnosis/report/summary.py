@@ -163,7 +163,7 @@ def _rounds(outcome: Outcome) -> list[str]:
         if instead := [called(h.name) for h in _in_place(outcome.trace)]:
             sentences.append(f"A wrong {listed(instead)} explains as much as {names}, and takes its place.")
         else:
-            sentences.append(f"Later additions made {names} redundant.")
+            sentences.append(f"Without {names} the rest explains as much.")
     return sentences
 
 
