@@ -35,6 +35,10 @@ $(VENV)/docs.stamp: $(VENV)/dev.stamp requirements-docs.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements-docs.lock
 	@touch $@
 
+$(VENV)/peers.stamp: $(VENV)/dev.stamp requirements-bench.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements-bench.lock
+	@touch $@
+
 setup: $(VENV)/run.stamp ## create .venv with pinned packages
 
 # One target for every file in studies/: `make study-mass` runs studies/mass.toml.
@@ -136,13 +140,14 @@ scale: $(VENV)/dev.stamp ## report of a store of RUNS=10000000 runs: time and me
 endurance: $(VENV)/dev.stamp ## run Kalman-type filters for HOURS=24 of simulated time and look at their covariances
 	$(BIN)/python -m bench.endurance $(if $(HOURS),--hours $(HOURS))
 
-bench: $(VENV)/dev.stamp ## print the speed table
-	$(BIN)/python -m bench
+bench: $(VENV)/$(if $(PEERS),peers,dev).stamp ## print the speed table (PEERS=1: other libraries on the same problem)
+	$(BIN)/python -m bench$(if $(PEERS),.peers)
 
 lock: ## renew the lock files from pyproject.toml (needs uv)
 	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --upgrade pyproject.toml requirements-build.in -o requirements.lock
 	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev --extra docs -c requirements-dev.lock pyproject.toml -o requirements-docs.lock
+	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev --extra bench -c requirements-dev.lock pyproject.toml -o requirements-bench.lock
 
 clean: ## remove results and caches (keeps .venv)
 	find results -mindepth 1 ! -name README.md -delete

@@ -6,6 +6,9 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import engine
+from bench.peers import filterpy_filter
+from bench.peers.problem import problem
+from bench.timing import quickest
 from harness.engine.simd.lanes import LANES
 from harness.study.provenance import processor
 
@@ -14,7 +17,9 @@ def main() -> None:
     """Measure and print."""
     console = Console()
     with console.status("measuring"):
-        times, ratio, peer = engine.step_times(), engine.workers(), engine.filterpy_ukf()
+        times, ratio = engine.step_times(), engine.workers()
+        given = problem("ukf", 120, 1)
+        peer = 1e6 * quickest({"filterpy": filterpy_filter.unscented(given)}, 3)["filterpy"] / given.steps
         particle = engine.particle_time()
     table = Table(title=f"microseconds per step and run, one core of {processor()}, {LANES} runs at a time")
     table.add_column("what")

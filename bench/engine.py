@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import joblib
-import numpy as np
 
 from bench.timing import quickest
 from harness.config import Study, load_study
@@ -72,34 +71,3 @@ def workers(rounds: int = 3) -> float:
 
     best = quickest({"1": lambda: run(1), "2": lambda: run(2)}, rounds)
     return best["1"] / best["2"]
-
-
-def filterpy_ukf(samples: int = 120) -> float:
-    """Return microseconds per step of filterpy's UKF on the same compiled model."""
-    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
-
-    evaluator = StudyEvaluator(mass_study("ukf"))
-    unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, 0)]
-    batch, believed = evaluator.simulate(unit, cases, samples), evaluator.parameters(unit, cases, "belief")
-    compiled, kernels = evaluator.compiled.belief, evaluator.compiled.belief.kernels
-    constants, inputs = compiled.constants(believed.values.T), evaluator.compiled.drives[3].belief
-    x, xn, work = (np.zeros((rows, LANES)) for rows in (compiled.nx, compiled.nx, compiled.nw))
-
-    def advance(state: np.ndarray, dt: float, k: int) -> np.ndarray:
-        x[:] = state[:, None]
-        kernels.next_state(x, inputs[k], constants, xn, work)
-        return xn[:, 0].copy()
-
-    where = compiled.model.states.index("yaw_rate_trailer")
-    points = MerweScaledSigmaPoints(compiled.nx, 1.0, 2.0, 0.0)
-    ukf = UnscentedKalmanFilter(compiled.nx, 1, 0.01, lambda s: s[where : where + 1], advance, points)
-    ukf.Q, ukf.R = np.diag(believed.process_noise[0]), np.diag(believed.measurement_noise[0])
-    ukf.P = ukf.Q.copy()
-
-    def run() -> None:
-        ukf.x = np.zeros(compiled.nx)
-        for k in range(1, samples):
-            ukf.predict(k=k - 1)
-            ukf.update(batch.measurements[k, :, 0])
-
-    return 1e6 * quickest({"filterpy": run}, 3)["filterpy"] / (samples - 1)
