@@ -14,6 +14,8 @@ and a work array ``w (nw, LANES)``:
 ``next_state(x, u, c, xn, w)``              one sample ahead (Ziaukas 2.9 for Euler)
 ``next_jacobian(x, u, c, xn, A, w)``        the same and A = d(next x)/dx, dense
 ``next_covariance(x, u, c, P, xn, Pn, w)``  the same and A P A', the prediction (2.13) without process noise
+``leading_part(x, u, c, w)``                what of ``next_state`` depends on the first ``LEADING`` states only, into w
+``next_state_behind(x, u, c, xn, w)``       one sample ahead of a state with these first states; takes up ``w``
 ``output(x, u, c, y)``                      y = h(x, u)
 ``output_jacobian(x, u, c, y, H)``          the same and H = dh/dx, dense ``(ny, nx, LANES)``
 ``signals(x, u, c, s)``                     further quantities asked for, ``(ns, LANES)``
@@ -53,7 +55,7 @@ from harness.common.errors import ModelError, UserError
 from harness.common.sources import digest, is_own
 from harness.engine import kernel_names
 from harness.engine.codegen.derivatives import Equations, derive
-from harness.engine.codegen.integrators import step_source, work_size
+from harness.engine.codegen.integrators import sampled
 from harness.engine.codegen.printer import constants_kernel, kernel, matrix, vector
 from harness.engine.kernel_source import JIT, Kernel, kernel_source
 from harness.engine.simd import (
@@ -314,14 +316,16 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
     """Return the source text of a model's kernels."""
     nx, nu, ny = len(eqs.derivatives), len(eqs.model.inputs), len(eqs.outputs)
     y = vector("y", eqs.outputs)
+    ahead = sampled(eqs, step, integrator, substeps, jacobians)
 
     def when(text: Callable[[], str]) -> list[str]:
         return [text()] if jacobians else []
 
     parts = [
         HEADER,
-        f"NX, NU, NY, NS, NW = {nx}, {nu}, {ny}, {len(eqs.signals)}, {work_size(nx, integrator, substeps)}",
-        *when(lambda: f"OUTPUTS_ARE_LINEAR = {eqs.outputs_are_linear}\nSEEN_STATES = np.array({_seen(eqs)})"),
+        f"NX, NU, NY, NS, NW = {nx}, {nu}, {ny}, {len(eqs.signals)}, {ahead.work}",
+        *when(lambda: f"OUTPUTS_ARE_LINEAR, LEADING = {eqs.outputs_are_linear}, {ahead.leading}"),
+        *when(lambda: f"SEEN_STATES = np.array({_seen(eqs)})"),
         constants_kernel(eqs),
         kernel(eqs, "drift", "x, u, c, dx", vector("dx", eqs.derivatives)),
         *when(lambda: kernel(eqs, "drift_jacobian", "x, u, c, J", matrix("J", eqs.state_jacobian, nx, nx))),
@@ -335,7 +339,7 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
                 eqs, "signals_jacobian", "x, u, c, J", matrix("J", eqs.signal_jacobian, len(eqs.signals), nx)
             )
         ),
-        *step_source(eqs, step, integrator, substeps, jacobians),
+        *ahead.sources,
     ]
     if eqs.within:
         considered = [state in eqs.model.considered for state in eqs.model.within]

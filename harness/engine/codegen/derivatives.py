@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from harness.engine.codegen.conditionals import hoisted
+from harness.engine.codegen.lift import Lift
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.assembly.expressions import present
 
@@ -99,11 +100,11 @@ def derive(
     for target, label in ("fx", "hx", "fu", "hu", "fp", "hp", "sx") if jacobians else ():
         matrices[target + label] = forward.jacobian(rows[target], [symbol(n) for n in columns[label]])
 
-    lift = _Lift({symbol(n) for n in model.parameter_names})
+    lift = Lift({symbol(n) for n in model.parameter_names}, "c", atoms=True)
     variable: dict[sp.Symbol, sp.Expr] = {}
     for name, expr in forward.assignments.items():
         lifted = lift(expr)
-        if lift.is_constant(lifted):
+        if lift.holds(lifted):
             lift.alias(name, lifted)
         else:
             variable[name] = hoisted(lifted, variable, top=True)
@@ -127,7 +128,7 @@ def derive(
         output_input_jacobian=entries("hu"),
         output_parameter_jacobian=entries("hp"),
         assignments=variable,
-        constants=lift.constants,
+        constants=lift.named,
         parameters=tuple(parameters),
         within=[last(e) for e in within],
     )
@@ -247,53 +248,6 @@ class _ForwardMode:
         self._count += 1
         self.assignments[name] = expr
         return name
-
-
-class _Lift:
-    """Replaces every subexpression that reads parameters only by a named constant."""
-
-    def __init__(self, parameters: set[sp.Symbol]) -> None:
-        self._fixed = set(parameters)
-        self._alias: dict[sp.Symbol, sp.Expr] = {}
-        self._names: dict[sp.Expr, sp.Symbol] = {}
-        self.constants: dict[sp.Symbol, sp.Expr] = {}
-
-    def is_constant(self, expr: sp.Expr) -> bool:
-        return expr.free_symbols <= self._fixed
-
-    def alias(self, name: sp.Symbol, expr: sp.Expr) -> None:
-        """Let an assignment that turned out constant stand for its constant everywhere."""
-        self._alias[name] = expr
-
-    def _constant(self, expr: sp.Expr) -> sp.Expr:
-        if expr.is_number or expr in self.constants:
-            return expr
-        if expr not in self._names:
-            name = sp.Symbol(f"c_{len(self.constants)}", real=True)
-            self._names[expr] = name
-            self._fixed.add(name)
-            self.constants[name] = expr
-        return self._names[expr]
-
-    def __call__(self, expr: sp.Expr) -> sp.Expr:
-        expr = expr.xreplace({s: self._alias[s] for s in expr.free_symbols if s in self._alias})
-        return self._visit(expr)
-
-    def _visit(self, expr: sp.Expr) -> sp.Expr:
-        if expr.is_number:
-            return expr
-        if self.is_constant(expr):
-            return self._constant(expr)
-        if expr.is_Atom:
-            return expr
-        if expr.is_Add or expr.is_Mul:
-            fixed = [a for a in expr.args if self.is_constant(a)]
-            rest = [self._visit(a) for a in expr.args if not self.is_constant(a)]
-            if all(a.is_number for a in fixed):
-                return expr.func(*fixed, *rest)
-            sign = -1 if expr.is_Mul and expr.func(*fixed).could_extract_minus_sign() else 1
-            return expr.func(sign * self._constant(sign * expr.func(*fixed)), *rest)
-        return expr.func(*(self._visit(a) for a in expr.args))
 
 
 def needed(assignments: dict[sp.Symbol, sp.Expr], roots: Iterable[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:

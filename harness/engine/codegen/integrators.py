@@ -1,4 +1,4 @@
-"""Source text of the sampled model: one step ahead, its Jacobian and the propagated covariance.
+"""Source text of the sampled model: one step ahead, whole and in two parts, its Jacobian and the propagated covariance.
 
 A discrete model is its own step. Explicit Euler (Ziaukas 2.9) is unrolled over the non-zero entries of the
 Jacobian. Heun and RK4, and several substeps per sample, chain the same derivatives with dense products.
@@ -6,10 +6,13 @@ Jacobian. Heun and RK4, and several substeps per sample, chain the same derivati
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import sympy as sp
 
 from harness.engine.codegen.derivatives import Entries, Equations
 from harness.engine.codegen.printer import body, function, kernel, matrix, text, vector
+from harness.engine.codegen.sigma_split import sigma_split, whole
 from harness.models.assembly.assemble import symbol
 
 # Stage times are those of the classical tableaux: (weight of the previous slope, weight in the sum).
@@ -20,42 +23,63 @@ _TABLEAUX = {
 }
 
 
-def work_size(nx: int, integrator: str, substeps: int) -> int:
-    """Return the length of the work array a step needs; that of a discrete model is ``("euler", 1)``."""
-    return nx * nx if (integrator, substeps) == ("euler", 1) else 4 * nx + 5 * nx * nx
+@dataclass(frozen=True)
+class Step:
+    """The sampled model.
+
+    Attributes:
+        work: Length of the work array that its kernels need.
+        leading: Number of leading states of its split (``harness.engine.codegen.sigma_split``).
+        sources: Source texts of ``next_state`` and, where Jacobians are wanted, theirs and those of the split.
+    """
+
+    work: int
+    leading: int
+    sources: list[str]
 
 
-def step_source(eqs: Equations, step: float, integrator: str, substeps: int, jacobians: bool = True) -> list[str]:
-    """Return the sources of ``next_state``, ``next_jacobian`` and ``next_covariance``; the first alone if asked for."""
+def sampled(eqs: Equations, step: float, integrator: str, substeps: int, jacobians: bool = True) -> Step:
+    """Return one step ahead; that of a discrete model is its own and takes any integrator.
+
+    Args:
+        eqs: The model.
+        step: Sample time in s.
+        integrator: Name of the integrator.
+        substeps: Its steps per sample.
+        jacobians: Whether anything but ``next_state`` is wanted.
+    """
+    nx = len(eqs.derivatives)
     if eqs.model.discrete:
-        sources = _unrolled(eqs, eqs.derivatives, eqs.state_jacobian)
+        ahead, A = eqs.derivatives, eqs.state_jacobian
     elif (integrator, substeps) == ("euler", 1):
-        sources = _euler(eqs, step)
+        ahead, A = _euler(eqs, step)
     else:
         behind, weight = _TABLEAUX[integrator]
         sizes = f"H, SUBSTEPS, STAGES = {step / substeps!r}, {substeps}, {len(weight)}\n"
         sizes += f"BEHIND = np.array({list(behind)!r})\nWEIGHT = np.array({list(weight)!r})"
-        sources = [f"{sizes}\n\n\n{_STAGED_STATE.strip()}", _STAGED_JACOBIAN.strip()]
-    return sources if jacobians else sources[:1]
+        staged = f"{sizes}\n\n\n{_STAGED_STATE.strip()}"
+        further = [_STAGED_JACOBIAN.strip(), *whole(nx).sources] if jacobians else []
+        return Step(4 * nx + 5 * nx * nx, nx, [staged, *further])
+    plain = kernel(eqs, "next_state", "x, u, c, xn, w", vector("xn", ahead))
+    if not jacobians:
+        return Step(nx * nx, nx, [plain])
+    split = sigma_split(eqs, ahead)
+    jacobian = kernel(eqs, "next_jacobian", "x, u, c, xn, A, w", vector("xn", ahead) + matrix("A", A, nx, nx))
+    return Step(
+        max(nx * nx, split.shared),
+        split.leading,
+        [plain, jacobian, _sparse_covariance(eqs, ahead, A), *split.sources],
+    )
 
 
-def _euler(eqs: Equations, step: float) -> list[str]:
+def _euler(eqs: Equations, step: float) -> tuple[list[sp.Expr], Entries]:
     x = [symbol(name) for name in eqs.model.states]
     h = sp.Float(step)
     ahead = [x[i] + h * f if f != 0 else x[i] for i, f in enumerate(eqs.derivatives)]
     A: Entries = {key: h * value for key, value in eqs.state_jacobian.items()}
     for i in range(len(x)):
         A[i, i] = 1 + A.get((i, i), sp.Integer(0))
-    return _unrolled(eqs, ahead, A)
-
-
-def _unrolled(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> list[str]:
-    nx = len(ahead)
-    return [
-        kernel(eqs, "next_state", "x, u, c, xn, w", vector("xn", ahead)),
-        kernel(eqs, "next_jacobian", "x, u, c, xn, A, w", vector("xn", ahead) + matrix("A", A, nx, nx)),
-        _sparse_covariance(eqs, ahead, A),
-    ]
+    return ahead, A
 
 
 def _sparse_covariance(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> str:

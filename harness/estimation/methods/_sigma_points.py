@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_state, output, put
+from harness.engine.kernel_names import (
+    LANES,
+    LEADING,
+    NW,
+    NX,
+    NY,
+    get,
+    leading_part,
+    next_state,
+    next_state_behind,
+    output,
+    put,
+)
 
 
 def workspace():
@@ -42,10 +54,17 @@ def displace(mean, factor, distance, s, point):
 
 
 def propagate(mean, factor, distance, u, constants, point, images, w):
-    """Write the next state of every sigma point (2.22), ``(2 nx + 1, >= nx, LANES)``."""
+    """Write the next state of every sigma point (2.22), ``(2 nx + 1, >= nx, LANES)``.
+
+    Points along the columns from ``LEADING`` on have the first states of the mean, and what follows from these alone.
+    """
+    leading_part(mean, u, constants, w)
     for s in range(2 * NX + 1):
         displace(mean, factor, distance, s, point)
-        next_state(point, u, constants, images[s], w)
+        if s > 0 and (s - 1) % NX >= LEADING:
+            next_state_behind(point, u, constants, images[s], w)
+        else:
+            next_state(point, u, constants, images[s], w)
 
 
 def observe(mean, factor, distance, u, constants, point, images):
