@@ -146,7 +146,7 @@ class RunPanel:
         states = [s for s in compiled.belief.model.states if s not in compiled.belief.model.within]
         signals = list(dict.fromkeys([*compiled.signals, *states]))
         factors = {f.parameter for d in study.designs for f in d.factors}
-        self._source = ColumnDataSource({})
+        self._source = ColumnDataSource({"what": [], "now": [], "stored": []})
         columns = [("what", "score", 230), ("now", "this run", 70), ("stored", "as stored", 70)]
         plain = StringFormatter()
         self.roots: dict[str, Any] = {
