@@ -147,6 +147,7 @@ _AXLES = {
     "rear": "rear axle of a car",
 }
 
+_BELIEF = "an estimator's belief"  # the owner of parameters that are signals
 _ROWS: list[Signal] = [
     Signal("time", "t", "s", "s", "", "time since the start of the recording"),
     Signal("steering_wheel_angle", r"\delta_L", "rad", "deg", "vehicle", "steering-wheel angle, left positive"),
@@ -328,12 +329,14 @@ class SignalTable(Mapping[str, Signal]):
     def add(self, signal: Signal) -> None:
         """Take up a quantity that a model has made a signal, such as a parameter that is estimated.
 
+        Vehicles may each have a parameter of that name: the one added last is meant.
+
         Raises:
-            ModelError: If a signal of that name is something else.
+            ModelError: If a component's signal of that name is something else.
         """
         known = self._known(signal.name)
-        if known is None:
-            self._further[signal.name] = signal, "an estimator's belief"
+        if known is None or self._further.get(signal.name, ("", ""))[1] == _BELIEF:
+            self._further[signal.name] = signal, _BELIEF
         elif known != signal:
             raise ModelError(f"'{signal.name}' is a signal already: {known.meaning}; it cannot be estimated as well")
 

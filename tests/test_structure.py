@@ -84,6 +84,12 @@ def test_tests_stand_where_the_code_stands():
     assert {f for f in folders - BESIDE if not (ROOT / "harness" / f).is_dir()} == set()
 
 
+def test_names_of_test_modules_are_unique():
+    """Test folders are no packages: two modules of one name would be one to pytest."""
+    names = [p.name for p in files("tests") if p.name.startswith("test_")]
+    assert sorted(n for n in set(names) if names.count(n) > 1) == []
+
+
 def test_no_test_imports_from_another():
     found = []
     for path in files("tests"):

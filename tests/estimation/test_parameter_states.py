@@ -11,6 +11,7 @@ from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.parameter_states import ParameterState, is_logarithmic, with_parameters
 from harness.models.contracts import Parameter
+from harness.models.signals import SIGNALS, Signal
 from harness.simulation.simulate import in_lanes
 from harness.testing.small_vehicles import RATE, module
 
@@ -226,3 +227,11 @@ def test_a_parameter_that_is_a_signal_already_is_refused():
     model = assemble(made, sensors=module("sensors_test", OUTPUTS={"alpha_test": "alpha_test"}))
     with pytest.raises(ModelError, match="is a signal already"):
         with_parameters(model, [ParameterState("speed", 1.0, 0.1)], made)
+
+
+def test_parameters_of_one_name_may_mean_different_things_in_two_vehicles():
+    for meaning in ("of the car", "of the truck"):
+        SIGNALS.add(Signal("mass_test", "m", "kg", "t", "", meaning))
+        assert SIGNALS["mass_test"].meaning == meaning
+    with pytest.raises(ModelError, match="'yaw_rate' is a signal already: yaw rate"):
+        SIGNALS.add(Signal("yaw_rate", "r", "rad/s", "deg/s", "", "something else"))

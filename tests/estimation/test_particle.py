@@ -7,6 +7,7 @@ import pytest
 from numba import njit
 
 from harness.common.errors import UserError
+from harness.config.specs import CountFrom
 from harness.engine.compile import compile_model
 from harness.engine.simd.gather import gather
 from harness.engine.simd.lanes import LANES, get, put
@@ -141,7 +142,7 @@ def test_a_run_draws_the_same_alone_or_in_a_batch(compiled):
 
 
 def test_seeds_tell_runs_repeats_and_estimators_apart():
-    noise = RunNoise(SimpleNamespace(seed=0, designs=[SimpleNamespace(common_noise=False)]))
+    noise = RunNoise(SimpleNamespace(seed=0, count_from=CountFrom(), designs=[SimpleNamespace(common_noise=False)]))
     unit, cases = Unit(0, 1, 2, 0, 2), [Case(0, 0), Case(0, 1), Case(1, 0)]
     states = lambda *a: [tuple(s.generate_state(2)) for s in noise.seeds(*a)]  # noqa: E731
     one, other = states(unit, cases, "PF"), states(unit, cases, "PF 1000")
