@@ -117,9 +117,10 @@ def _body_motion(body: str, of: str) -> list[Signal]:
     ]
 
 
-def _delayed(s: Signal) -> list[Signal]:
-    """Return the states of a sensor's delay."""
+def _of_sensor(s: Signal) -> list[Signal]:
+    """Return the states of a sensor that reads late, or whose bias wanders."""
     return [
+        Signal(f"drift_{s.name}", "d", "", "", s.frame, f"random walk of the bias of {s.name}, over its deviation"),
         Signal(f"delayed_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name}, first state of a delay"),
         Signal(f"delayed_rate_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, "second state of the delay"),
     ]
@@ -260,7 +261,7 @@ _ROWS += [
     row
     for s in list(_ROWS)
     if any(word in s.name for word in _MEASURED) or s.name.startswith("lateral_force_axle")
-    for row in _delayed(s)
+    for row in _of_sensor(s)
 ]
 _ROWS += [row for s in list(_ROWS) if s.name.startswith("lateral_acceleration") for row in _leaning(s)]
 
@@ -321,7 +322,7 @@ class SignalTable(Mapping[str, Signal]):
         for signal in (
             *stated,
             *_of_layout(module),
-            *(row for s in stated for row in (*_delayed(s), *(_leaning(s) if s.unit == "m/s^2" else ()))),
+            *(row for s in stated for row in (*_of_sensor(s), *(_leaning(s) if s.unit == "m/s^2" else ()))),
         ):
             if self._known(signal.name) is None:
                 self._further[signal.name] = signal, owner
@@ -372,7 +373,7 @@ def _of_layout(module: ModuleType) -> list[Signal]:
     bodies = [body for body in getattr(module, "BODIES", {}) if body]
     rows = [row for body in bodies for row in (*_body_forces(body, body), *_body_motion(f"_{body}", body))]
     rows += [row for axle, where in axles.items() for row in (*_axle_forces(axle, where), *_axle_states(axle, where))]
-    return rows + [row for s in rows if s.name.startswith("lateral_force_axle") for row in _delayed(s)]
+    return rows + [row for s in rows if s.name.startswith("lateral_force_axle") for row in _of_sensor(s)]
 
 
 SIGNALS = SignalTable(_ROWS)

@@ -62,6 +62,7 @@ class Builder:
         self._places: dict[str, list[str]] = {name: [] for name in self.effects}
         self._shared: dict[str, ModuleType] = {}
         self.noise: dict[str, float] = {}
+        self.start_variance: dict[str, float] = dict(getattr(vehicle, "START_VARIANCE", {}))
         self._own_states: dict[str, str] = {}
         self._own_starts: dict[str, float | str] = {}
         self._derivatives: dict[str, sp.Expr] = {}
@@ -91,7 +92,8 @@ class Builder:
                     self._shared[declared.name] = effect
         if first:
             self._places[name].append(place)
-            self.noise |= getattr(effect, "NOISE", {})
+            for found, what in ((self.noise, "NOISE"), (self.start_variance, "START_VARIANCE")):
+                found |= {stem + suffix(place): variance for stem, variance in getattr(effect, what, {}).items()}
         return names
 
     def own_state(self, owner: str, name: str, start: float | str | None = None) -> sp.Symbol:
@@ -286,7 +288,7 @@ class Builder:
             axles=tuple(self.vehicle.AXLES),
             effects=tuple(self.effects),
             start=self._start(),
-            start_variance=dict(getattr(self.vehicle, "START_VARIANCE", {})),
+            start_variance=dict(self.start_variance),
             discrete=discrete,
             noise=dict(self.noise),
             flags=dict(self.flags),

@@ -75,7 +75,12 @@ class Logger:
             for c, d in self.delays.items()
             if c != "speed"
         ]
-        drift = [{"name": "sensor_bias", "place": c, "largest": DRIFT} for c in self.delays if c.startswith("yaw_rate")]
+        drift = [
+            {"name": name, "place": c, "largest": DRIFT}
+            for c in self.delays
+            if c.startswith("yaw_rate")
+            for name in ("sensor_bias", "sensor_drift")
+        ]
         return [*late, *drift, {"name": "wheel_radius_error", "place": "", "share": self.radius}]
 
 

@@ -87,6 +87,7 @@ def test_the_seal_says_what_is_wrong_with_the_recording_and_the_map_what_to_do(t
         "steering_delay",
         "sensor_delay",
         "sensor_bias",
+        "sensor_drift",
         "wheel_radius_error",
     }
     delay = {f["place"]: f["delay"] for f in sealed["recording"] if "delay" in f}

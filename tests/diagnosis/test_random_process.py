@@ -44,8 +44,9 @@ def test_a_bank_that_wanders_is_found_and_leaves_nothing(augmented):
     values = {"bank_wander": WANDER, "bank_memory": MEMORY}
     found = search(augmented, [driven(seed, ["road_bank_varying"], **values) for seed in (81, 82, 83)])
     assert found is not None
-    assert found.hypothesis.name == "road_bank_varying"
-    assert found.hypothesis.amplitudes == ("bank_wander",)
+    (hypothesis,) = found.hypotheses
+    assert hypothesis.name == "road_bank_varying"
+    assert hypothesis.amplitudes == ("bank_wander",)
     assert found.gain > 100
     assert found.held_out_gain > 50
     # 120 s of a process that forgets in 5 s are two dozen independent stretches.
@@ -54,6 +55,18 @@ def test_a_bank_that_wanders_is_found_and_leaves_nothing(augmented):
     assert abs(np.log(found.spec.values["bank_memory"] / MEMORY)) < 1.2
     assert found.spec.process_noise["bank_walk"] > 0
     assert found.spec.effects == ("road_bank_varying",)
+
+
+def test_two_sensors_that_drift_are_found_one_after_the_other(augmented):
+    true = {"sensor_drift_yaw_rate": 0.004, "sensor_drift_lateral_velocity": 0.06}
+    drifting = ("sensor_drift@yaw_rate", "sensor_drift@lateral_velocity")
+    found = search(augmented, [driven(seed, drifting, **true) for seed in (84, 85, 86)])
+    assert found is not None
+    assert {h.name for h in found.hypotheses} == set(drifting)
+    assert found.white
+    for name, value in true.items():
+        assert abs(found.spec.values[name] - value) < max(3 * found.errors[name], 0.3 * value)
+    assert found.spec.process_noise["drift_yaw_rate"] == pytest.approx(0.01 * found.spec.step)
 
 
 def test_next_to_white_is_a_twentieth_of_the_squared_correlations():

@@ -82,6 +82,9 @@ def test_an_effect_may_add_an_input():
 
 def test_a_process_of_an_effect_brings_its_noise():
     assert assemble("car", "linear", ["road_bank_varying"]).noise == {"bank_walk": 1.0}
+    drifting = assemble("semitrailer", "linear", ["sensor_drift@yaw_rate_trailer"], "test_vehicle")
+    assert drifting.noise == {"drift_yaw_rate_trailer": 0.01}
+    assert drifting.start_variance["drift_yaw_rate_trailer"] == 1.0
 
 
 @pytest.mark.parametrize(

@@ -112,8 +112,9 @@ def _certainty(outcome: Outcome) -> list[str]:
             for h in instead
         ]
     if (process := outcome.where.random_process) is not None:
+        names = listed([called(h.name) for h in process.hypotheses])
         found.append(
-            f"{called(process.hypothesis.name)}: log-likelihood of a filter with it {style.number(process.gain)} "
+            f"{names}: log-likelihood of a filter with it {style.number(process.gain)} "
             f"higher on the fitted drives, {style.number(process.held_out_gain)} on the held-out drives, where it "
             f"leaves {'white' if process.white else 'almost white'} innovations"
         )

@@ -31,7 +31,7 @@ from harness.identification.judgement import judged_on
 from harness.identification.methods.likelihood import Settings, identify
 from harness.identification.whiteness import Whiteness
 from harness.models.assembly.candidates import assembled, placements
-from harness.models.assembly.placement import load_effect, split
+from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.contracts import Parameter
 
 _SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
@@ -40,18 +40,18 @@ _SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
 
 @dataclass(frozen=True)
 class RandomProcess:
-    """A random process that a model lacks.
+    """What a model lacks and no simulation predicts: one random process, or several.
 
     Attributes:
-        hypothesis: The effect.
-        spec: The final model with it.
-        errors: Standard error of each of its parameters.
+        hypotheses: The effects, in the order in which they were found.
+        spec: The final model with all of them.
+        errors: Standard error of each of their parameters.
         gain: In log-likelihood of the fitted drives.
         held_out_gain: In that of the held-out drives, of which nothing was fitted.
-        white: Whether it leaves white innovations there; otherwise almost white ones.
+        white: Whether they leave white innovations there; otherwise almost white ones.
     """
 
-    hypothesis: Hypothesis
+    hypotheses: tuple[Hypothesis, ...]
     spec: ModelSpec
     errors: dict[str, float]
     gain: float
@@ -59,32 +59,72 @@ class RandomProcess:
     white: bool
 
 
-def find_random_process(trace: Trace, final: ModelSpec, ranking: DisturbanceRanking) -> RandomProcess | None:
-    """Return the random process that explains what a model lacks; ``None`` if none does.
+@dataclass(frozen=True)
+class _Grown:
+    """A model with one random process more than another.
 
-    Where the noise is held as stated none is sought: like process noise, it would absorb what is missing.
+    Attributes:
+        hypothesis: The process.
+        spec: The model with it.
+        errors: Standard errors of the parameters of all its processes.
+        gain: In log-likelihood of the fitted drives over the other model.
+        held_out_gain: Likewise of the held-out ones.
+        before: How white the other's innovations on those are.
+        after: The same of its own.
+        expected: Excess of the simulation error that all its processes cause.
+    """
+
+    hypothesis: Hypothesis
+    spec: ModelSpec
+    errors: dict[str, float]
+    gain: float
+    held_out_gain: float
+    before: tuple[Whiteness, ...]
+    after: tuple[Whiteness, ...]
+    expected: float
+
+
+def find_random_process(trace: Trace, final: ModelSpec, ranking: DisturbanceRanking) -> RandomProcess | None:
+    """Return the random processes that explain what a model lacks; ``None`` if none does.
+
+    The first one acts where a disturbance explains as much as anywhere. While innovations stay coloured, another one is
+    added where a disturbance explains anything: two gyroscopes drift, each by itself. Where the noise is held as stated
+    none is sought: like process noise, it would absorb what is missing.
 
     Args:
         trace: What was found.
         final: The final model.
         ranking: Of it.
     """
-    if trace.fitting.noise_held or not ranking.ranked_inputs or 2 * ranking.ranked_inputs[0].gain < BIC_NEEDED:
+    if trace.fitting.noise_held or not ranking.ranked_inputs:
         return None
     most = ranking.ranked_inputs[0].gain
-    suspected = [set(s.disturbance_input.ports) for s in ranking.ranked_inputs if 2 * (most - s.gain) < BIC_NEEDED]
-    for name in _processes(final, trace.fitting.augmented):
-        found = _fitted(trace, final, name) if _changed(final, name) in suspected else None
-        if found is not None:
-            return found
-    return None
+    found: list[_Grown] = []
+    spec, needed = final, max(most - 0.5 * BIC_NEEDED, 0.5 * BIC_NEEDED)
+    while not found or max(_all_left(found)) > 0:
+        suspected = [set(s.disturbance_input.ports) for s in ranking.ranked_inputs if s.gain >= needed]
+        tried = (_grown(trace, spec, name) for name in _processes(spec, trace.fitting.augmented, suspected))
+        grown = next((g for g in tried if g is not None), None)
+        if grown is None:
+            break
+        found.append(grown)
+        spec, needed = grown.spec, 0.5 * BIC_NEEDED
+    return _accepted(trace, found) if found else None
 
 
-def _processes(spec: ModelSpec, augmented: AugmentedModel) -> list[str]:
-    """Return the random processes of the library that a model may lack, without those that the user excludes."""
-    out = augmented.excluded | {split(e)[0] for e in spec.effects}
-    every = placements(spec.vehicle, spec.tyre, spec.sensors)
-    return [n for n in every if getattr(load_effect(n), "NOISE", None) and split(n)[0] not in out]
+def _processes(spec: ModelSpec, augmented: AugmentedModel, suspected: list[set[str]]) -> list[str]:
+    """Return the random processes of the library that a model may lack, those at the most suspected ports first.
+
+    Left out is what the model has, and what the user excludes.
+    """
+    out = augmented.excluded | set(spec.effects)
+    found = []
+    for name in placements(spec.vehicle, spec.tyre, spec.sensors):
+        if getattr(load_effect(name), "NOISE", None) and not {name, split(name)[0]} & out:
+            changed = _changed(spec, name)
+            if changed in suspected:
+                found.append((suspected.index(changed), name))
+    return [name for _, name in sorted(found)]
 
 
 def _changed(spec: ModelSpec, name: str) -> set[str]:
@@ -93,11 +133,13 @@ def _changed(spec: ModelSpec, name: str) -> set[str]:
     return {port for port in before if before[port] != after[port]}
 
 
-def _fitted(trace: Trace, final: ModelSpec, name: str) -> RandomProcess | None:
-    """Return a process, fitted with the free parameters and all noise variances, if it is accepted."""
-    parameters = load_effect(name).PARAMETERS
-    names = tuple(p.name for p in parameters)
-    filters = Innovations(_with(trace, final, name), jobs=trace.fitting.augmented.jobs)
+def _grown(trace: Trace, spec: ModelSpec, name: str) -> _Grown | None:
+    """Return a model with a process more, all fitted with the free parameters and noise, if it becomes likelier."""
+    parameters = _parameters(name)
+    larger = _with(trace, spec, name)
+    processes = [n for n in larger.effects if getattr(load_effect(n), "NOISE", None)]
+    names = tuple(p.name for n in processes for p in _parameters(n))
+    filters = Innovations(larger, jobs=trace.fitting.augmented.jobs)
     here, there = (
         tuple(_own(d, trace.fitting.augmented, filters) for d in drives)
         for drives in (trace.fitting.drives, trace.held_out.drives)
@@ -107,27 +149,52 @@ def _fitted(trace: Trace, final: ModelSpec, name: str) -> RandomProcess | None:
     absent = {p.name: p.neutral for p in parameters if p.neutral is not None}
     without = replace(
         filters.spec,
-        values={**filters.spec.values, **final.values, **absent},
-        process_noise={**filters.spec.process_noise, **final.process_noise},
-        measurement_noise=final.measurement_noise,
+        values={**filters.spec.values, **spec.values, **absent},
+        process_noise={**filters.spec.process_noise, **spec.process_noise},
+        measurement_noise=spec.measurement_noise,
     )
     with_it, without_it = Candidates.of(fit.spec), Candidates.of(without)
     before, after = (judged_on(filters, there, held) for held in (without_it, with_it))
     gain = float((filters.log_likelihoods(here, with_it) - filters.log_likelihoods(here, without_it))[0])
     held_out_gain = sum(d.log_likelihood for d in after) - sum(d.log_likelihood for d in before)
-    if 2 * gain - len(names) * math.log(trace.fitting.samples) < BIC_NEEDED or held_out_gain <= 0:
+    if 2 * gain - len(parameters) * math.log(trace.fitting.samples) < BIC_NEEDED or held_out_gain <= 0:
         return None
-    tests = ([w for d in judged for w in d.whiteness] for judged in (before, after))
-    left = [_left(b, a) for b, a in zip(*tests, strict=True)]
-    if max(left) > EXCESS:
+    own = tuple(p.name for p in parameters)
+    return _Grown(
+        Hypothesis(name, "effect", tuple(absent), tuple(n for n in own if n not in absent)),
+        fit.spec,
+        {n: fit.estimate(n).error for n in names},
+        gain,
+        held_out_gain,
+        tuple(w for d in before for w in d.whiteness),
+        tuple(w for d in after for w in d.whiteness),
+        expected_excess(filters, there, with_it, trace.held_out.variances),
+    )
+
+
+def _parameters(name: str) -> tuple[Parameter, ...]:
+    """Return the parameters of an effect at its place."""
+    return tuple(parameter_at(p, split(name)[1] or "") for p in load_effect(name).PARAMETERS)
+
+
+def _accepted(trace: Trace, found: Sequence[_Grown]) -> RandomProcess | None:
+    """Return processes if they leave white innovations, or almost, and the simulation strays as far as they make it."""
+    left, last = max(_all_left(found)), found[-1]
+    if left > EXCESS or trace.after.normalised_excess_mse > max(EXCESS, FARTHER * last.expected):
         return None
-    if trace.after.normalised_excess_mse > max(
-        EXCESS, FARTHER * expected_excess(filters, there, with_it, trace.held_out.variances)
-    ):
-        return None
-    hypothesis = Hypothesis(name, "effect", tuple(absent), tuple(n for n in names if n not in absent))
-    errors = {n: fit.estimate(n).error for n in names}
-    return RandomProcess(hypothesis, fit.spec, errors, gain, held_out_gain, white=max(left) == 0)
+    return RandomProcess(
+        tuple(g.hypothesis for g in found),
+        last.spec,
+        last.errors,
+        sum(g.gain for g in found),
+        sum(g.held_out_gain for g in found),
+        white=left == 0,
+    )
+
+
+def _all_left(found: Sequence[_Grown]) -> list[float]:
+    """Return how much of their squared correlations the innovations keep, by output and drive."""
+    return [_left(b, a) for b, a in zip(found[0].before, found[-1].after, strict=True)]
 
 
 def _left(before: Whiteness, after: Whiteness) -> float:
@@ -151,14 +218,15 @@ def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candida
         held: The model and its noise.
         variances: Of the sensors' noise ``(ny,)``.
     """
-    process = np.where([[s in filters.model.noise] for s in filters.model.states], held.process, 0.0)
+    states = filters.model.states
+    process = np.where([[s in filters.model.noise] for s in states], held.process, 0.0)
     alone = replace(held, process=process)
     found = []
     for drive in drives:
         unseen = replace(
             drive,
             measurements=np.full_like(drive.measurements, np.nan),
-            first_variance=np.zeros(len(process)),
+            first_variance=np.where([s in filters.model.noise for s in states], _starts(filters), 0.0),
             effects=drive.effects[:, :, :0],
         )
         found.append(filters.run(unseen, alone).deviation[1:] ** 2 - held.measurement[:, 0])
@@ -181,8 +249,14 @@ def _with(trace: Trace, final: ModelSpec, name: str) -> ModelSpec:
     larger, first = replace(final, effects=(*final.effects, name)), trace.fitting.augmented.spec.process_noise
     model = larger.model()
     process = {s: first.get(s, model.noise.get(s, 0.0) * final.step) for s in model.states}
-    values = {**final.values, **{p.name: p.grid[0] for p in load_effect(name).PARAMETERS}}
+    values = {**final.values, **{p.name: p.grid[0] for p in _parameters(name)}}
     return replace(larger, values={n: values[n] for n in model.parameter_names}, process_noise=process)
+
+
+def _starts(filters: Innovations) -> list[float]:
+    """Return the first variance of every state: its own, or what a step makes."""
+    model, stated = filters.model, filters.spec.process_noise
+    return [model.start_variance.get(s, stated[s]) for s in model.states]
 
 
 def _own(drive: Drive, augmented: AugmentedModel, filters: Innovations) -> Drive:
@@ -192,7 +266,9 @@ def _own(drive: Drive, augmented: AugmentedModel, filters: Innovations) -> Drive
     known = {s: i for i, s in enumerate(augmented.model.states)}
     mean = np.array([drive.first_mean[known[s]] if s in known else 0.0 for s in states])
     nominal = {s: i for i, s in enumerate(augmented.nominal.states)}
-    variance = [drive.first_variance[nominal[s]] if s in nominal else filters.spec.process_noise[s] for s in states]
+    variance = [
+        drive.first_variance[nominal[s]] if s in nominal else v for s, v in zip(states, _starts(filters), strict=True)
+    ]
     inputs, between = drive.inputs[:, columns], drive.between[:, columns]
     seen = len(filters.model.outputs)
     effects = np.zeros((len(inputs), len(states) + seen, drive.effects.shape[2]))

@@ -18,7 +18,7 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     """Return what was found, in sentences."""
     parameters = [h for h in trace.added if h.kind == "parameter"]
     process = found.random_process
-    effects = trace.effects if process is None else (*trace.effects, process.hypothesis)
+    effects = trace.effects if process is None else (*trace.effects, *process.hypotheses)
     names = [words(h.name.replace("@", " of ")) for h in effects]
     named = listed(names) if names else ""
     wrong = ", ".join(words(h.name) for h in parameters)
@@ -46,8 +46,10 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
 
 
 def _of_a_process(process: RandomProcess) -> str:
+    names = listed([words(h.name.replace("@", " of ")) for h in process.hypotheses])
+    are = "are random processes" if len(process.hypotheses) > 1 else "is a random process"
     return (
-        f" {words(process.hypothesis.name).capitalize()} is a random process: no simulation predicts it. With it "
+        f" {names[:1].upper()}{names[1:]} {are}: no simulation predicts that. With it "
         f"in the filter, the log-likelihood of the held-out drives rises by {process.held_out_gain:.0f}."
     )
 

@@ -77,7 +77,7 @@ class Outcome:
     def added(self) -> tuple[Hypothesis, ...]:
         """Everything that was added, a random process last."""
         process = self.where.random_process
-        return self.trace.added if process is None else (*self.trace.added, process.hypothesis)
+        return self.trace.added if process is None else (*self.trace.added, *process.hypotheses)
 
     @property
     def after(self) -> Judgement:
@@ -109,7 +109,7 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     )
     if found.random_process is not None:
         amended = found.random_process.spec
-        values[found.random_process.hypothesis.name] = _of_process(found.random_process)
+        values |= _of_process(found.random_process)
     verdict = verdict_of(trace, found, coloured)
     nominal = fitted_model(trace, trace.fitting.augmented.spec, trace.nominal.point)
     said = failures.attempt(
@@ -133,9 +133,11 @@ def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, 
     return found
 
 
-def _of_process(process: RandomProcess) -> tuple[Value, ...]:
-    units = {p.name: p.unit for p in process.spec.model().parameters}
-    return tuple(Value(n, units[n], process.spec.values[n], e) for n, e in process.errors.items())
+def _of_process(process: RandomProcess) -> dict[str, tuple[Value, ...]]:
+    units, values = {p.name: p.unit for p in process.spec.model().parameters}, process.spec.values
+    return {
+        h.name: tuple(Value(n, units[n], values[n], process.errors[n]) for n in h.shared) for h in process.hypotheses
+    }
 
 
 def _errors(trace: Trace) -> dict[tuple[str, int], float]:
