@@ -5,6 +5,7 @@
     python bench/remedy.py straight     # what ten minutes straight ahead do to an estimated mass
     python bench/remedy.py steering     # a considered mass with the steering unknown, by the steering's believed noise
     python bench/remedy.py particles    # the particle filter of the mass study, by the steering's believed noise
+    python bench/remedy.py bank         # a bank of filters over the mass, on and between its hypotheses
 
 Every estimator sees the same drives and noise. Settings stand below; numbers come out in a table of Markdown.
 """
@@ -44,9 +45,16 @@ RUNS = 8
 CONSIDERED = [{"name": "trailer_mass", "prior": "8 t"}]
 
 
-def study(belief: Mapping[str, Any], sensors: str, kind: str, further: Mapping[str, Any], of: str = "plant") -> Study:
+def study(
+    belief: Mapping[str, Any],
+    sensors: str,
+    kind: str,
+    further: Mapping[str, Any],
+    of: str = "plant",
+    levels: Sequence[str] = LEVELS,
+) -> Study:
     """Return a study of one estimator at every level of the mass."""
-    factor = {"parameter": "trailer_mass", "of": of, "levels": LEVELS}
+    factor = {"parameter": "trailer_mass", "of": of, "levels": levels}
     content = {
         "name": "remedy",
         "seed": 20230109,
@@ -205,7 +213,37 @@ def particles() -> None:
     table(["variance of the steering over the printed one", "filter", "force kN", "angle deg", "lost"], rows)
 
 
-PARTS = {f.__name__: f for f in (estimated, considered, straight, steering, particles)}
+def bank() -> None:
+    """Compare a bank of filters over the mass with one that estimates it, on and between the hypotheses."""
+    settled, levels = {"score_after": "60 s"}, ["8 t", "12 t", "16 t", "20 t", "24 t", "28 t", "32 t"]
+    unknown = {"unknown_parameters": [{"name": "trailer_mass", "prior": "12 t"}]}
+    hypotheses = {"estimator": [{"name": "IMM", "kind": "imm", "hypotheses": {"trailer_mass": LEVELS}}]}
+    known = list(runs(study({}, "stability_control", "ekf", settled, of="both", levels=levels)))
+    rows = []
+    for name, further in (("EKF, mass estimated", {}), ("IMM", hypotheses)):
+        found = list(runs(study(unknown, "stability_control", "ekf", {**settled, **further}, levels=levels)))
+        for level in levels:
+            mine = [(k, f) for k, f in zip(known, found, strict=True) if f.level == level]
+            ratio = np.median([f.rmse[0] / k.rmse[0] for k, f in mine])
+            force, mass = (np.median([f.rmse[i] for _, f in mine]) for i in (0, 2))
+            inside = 100 * np.mean([f.covered[0] for _, f in mine])
+            nees = np.median([f.nees for _, f in mine]) / 11.0
+            cells = [f"{force / 1e3:.3f}", f"{ratio:.2f}", f"{mass / 1e3:.2f}", f"{inside:.0f} %", f"{nees:.2f}"]
+            rows.append([name, level, *cells, f"{sum(f.lost for _, f in mine)}"])
+    header = [
+        "estimator",
+        "plant",
+        "force kN",
+        "over known",
+        "mass t",
+        "force inside its 95 % band",
+        "NEES/dof",
+        "lost",
+    ]
+    table(header, rows)
+
+
+PARTS = {f.__name__: f for f in (estimated, considered, straight, steering, particles, bank)}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

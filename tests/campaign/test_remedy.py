@@ -62,6 +62,24 @@ def test_a_remedy_changes_the_belief_and_leaves_drives_noise_and_points():
     assert choices.applied(before, Remedy(known=("trailer_mass",)), "EKF").designs[0].factors[0].of == "both"
 
 
+def test_a_bank_is_spread_over_what_the_study_varies():
+    before = study()
+    after = choices.applied(before, Remedy(banked=("trailer_mass",)), "EKF")
+    (bank,) = after.estimators
+    assert (bank.name, bank.kind) == ("EKF", "imm")
+    values = bank.settings["hypotheses"]["trailer_mass"]
+    np.testing.assert_allclose(values, np.geomspace(8e3, 24e3, 5))
+    assert after.belief.estimated_parameters == ("trailer_mass",)
+    assert Remedy(banked=("trailer_mass",)).words == "run a bank of filters over the trailer mass"
+
+
+def test_over_more_than_three_parameters_no_bank_is_tried():
+    drivers = list("abcd")
+    assert not [r for r in choices.singles(drivers, True) if r.banked]
+    assert [r for r in choices.singles(drivers[:3], True) if r.banked]
+    assert not [r for r in choices.singles(drivers[:3], False) if r.banked]
+
+
 def test_of_what_promises_most_nothing_with_as_many_signals_tells_more():
     one, two, other, three = (Equipment(n, (), tuple("abc"[:k]), ()) for n, k in zip("pqrs", (1, 2, 2, 3), strict=True))
     promise = {one: 0.5, two: 0.4, other: 0.2, three: 0.19}
@@ -127,6 +145,7 @@ def test_what_is_finished_is_not_run_again(tried):
 @pytest.mark.proof  # eight models are compiled
 def test_the_belief_that_is_written_is_that_of_the_remedy(tried):
     found, folder = tried
+    assert [o for o in found.outcomes if o.remedy.banked]
     names = [p.name for p in write_report(found, folder, "harness remedy small")]
     assert names == ["report.html", "report.pdf", "belief.toml", "study.toml"]
     assert not (folder / "errors.txt").exists()

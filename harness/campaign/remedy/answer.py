@@ -98,7 +98,7 @@ def _cost(tried: Tried) -> str:
 def _need(remedy: Remedy, tried: Tried) -> str:
     signals = listed([words(s) for s in remedy.added]) if remedy.added else ""
     sensors = f"Measured in addition: {signals}." if signals else "No further sensor."
-    if not remedy.estimated or remedy.equipment not in tried.promise:
+    if not (remedy.estimated or remedy.banked) or remedy.equipment not in tried.promise:
         return sensors
     if not tried.study.score_after:
         sensors += " The time in which it learns counts; score_after of the study leaves it out."

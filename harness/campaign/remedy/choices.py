@@ -1,4 +1,4 @@
-"""What is tried against parameters that are not as believed: estimate them, consider them, add a sensor."""
+"""What is tried against parameters that are not as believed: estimate or consider them, a bank over them, a sensor."""
 
 from __future__ import annotations
 
@@ -47,12 +47,14 @@ class Remedy:
     Attributes:
         estimated: Parameters that become states.
         considered: Parameters whose uncertainty is reckoned with.
+        banked: Parameters over whose values a bank of filters runs (estimator ``imm``).
         equipment: What is measured, ``None`` for what the study has.
         known: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
     """
 
     estimated: tuple[str, ...] = ()
     considered: tuple[str, ...] = ()
+    banked: tuple[str, ...] = ()
     equipment: Equipment | None = None
     known: tuple[str, ...] = ()
 
@@ -69,7 +71,12 @@ class Remedy:
     @property
     def does(self) -> str:
         """What is done with parameters, in words."""
-        named = {"estimate": self.estimated, "consider": self.considered, "know": self.known}
+        named = {
+            "estimate": self.estimated,
+            "consider": self.considered,
+            "run a bank of filters over": self.banked,
+            "know": self.known,
+        }
         parts = [f"{verb} the {listed([words(n) for n in names])}" for verb, names in named.items() if names]
         return "; ".join(parts) or "as it is"
 
@@ -78,6 +85,7 @@ class Remedy:
         """Name of its folder."""
         parts = [f"estimate-{'-'.join(self.estimated)}"] if self.estimated else []
         parts += [f"consider-{'-'.join(self.considered)}"] if self.considered else []
+        parts += [f"bank-{'-'.join(self.banked)}"] if self.banked else []
         parts += [f"know-{'-'.join(self.known)}"] if self.known else []
         parts += [f"with-{'-'.join(self.equipment.sources)}"] if self.equipment else []
         return "-and-".join(parts) or "as-it-is"
@@ -92,6 +100,9 @@ class Remedy:
 
 
 AS_IT_IS = Remedy()
+
+BANK = {1: 5, 2: 3, 3: 3}
+"""Values of each parameter in a bank, by the number of parameters: of more there would be too many filters."""
 
 
 def parameters(study: Study) -> list[FactorSpec]:
@@ -109,6 +120,19 @@ def prior(factor: FactorSpec) -> float:
     """Return how far the vehicle is from the belief in a design, in the root mean square over its bands, SI."""
     low, high = (np.array(edge) - factor.nominal for edge in (factor.lower, factor.upper))
     return float(np.sqrt(np.mean((low**2 + low * high + high**2) / 3)))
+
+
+def hypotheses(factors: Sequence[FactorSpec]) -> dict[str, list[float]]:
+    """Return values of each parameter for a bank of filters, over what the study varies.
+
+    Both ends are among them; between them steps are of one ratio where values are positive, else of one size.
+    """
+    found = {}
+    for f in factors:
+        low, high = float(np.min(f.lower)), float(np.max(f.upper))
+        spaced = np.geomspace if low > 0 else np.linspace
+        found[f.parameter] = [float(v) for v in spaced(low, high, BANK[len(factors)])]
+    return found
 
 
 def equipments(study: Study) -> list[Equipment]:
@@ -145,7 +169,8 @@ def applied(study: Study, remedy: Remedy, estimator: str) -> Study:
         belief["unknown_inputs"] = list(remedy.equipment.unknown_inputs)
     spread = {f.parameter: prior(f) for f in parameters(study)}
     stated = raw.belief.model_dump(exclude_unset=True)
-    for key, names in (("unknown_parameters", remedy.estimated), ("considered_parameters", remedy.considered)):
+    estimated = (*remedy.estimated, *remedy.banked)
+    for key, names in (("unknown_parameters", estimated), ("considered_parameters", remedy.considered)):
         if names:
             belief[key] = [*(stated.get(key) or []), *({"name": n, "prior": spread[n]} for n in names)]
     content = raw.model_dump(exclude_unset=True, exclude_none=True)
@@ -154,6 +179,9 @@ def applied(study: Study, remedy: Remedy, estimator: str) -> Study:
     content["plant"] = {**content["plant"], **plant}
     content["belief"] = {**content.get("belief", {}), **belief}
     content["estimator"] = [t.model_dump(exclude_unset=True) for t in raw.estimator if name_of(t) == estimator]
+    if remedy.banked:
+        bank = hypotheses([f for f in parameters(study) if f.parameter in remedy.banked])
+        content["estimator"] = [{"name": estimator, "kind": "imm", "hypotheses": bank}]
     kept = [d for i, d in enumerate(raw.design) if i == 0 or d.sampling == "tolerance"]
     content["design"] = [d.model_dump(exclude_unset=True, exclude_none=True) for d in kept]
     for factor in (f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.known):
@@ -174,7 +202,7 @@ def singles(drivers: Sequence[str], considers: bool) -> Iterator[Remedy]:
 
     Args:
         drivers: Parameters that drive the error, the strongest first.
-        considers: Whether the estimator can consider parameters.
+        considers: Whether the estimator can consider parameters; only then a bank of such filters is tried.
     """
     for name in drivers:
         yield Remedy(estimated=(name,))
@@ -182,15 +210,19 @@ def singles(drivers: Sequence[str], considers: bool) -> Iterator[Remedy]:
         yield Remedy(estimated=tuple(drivers))
     if considers:
         yield Remedy(considered=tuple(drivers))
+        if len(drivers) in BANK:
+            yield Remedy(banked=tuple(drivers))
 
 
 def pairs(drivers: Sequence[str], chosen: Sequence[Equipment], considers: bool) -> Iterator[Remedy]:
-    """Return what can be done with sensors: each equipment alone, with all drivers estimated, and considered."""
+    """Return what can be done with sensors: each equipment alone, with the drivers estimated, considered, in a bank."""
     for equipment in chosen:
         yield Remedy(equipment=equipment)
         yield Remedy(estimated=tuple(drivers), equipment=equipment)
         if considers:
             yield Remedy(considered=tuple(drivers), equipment=equipment)
+            if len(drivers) in BANK:
+                yield Remedy(banked=tuple(drivers), equipment=equipment)
 
 
 def promising(promise: dict[Equipment, float], count: int) -> list[Equipment]:

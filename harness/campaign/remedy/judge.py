@@ -123,7 +123,7 @@ def best(outcomes: Sequence[Outcome], first: Outcome) -> Outcome:
     """Return the remedy to take: the least harm; of those about as good, the one that needs least."""
     harms = [harm(o, first) for o in outcomes]
     good = [o for o, h in zip(outcomes, harms, strict=True) if h <= ALIKE * min(harms)]
-    return min(good, key=lambda o: (len(o.remedy.added), len(o.remedy.estimated), harm(o, first)))
+    return min(good, key=lambda o: (len(o.remedy.added), len(o.remedy.estimated + o.remedy.banked), harm(o, first)))
 
 
 def helps(outcome: Outcome, first: Outcome) -> bool:
