@@ -27,7 +27,7 @@ from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 
-KINDS = ("ekf", "huber_ekf", "student_t_ekf", "adaptive_ekf")
+KINDS = ("ekf", "huber_ekf", "student_t_ekf", "adaptive_ekf", "enkf")
 SEMITRAILER: dict[str, Any] = {
     "targets": ["lateral_force_axle_21", "articulation_angle"],
     "drives": "robustness-broad",

@@ -217,18 +217,29 @@ def bank() -> None:
     """Compare a bank of filters over the mass with one that estimates it, on and between the hypotheses."""
     settled, levels = {"score_after": "60 s"}, ["8 t", "12 t", "16 t", "20 t", "24 t", "28 t", "32 t"]
     unknown = {"unknown_parameters": [{"name": "trailer_mass", "prior": "12 t"}]}
-    hypotheses = {"estimator": [{"name": "IMM", "kind": "imm", "hypotheses": {"trailer_mass": LEVELS}}]}
+    filters: dict[str, dict[str, Any]] = {"EKF, mass estimated": {}}
+    for name, estimated in (("IMM", True), ("IMM, considering", False)):
+        table_of = {"name": name, "kind": "imm", "hypotheses": {"trailer_mass": LEVELS}, "estimated": estimated}
+        filters[name] = {"estimator": [table_of]}
     known = list(runs(study({}, "stability_control", "ekf", settled, of="both", levels=levels)))
     rows = []
-    for name, further in (("EKF, mass estimated", {}), ("IMM", hypotheses)):
+    for name, further in filters.items():
         found = list(runs(study(unknown, "stability_control", "ekf", {**settled, **further}, levels=levels)))
         for level in levels:
             mine = [(k, f) for k, f in zip(known, found, strict=True) if f.level == level]
             ratio = np.median([f.rmse[0] / k.rmse[0] for k, f in mine])
+            worst = max((float(np.median(f.rmse[0] / k.rmse[0])), f.drive) for k, f in mine)
             force, mass = (np.median([f.rmse[i] for _, f in mine]) for i in (0, 2))
             inside = 100 * np.mean([f.covered[0] for _, f in mine])
             nees = np.median([f.nees for _, f in mine]) / 11.0
-            cells = [f"{force / 1e3:.3f}", f"{ratio:.2f}", f"{mass / 1e3:.2f}", f"{inside:.0f} %", f"{nees:.2f}"]
+            cells = [
+                f"{force / 1e3:.3f}",
+                f"{ratio:.2f}",
+                f"{worst[0]:.2f} ({worst[1]})",
+                f"{mass / 1e3:.2f}",
+                f"{inside:.0f} %",
+                f"{nees:.2f}",
+            ]
             rows.append([name, level, *cells, f"{sum(f.lost for _, f in mine)}"])
     header = [
         "estimator",

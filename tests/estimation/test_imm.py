@@ -21,8 +21,11 @@ def cells(values):
     return [(b**3 + a**3) / (3 * (b + a)) for b, a in zip(below, above, strict=True)], below + above
 
 
-def textbook(u, y, prior):
-    """Blom and Bar-Shalom's algorithm over consider filters of ``[x, d]``, d being the push less what is believed."""
+def textbook(u, y, prior, estimated):
+    """Blom and Bar-Shalom's algorithm over filters of ``[x, d]``, d being the push less what is believed.
+
+    Where another hypothesis held before, ``d`` is that of the new one, distributed over its cell.
+    """
     squares, widths = cells(PUSHES)
     z = np.array(PUSHES) - 0.3
     stay, count = np.exp(-STEP / DWELL), len(z)
@@ -38,13 +41,16 @@ def textbook(u, y, prior):
             mixed = []
             for j in range(count):
                 share = change[:, j] * weights / chance[j]
-                mean = sum(s * each[:2] for s, each in zip(share, x, strict=True))
-                around = [each[:2] - mean for each in x]
-                V = np.zeros((3, 3))
-                V[:2, :2] = sum(s * (p[:2, :2] + np.outer(a, a)) for s, p, a in zip(share, P, around, strict=True))
-                V[:2, 2] = V[2, :2] = share[j] * P[j][:2, 2]
-                V[2, 2] = squares[j]
-                mixed.append((np.append(mean, z[j]), V))
+                anew = [(np.append(m[:2], z[j]), np.array(p)) for m, p in zip(x, P, strict=True)]
+                for i, (_, p) in enumerate(anew):
+                    if i == j:
+                        anew[i] = x[j], P[j]
+                    else:
+                        p[2, :2] = p[:2, 2] = 0.0
+                        p[2, 2] = squares[j]
+                mean = sum(s * m for s, (m, _) in zip(share, anew, strict=True))
+                V = sum(s * (p + np.outer(m - mean, m - mean)) for s, (m, p) in zip(share, anew, strict=True))
+                mixed.append((mean, V))
             weights, (x, P) = chance, (list(each) for each in zip(*mixed, strict=True))
         seen, logs, predictions, spreads = not np.isnan(y[k, 0]), [], [], []
         for j in range(count):
@@ -54,7 +60,8 @@ def textbook(u, y, prior):
             spreads.append(S)
             logs.append(stats.norm.logpdf(y[k, 0], m[0], S**0.5) if seen else 0.0)
             K = V @ H.T / S * seen
-            K[2] = 0.0
+            if not estimated:
+                K[2] = 0.0
             x[j] = m + K[:, 0] * (np.nan_to_num(y[k, 0]) - m[0])
             P[j] = (np.eye(3) - K @ H) @ V @ (np.eye(3) - K @ H).T + K @ K.T * R
         centre = weights @ predictions
@@ -69,36 +76,46 @@ def textbook(u, y, prior):
     return np.array(means), np.array(covariances), np.array(likelihoods), np.array(nis)
 
 
-def test_it_is_the_algorithm_of_blom_and_bar_shalom():
+@pytest.mark.parametrize("estimated", [True, False])
+def test_it_is_the_algorithm_of_blom_and_bar_shalom(estimated):
     u, y = drive({**VALUES, "push": 1.6}, samples=200)
     y[20:40] = np.nan
     infos = []
-    bank = {"hypotheses": {"push": PUSHES[::-1]}, "dwell": f"{DWELL} s"}
+    bank = {"hypotheses": {"push": PUSHES[::-1]}, "dwell": f"{DWELL} s", "estimated": estimated}
     means, covariances = run("imm", compiled(push()), u, y, [0.0], bank, infos=infos)
-    right, P, likelihoods, nis = textbook(u, y, 2.0)
+    right, P, likelihoods, nis = textbook(u, y, 2.0, estimated)
     np.testing.assert_allclose(means[1:], right, atol=1e-9)
     np.testing.assert_allclose(covariances[1:], P, atol=1e-9)
     np.testing.assert_allclose([i.log_likelihood[0, 0] for i in infos], likelihoods, atol=1e-9)
     np.testing.assert_allclose([i.nis[0, 0] for i in infos], nis, atol=1e-9)
 
 
-def test_one_hypothesis_is_the_consider_filter():
-    u, y = drive({**VALUES, "mass": 1.5})
-    one = run("imm", compiled(mass()), u, y, [0.0], {"hypotheses": {"mass": ["1 kg"]}})
-    considered = run("ekf", compiled(mass(considered=True)), u, y, [0.0])
-    for a, b in zip(one, considered, strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-9)
+def test_one_hypothesis_is_the_filter_that_considers_or_estimates():
+    u, y = drive({**VALUES, "push": 1.6})
+    for estimated in (True, False):
+        one = run("imm", compiled(push()), u, y, [0.0], {"hypotheses": {"push": ["0.3 m"]}, "estimated": estimated})
+        alone = run("ekf", compiled(push(considered=not estimated)), u, y, [0.0])
+        for a, b in zip(one, alone, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-9)
 
 
 BANK = {"mass": ["500 g", "1 kg", "2 kg", "4 kg"]}
 
 
 @pytest.mark.parametrize(("true", "nearest"), [(1.0, 1.0), (1.8, 2.0), (4.0, 4.0)])
-def test_it_finds_the_hypothesis_that_is_nearest(true, nearest):
+def test_considering_it_finds_the_hypothesis_that_is_nearest(true, nearest):
     u, y = drive({**VALUES, "mass": true}, samples=1500, excitation=4.0)
-    means, covariances = run("imm", compiled(mass()), u, y, [0.0], {"hypotheses": BANK})
+    means, covariances = run("imm", compiled(mass()), u, y, [0.0], {"hypotheses": BANK, "estimated": False})
     assert np.exp(means[-1, 2]) == pytest.approx(nearest, rel=0.1)
     assert np.log(true / nearest) ** 2 < 4 * covariances[-1, 2, 2]
+
+
+@pytest.mark.parametrize("true", [0.6, 1.4, 2.8])
+def test_estimating_it_finds_what_is_between_hypotheses(true):
+    u, y = drive({**VALUES, "mass": true}, samples=1500, excitation=4.0)
+    means, covariances = run("imm", compiled(mass()), u, y, [0.0], {"hypotheses": BANK})
+    assert np.exp(means[-1, 2]) == pytest.approx(true, rel=0.1)
+    assert (means[-1, 2] - np.log(true)) ** 2 < 9 * covariances[-1, 2, 2]
 
 
 def test_it_follows_a_load_that_is_dropped():

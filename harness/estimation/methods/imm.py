@@ -5,13 +5,13 @@ Each hypothesis states a value of every parameter of ``unknown_parameters``, and
 the probability that one hypothesis has taken over from another, runs each filter, weighs the hypotheses by its
 likelihood, and gives mean and covariance of the mixture. What it says of the sample is the mixture's as well.
 
-A hypothesis stands for all values that are nearer to it than to another one: within its filter the parameter is
-distributed evenly over them, and considered (Schmidt 1966; Jazwinski 1970, 8.4): it enters gain and covariance and is
-not estimated. One hypothesis alone stands for the prior, and is the consider filter. At first the hypotheses have the
-probability that the prior gives to what they stand for.
+A hypothesis stands for all values that are nearer to it than to another one: when it begins to hold, the parameter is
+distributed evenly over them. While it holds, its filter estimates the parameter from there on, or considers it (Schmidt
+1966; Jazwinski 1970, 8.4): then it enters gain and covariance and is left alone. One hypothesis alone stands for the
+prior. At first the hypotheses have the probability that the prior gives to what they stand for.
 
 Memory, in rows of lanes, with M hypotheses: their probabilities (0 before the first step), means ``(M, nx)`` and
-covariances ``(M, nx, nx)``.
+covariances ``(M, nx, nx)``, then what is believed of every parameter, or its logarithm.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from harness.estimation.methods._weighing import finite
 from harness.models.signals import SIGNALS
 
 MOST = 64
-HEAD = 3  # numbers of the tuning before those of parameters and hypotheses
+HEAD = 4  # numbers of the tuning before those of parameters and hypotheses
 
 
 class Settings(BaseModel):
@@ -65,6 +65,9 @@ class Settings(BaseModel):
         description='values of every unknown parameter: { trailer_mass = ["8 t", "16 t", "24 t", "32 t"] }; of several '
         "parameters, each value with each",
     )
+    estimated: bool = Field(
+        True, description="whether each filter estimates the parameters from its hypothesis on, or considers them"
+    )
     dwell: str | float = Field("100 s", description="mean time for which one hypothesis holds before another does")
 
 
@@ -74,9 +77,10 @@ class Settings(BaseModel):
 def fit(settings: Settings, compiled: CompiledModel, folder: Path) -> list[float]:
     """Return what the kernel reads.
 
-    That is: probability to stay, numbers of parameters and of hypotheses; of each parameter its row among the signals,
-    whether its state is a logarithm and the variance of its prior; of each hypothesis and parameter the value (or its
-    logarithm), the variance of what it stands for, and the logarithm of how wide that is.
+    That is: probability to stay, numbers of parameters and of hypotheses, whether parameters are estimated; of each
+    parameter its row among the signals, whether its state is a logarithm and the variance of its prior; of each
+    hypothesis and parameter the value (or its logarithm), the variance of what it stands for, and the logarithm of how
+    wide that is.
     """
     uncertain = compiled.model.within
     names = {s: s.removeprefix("log_" if s in compiled.model.relative else "shift_") for s in uncertain}
@@ -96,7 +100,14 @@ def fit(settings: Settings, compiled: CompiledModel, folder: Path) -> list[float
     if dwell <= 0:
         raise UserError(f"settings of estimator 'imm': dwell: a time must be positive, got {settings.dwell!r}")
     modes = [number for pick in product(*cells) for cell in pick for number in cell]
-    return [float(np.exp(-compiled.step_size / dwell)), float(len(cells)), float(count), *rows, *modes]
+    return [
+        float(np.exp(-compiled.step_size / dwell)),
+        float(len(cells)),
+        float(count),
+        float(settings.estimated),
+        *rows,
+        *modes,
+    ]
 
 
 def _check(settings: Settings, uncertain: Sequence[str]) -> None:
@@ -140,7 +151,7 @@ def _cells(values: Sequence[float], prior: float, name: str) -> list[tuple[float
 def first_memory(settings: Settings, nx: int, ny: int, seeds: Sequence[np.random.SeedSequence]) -> Floats:
     """Return the memory before the first step, all zero: hypotheses without a probability yet."""
     count = prod(len(v) for v in settings.hypotheses.values())
-    return np.zeros((count * (1 + nx + nx * nx), LANES))
+    return np.zeros((count * (1 + nx + nx * nx) + len(settings.hypotheses), LANES))
 
 
 def workspace():
@@ -156,39 +167,45 @@ def workspace():
 
 
 def parts(memory):
-    """Return probabilities ``(M, LANES)``, means ``(M, nx, LANES)`` and covariances as views of the memory."""
-    count = memory.shape[0] // (1 + NX + NX * NX)
+    """Return probabilities ``(M, LANES)``, means ``(M, nx, LANES)``, covariances and beliefs as views of the memory."""
+    count = memory.shape[0] // (1 + NX + NX * NX)  # there are fewer parameters than one hypothesis has rows
     end = count * (1 + NX)
-    covariances = memory[end:].reshape((count, NX, NX, LANES))
-    return memory[:count], memory[count:end].reshape((count, NX, LANES)), covariances
+    behind = end + count * NX * NX
+    covariances = memory[end:behind].reshape((count, NX, NX, LANES))
+    return memory[:count], memory[count:end].reshape((count, NX, LANES)), covariances, memory[behind:]
 
 
 def step(before, u_before, u, y, belief, work, after, info):
     """Mix, run the filter of every hypothesis, weigh the hypotheses and sum them up."""
     linear, said, mixed, factor, rows, s = work
     _, x_prior, P_prior, predicted, H, scratch = linear
-    weights, means, covariances = parts(before.memory)
-    new_weights, new_means, new_covariances = parts(after.memory)
+    weights, means, covariances, believed = parts(before.memory)
+    new_weights, new_means, new_covariances, new_believed = parts(after.memory)
     count, parameters = weights.shape[0], int(belief.tuning[1])
     shares = np.empty((count, LANES))
     fresh = is_fresh(weights)
     if fresh:
         as_believed(before, NX - parameters, mixed)
         signals(mixed.mean, u_before, belief.constants, s)
+    for p in range(parameters):
+        at_start = believed_value(p, belief.tuning, s) if fresh else get(believed, p)
+        put(at_start, new_believed, p)
     for j in range(count):
-        chance = at_first(j, belief.tuning, s, mixed) if fresh else arrival(j, weights, belief.tuning[0], shares)
+        chance = arrival(j, weights, belief.tuning[0], shares)
+        if fresh:
+            chance = at_first(j, belief.tuning, new_believed, mixed)
         put(chance, new_weights, j)
     normalise(new_weights)
     for j in range(count):
-        if fresh:
-            at_first(j, belief.tuning, s, mixed)
-        else:
+        at_first(j, belief.tuning, new_believed, mixed)
+        if not fresh:
             arrival(j, weights, belief.tuning[0], shares)
             mix(j, shares, means, covariances, NX - parameters, mixed)
         predict(mixed, u_before, u, belief, linear)
         here = State(new_means[j], new_covariances[j], after.memory)
         correct(x_prior, P_prior, predicted, H, y, belief, here, scratch, said)
-        leave_alone(mixed, NX - parameters, here)
+        if belief.tuning[3] < 0.5:
+            leave_alone(mixed, NX - parameters, here)
         chance = get(new_weights, j)
         tell(j == 0, chance, predicted, said, rows, info)
         likelihood = get(said.log_likelihood, 0)
@@ -222,24 +239,32 @@ def as_believed(before, n, mixed):
             put(get(before.covariance, a, b) if max(a, b) < n else splat(0.0), mixed.covariance, a, b)
 
 
-def at_first(j, tuning, s, mixed):
-    """Write the parameters of hypothesis ``j`` into a state; return its probability at first over that of others.
+def believed_value(p, tuning, s):
+    """Return what is believed of parameter ``p``, or its logarithm, from the signals ``(ns, LANES)``."""
+    value = get(s, int(tuning[HEAD + 3 * p]))
+    return log(value) if tuning[HEAD + 3 * p + 1] > 0.5 else value
+
+
+def at_first(j, tuning, believed, mixed):
+    """Write the parameters with which hypothesis ``j`` begins to hold; return its probability over that of others.
 
     Args:
         j: Number of the hypothesis.
         tuning: From ``fit``.
-        s: Signals, among which are the parameters as they are believed ``(ns, LANES)``.
-        mixed: From ``as_believed``.
+        believed: What is believed of every parameter, or its logarithm ``(parameters, LANES)``.
+        mixed: Its parameters and their covariances are written.
     """
     parameters = int(tuning[1])
     chance = splat(0.0)
     for p in range(parameters):
-        head, own = HEAD + 3 * p, HEAD + 3 * parameters + 3 * (j * parameters + p)
-        believed = get(s, int(tuning[head]))
-        z = tuning[own] - (log(believed) if tuning[head + 1] > 0.5 else believed)
-        chance = chance + (tuning[own + 2] - z * z * (0.5 / tuning[head + 2]))
-        put(z, mixed.mean, NX - parameters + p)
-        put(splat(tuning[own + 1]), mixed.covariance, NX - parameters + p, NX - parameters + p)
+        own = HEAD + 3 * parameters + 3 * (j * parameters + p)
+        z = tuning[own] - get(believed, p)
+        chance = chance + (tuning[own + 2] - z * z * (0.5 / tuning[HEAD + 3 * p + 2]))
+        row = NX - parameters + p
+        put(z, mixed.mean, row)
+        for b in range(NX):
+            put(splat(tuning[own + 1] if b == row else 0.0), mixed.covariance, row, b)
+            put(splat(tuning[own + 1] if b == row else 0.0), mixed.covariance, b, row)
     return exp(chance)
 
 
@@ -259,7 +284,7 @@ def arrival(j, weights, stay, shares):
 def mix(j, shares, means, covariances, n, mixed):
     """Write the state that the filter of hypothesis ``j`` goes on with.
 
-    Its parameters are its own; where another hypothesis held before, they are not tied to the other states.
+    Where another hypothesis held before, its parameters begin anew, not tied to the other states.
 
     Args:
         j: Number of the hypothesis.
@@ -267,17 +292,27 @@ def mix(j, shares, means, covariances, n, mixed):
         means: ``(M, nx, LANES)``.
         covariances: ``(M, nx, nx, LANES)``.
         n: Number of states that are no parameters.
-        mixed: Written.
+        mixed: Written; its parameters are those of ``at_first``.
     """
     moments(shares, means, covariances, n, mixed.mean, mixed.covariance)
     share = get(shares, j)
+    held = share > 0.0
     for a in range(n, NX):
-        put(get(means, j, a), mixed.mean, a)
-        for b in range(NX):
-            value = get(covariances, j, a, b)
-            value = value if b >= n else select(share > 0.0, share * value, 0.0)
+        moved = select(held, get(means, j, a) - get(mixed.mean, a), 0.0)  # since it began to hold
+        for b in range(n):
+            value = get(covariances, j, a, b) + moved * (get(means, j, b) - get(mixed.mean, b))
+            value = select(held, share * value, 0.0)
             put(value, mixed.covariance, a, b)
             put(value, mixed.covariance, b, a)
+        for b in range(n, a + 1):
+            other = select(held, get(means, j, b) - get(mixed.mean, b), 0.0)
+            anew = (1.0 - share) * (get(mixed.covariance, a, b) + share * moved * other)
+            value = select(held, share * get(covariances, j, a, b), 0.0) + anew
+            put(value, mixed.covariance, a, b)
+            put(value, mixed.covariance, b, a)
+    for a in range(n, NX):
+        moved = select(held, get(means, j, a) - get(mixed.mean, a), 0.0)
+        put(get(mixed.mean, a) + share * moved, mixed.mean, a)
 
 
 def leave_alone(mixed, n, here):
