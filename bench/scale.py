@@ -1,7 +1,9 @@
-"""How a store of millions of runs is read: time and memory of its report; ``python -m bench.scale --runs 10000000``.
+"""What studies of millions of runs take; ``python -m bench.scale``, with ``--run`` or ``--dask``.
 
-The store is as a study leaves it, but its units are copies of a few that were computed, so that it is made in
-minutes. The report is written by a process of its own, whose peak of memory is that of ``harness report``.
+``--runs 10000000`` measures how a store is read: time and memory of its report. The store is as a study leaves it, but
+its units are copies of a few that were computed, so that it is made in minutes. The report is written by a process of
+its own, whose peak of memory is that of ``harness report``. ``--run`` computes that many runs, and ``--dask`` compares
+threads with Dask workers (``bench.short_runs``).
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from pathlib import Path
 import zarr
 from rich.console import Console
 
+from bench.short_runs import against_dask, measure
 from harness.config import load_study
 from harness.study import checksums
 from harness.study.design import units
@@ -96,10 +99,23 @@ def main() -> None:
     """Make a store, write its report, and say what that took."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=10_000_000)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--run", action="store_true", help="compute the runs")
+    what.add_argument("--dask", action="store_true", help="compute them by threads and by Dask workers")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=3, help="of threads and Dask workers in turn")
     parser.add_argument("--out", type=Path, default=Path("results/scale"))
     parser.add_argument("--keep", action="store_true", help="use the store that is there")
     given = parser.parse_args()
-    console = Console()
+    console = Console(highlight=False, soft_wrap=True)
+    if given.run or given.dask:
+        given.out.mkdir(parents=True, exist_ok=True)
+        (given.out / "scale.toml").write_text(STUDY.format(samples=given.runs // 20), encoding="utf-8")
+        if given.run:
+            measure(given.out, given.jobs, console)
+        else:
+            against_dask(given.out, given.jobs, given.rounds, console)
+        return
     if not given.keep:
         make(given.out, given.runs)
     begin = time.perf_counter()

@@ -24,6 +24,8 @@ from harness.common.errors import ModelError, UserError, WorkError
 
 _URL = re.compile(r"(?P<scheme>[a-z][a-z0-9+.-]+)://", re.IGNORECASE)  # one letter is a drive of Windows
 
+_UNFINISHED = ".partial"
+
 _ABSENT = (FileNotFoundError, IsADirectoryError, NotADirectoryError)
 
 _REMOTE = ("botocore", "aiobotocore", "aiohttp", "fsspec", "s3fs", "gcsfs", "adlfs", "google", "azure", "paramiko")
@@ -115,7 +117,7 @@ def names(folder: Path) -> list[str]:
 def contents(folder: Path, wanted: Sequence[str]) -> list[bytes | None]:
     """Return the contents of files below a folder, ``None`` for those that are not there; far away all at once."""
     if not is_url(folder):
-        return [_content(folder / name) for name in wanted]
+        return [_content(f"{folder}/{name}") for name in wanted]
     paths = [f"{_within(folder)}/{name}" for name in wanted]
     found = _remote(folder).cat_ranges(paths, None, None, on_error="return") if paths else []
     for error in found:
@@ -124,9 +126,11 @@ def contents(folder: Path, wanted: Sequence[str]) -> list[bytes | None]:
     return [None if isinstance(content, Exception) else content for content in found]
 
 
-def _content(file: Path) -> bytes | None:
+def _content(file: str) -> bytes | None:
+    """Return the content of a file, ``None`` if there is none; for a small one, a Path takes as long to make."""
     try:
-        return file.read_bytes()
+        with open(file, "rb") as opened:
+            return opened.read()
     except _ABSENT:
         return None
 
@@ -139,7 +143,7 @@ def write(file: Path, content: bytes | None) -> None:
     if is_url(file):
         file.write_bytes(content)  # an object is there when it is whole
         return
-    unfinished = file.with_name(f"{file.name}.{uuid.uuid4().hex}.partial")
+    unfinished = file.with_name(f"{file.name}.{uuid.uuid4().hex}{_UNFINISHED}")
     try:
         try:
             unfinished.write_bytes(content)
@@ -150,6 +154,16 @@ def write(file: Path, content: bytes | None) -> None:
     except BaseException:
         unfinished.unlink(missing_ok=True)
         raise
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Delete what writers that were killed have left below a folder; behind a URL they leave nothing."""
+    if is_url(folder):
+        return
+    for parent, _, files in os.walk(folder):
+        for name in files:
+            if name.endswith(_UNFINISHED):
+                Path(parent, name).unlink(missing_ok=True)
 
 
 def created(file: Path, content: bytes) -> bool:

@@ -50,6 +50,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy import stats
 
@@ -210,6 +211,7 @@ class Estimator:
         self._priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
+        self._rows: dict[tuple[str, ...], tuple[NDArray[np.int64], bool]] = {}
 
     def init(self, mean: Floats, variance: Floats, seeds: Sequence[np.random.SeedSequence] | None = None) -> State:
         """Return the first state.
@@ -220,12 +222,12 @@ class Estimator:
             seeds: One per lane, for estimators that draw random numbers; by default the same for all.
         """
         nx = self.compiled.nx
-        x = np.ascontiguousarray(np.broadcast_to(np.reshape(mean, (nx, -1)), (nx, LANES)), dtype=float)
-        P = np.zeros((nx, nx, LANES))
+        x, P = np.empty((nx, LANES)), np.zeros((nx, nx, LANES))
+        x[:] = np.reshape(mean, (nx, -1))
         if np.shape(variance) == (nx, nx):
             P[:] = np.asarray(variance)[:, :, None]
         else:
-            P[np.arange(nx), np.arange(nx)] = np.broadcast_to(np.reshape(variance, (nx, -1)), (nx, LANES))
+            P.reshape(-1, LANES)[:: nx + 1] = np.reshape(variance, (nx, -1))
         chosen = [np.random.SeedSequence(0)] * LANES if seeds is None and self.is_random else seeds or []
         return State(x, P, self._first_memory(chosen))
 
@@ -287,13 +289,10 @@ class Estimator:
         if told.at.shape[2]:
             size = self.compiled.nx + self.compiled.ny
             belief = belief._replace(input_errors=np.zeros((size, told.at.shape[2], LANES)))
-        states, wanted = self.compiled.model.states, self.compiled.signal_names
-        rows = np.array([truth_names.index(n) if n in truth_names else -1 for n in (*states, *wanted)])
-        comparable = self.has_covariance and bool(np.all(rows[: len(states)] >= 0))
+        rows, comparable = self._compared(truth_names)
         samples, targets = inputs.shape[0], len(self.compiled.signal_names)
         sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
         kept = np.empty((samples if keep else 0, 2, targets, LANES))
-        rows[len(states) :][~self.gives] = -1
         options = np.array([float(NEES_EVERY), float(comparable), float(self.has_covariance), float(since)])
         self._kernels.estimate(
             (inputs, *told),
@@ -310,9 +309,23 @@ class Estimator:
             per_run,
             kept,
         )
-        sums[:, rows[len(states) :] < 0] = np.nan
-        kept[:, :, ~self.gives] = np.nan
+        if min(rows[self.compiled.nx :]) < 0:
+            sums[:, rows[self.compiled.nx :] < 0] = np.nan
+        if keep:
+            kept[:, :, ~self.gives] = np.nan
         return Sums(sums, per_run, kept if keep else None)
+
+    def _compared(self, truth_names: tuple[str, ...]) -> tuple[NDArray[np.int64], bool]:
+        """Return the row of the truth of each state, then of each target, -1 for none, and whether there is a NEES."""
+        if truth_names not in self._rows:
+            states = self.compiled.model.states
+            rows = np.array(
+                [truth_names.index(n) if n in truth_names else -1 for n in (*states, *self.compiled.signal_names)]
+            )
+            comparable = self.has_covariance and bool(np.all(rows[: len(states)] >= 0))
+            rows[len(states) :][~self.gives] = -1
+            self._rows[truth_names] = rows, comparable
+        return self._rows[truth_names]
 
     def scores(self, found: Sums) -> Scores:
         """Return the scores of any number of runs."""

@@ -34,7 +34,7 @@ RUNS_PER_UNIT = 64
 LARGEST_UNIT = 1024
 """Most runs of a unit of a large design, so that a million runs are not a million files."""
 
-MANY_UNITS = 4096
+MANY_UNITS = 1024
 """Units of a design above which units grow."""
 
 

@@ -13,6 +13,7 @@ from harness.common.arrays import Floats
 from harness.config import Study
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
+from harness.engine.standard_normal import standard_normal
 from harness.estimation.contract import Scores, Sums, UncertainInputs
 from harness.simulation.simulate import Batch, first_state
 from harness.study.compiled_study import CompiledStudy
@@ -31,6 +32,9 @@ from harness.study.scores import (
     PLANT_DIVERGED,
     STATUS,
 )
+
+_SIMULATED_AT_ONCE = 2**20
+"""Bytes of simulated batches that a processor's caches hold beside everything else."""
 
 
 class StudyEvaluator:
@@ -81,6 +85,11 @@ class StudyEvaluator:
             self.estimate(e, unit, group, batch, believed, keep=self.windows.count(unit.design, unit.drive) is not None)
         return time.perf_counter() - begin
 
+    def _batches_at_once(self, unit: Unit) -> int:
+        """Return how many batches of a unit are simulated before the first is estimated."""
+        numbers = len(self.compiled.plant.signal_names) + self.compiled.plant.ny + len(self.study.plant.input_noise)
+        return max(1, _SIMULATED_AT_ONCE // (8 * LANES * numbers * len(self.compiled.drives[unit.drive].plant)))
+
     def _cases(self, unit: Unit) -> list[Case]:
         repeats = range(self.study.designs[unit.design].repeats)[unit.repeats]
         return [Case(s, r) for s in range(unit.first, unit.stop) for r in repeats]
@@ -93,22 +102,27 @@ class StudyEvaluator:
             result[OVER_TIME] = np.full((*shape, windows), np.nan, dtype=np.float32)
         cases, estimators = self._cases(unit), self.compiled.estimators
         plant, believed = self.parameters(unit, cases, "plant"), self.parameters(unit, cases, "belief")
+        words = self.noise.words(unit, cases)
         left, signals = np.empty(len(cases)), len(self.compiled.signals)
         totals = [Sums(np.empty((3, signals, len(cases))), np.empty((10, len(cases)))) for _ in estimators]
-        for start in range(0, len(cases), LANES):
-            lanes = slice(start, start + LANES)
-            group, belief = cases[lanes], believed.of(lanes)
-            batch = self.simulate(unit, group, plant=plant.of(lanes))
-            left[lanes] = batch.left_at[: len(group)]
+        groups = [slice(first, first + LANES) for first in range(0, len(cases), LANES)]
+        at_once = self._batches_at_once(unit)
+        # Stage by stage, so that one is done with the caches before the next begins.
+        for some in (groups[k : k + at_once] for k in range(0, len(groups), at_once)):
+            batches = [self.simulate(unit, cases[lanes], plant=plant.of(lanes), words=words[lanes]) for lanes in some]
+            for lanes, batch in zip(some, batches, strict=True):
+                left[lanes] = batch.left_at[: len(cases[lanes])]
             for e, total in enumerate(totals):
-                sums = self.sums(e, unit, group, batch, belief, windows is not None)
-                total.errors[..., lanes], total.per_run[:, lanes] = (
-                    found[..., : len(group)] for found in (sums.errors, sums.per_run)
-                )
-                if windows is not None:
-                    over_time = self.windows.rmse(batch, estimators[e].scores(sums), windows)
-                    flat = result[OVER_TIME].reshape(len(cases), *result[OVER_TIME].shape[2:])
-                    flat[lanes, e] = over_time[: len(group)]
+                beliefs = [believed.of(lanes) for lanes in some]
+                begun = [self.begin(e, unit, cases[g], each) for g, each in zip(some, beliefs, strict=True)]
+                for lanes, batch, belief, start in zip(some, batches, beliefs, begun, strict=True):
+                    sums = self.sums(e, unit.drive, start, batch, belief, windows is not None)
+                    runs = len(cases[lanes])
+                    total.errors[..., lanes], total.per_run[:, lanes] = sums.errors[..., :runs], sums.per_run[:, :runs]
+                    if windows is not None:
+                        over_time = self.windows.rmse(batch, estimators[e].scores(sums), windows)
+                        flat = result[OVER_TIME].reshape(len(cases), *result[OVER_TIME].shape[2:])
+                        flat[lanes, e] = over_time[:runs]
         for e, total in enumerate(totals):
             self.enter(result, unit, e, left, estimators[e].scores(total))
         return result
@@ -140,6 +154,7 @@ class StudyEvaluator:
         samples: int | None = None,
         plant: RunParameters | None = None,
         believed: RunParameters | None = None,
+        words: NDArray[np.uint64] | None = None,
     ) -> Batch:
         """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them.
 
@@ -149,23 +164,24 @@ class StudyEvaluator:
             samples: How many samples of the drive, by default all.
             plant: What the plant holds in each lane, if that is known already.
             believed: What the belief holds in each lane, if that is known already.
+            words: What the noise of each lane is drawn from (``RunNoise.words``), if that is known already.
         """
         plant = self.parameters(unit, group, "plant") if plant is None else plant
         model, inputs = self.compiled.plant, self.compiled.drives[unit.drive].plant[:samples]
-        noise = self.noise.draw(unit, group, len(inputs), model.nx + model.ny)
+        words = self.noise.words(unit, group) if words is None else words
         batch = self.compiled.simulator.run(
             inputs,
             model.constants(plant.values.T),
             np.ascontiguousarray(plant.process_noise.T),
             np.ascontiguousarray(plant.measurement_noise.T),
-            noise,
+            standard_normal(words, len(inputs), model.nx + model.ny),
             first_state(model.model, plant.values.T, self.compiled.drives[unit.drive].profile),
         )
         errors = {
             signal: np.sqrt(plant.input_noise[:, i]) * self.noise.of_input(unit, group, len(inputs), signal)
             for i, signal in enumerate(self.study.plant.input_noise)
         }
-        batch = replace(batch, input_errors=errors)
+        batch = replace(batch, input_errors=errors) if errors else batch
         if not self.study.belief.parameter_states:
             return batch
         return self._with_parameters(batch, plant, believed or self.parameters(unit, group, "belief"))
@@ -179,15 +195,15 @@ class StudyEvaluator:
         self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool = False
     ) -> Scores:
         """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
-        sums = self.sums(index, unit, group, batch, believed, keep)
+        sums = self.sums(index, unit.drive, self.begin(index, unit, group, believed), batch, believed, keep)
         return self.compiled.estimators[index].scores(sums)
 
     def sums(
-        self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool
+        self, index: int, drive: int, begun: tuple[Belief, State], batch: Batch, believed: RunParameters, keep: bool
     ) -> Sums:
-        """Run one estimator over a simulated batch, as ``estimate`` does, and return what scores are made of."""
-        belief, first = self.begin(index, unit, group, believed)
-        inputs, uncertain = self.inputs(index, unit.drive, batch, believed)
+        """Run one estimator from where it has ``begun``, as ``estimate`` does, and return what scores are made of."""
+        belief, first = begun
+        inputs, uncertain = self.inputs(index, drive, batch, believed)
         return self.compiled.estimators[index].sums(
             inputs,
             self.compiled.measured(batch.measurements),

@@ -151,13 +151,13 @@ class Replayer:
         """Run one estimator: its scores, and what it holds over time."""
         unit, case = place.unit, [Case(place.sample, place.repeat)]
         estimator = self.evaluator.compiled.estimators[index]
-        sums = self.evaluator.sums(index, unit, case, batch, believed, keep=True)
+        belief, start = self.evaluator.begin(index, unit, case, believed)
+        sums = self.evaluator.sums(index, unit.drive, (belief, start), batch, believed, keep=True)
         first = replace(sums, errors=sums.errors[..., :1], per_run=sums.per_run[:, :1])
         scores = estimator.scores(first)
         if not innovations:
             return OverTime(scores)
         loop, nx, ny, samples = self._loop(index), estimator.compiled.nx, estimator.compiled.ny, len(batch.truth)
-        belief, start = self.evaluator.begin(index, unit, case, believed)
         inputs, uncertain = self.evaluator.inputs(index, unit.drive, batch, believed)
         nothing = np.empty((1, inputs.shape[1], 0, LANES))
         told = UncertainInputs(inputs, nothing, nothing) if uncertain is None else uncertain

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from harness.config import Study
 from harness.engine.simd.lanes import LANES
+from harness.engine.standard_normal import seed_words, standard_normal
 from harness.study.design import Unit
 
 
@@ -37,28 +38,25 @@ class RunNoise:
         begin, sample = self._begin, 0 if self._common[unit.design] else case.sample
         return begin.drive + unit.drive, begin.sample + sample, begin.repeat + case.repeat
 
-    def draw(self, unit: Unit, group: Sequence[Case], samples: int, width: int) -> NDArray[np.float64]:
-        """Return standard normal numbers ``(samples, width, LANES)``; lanes without a run repeat the last one."""
-        noise = np.empty((samples, width, LANES))
-        keys = [self.key(unit, case) for case in group]
-        for lane, key in enumerate(keys):
-            if lane and key == keys[lane - 1]:
-                noise[:, :, lane] = noise[:, :, lane - 1]
-                continue
-            rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-            noise[:, :, lane] = rng.standard_normal((samples, width))
-        noise[:, :, len(group) :] = noise[:, :, len(group) - 1 : len(group)]
-        return noise
+    def words(self, unit: Unit, cases: Sequence[Case], *further: int) -> NDArray[np.uint64]:
+        """Return what the noise of runs is drawn from, one row each; lanes without a run repeat the last one.
+
+        Args:
+            unit: That the runs belong to.
+            cases: The runs.
+            further: Behind what each depends on, for noise of another kind.
+        """
+        counted = np.array([*cases, *[cases[-1]] * (-len(cases) % LANES)], dtype=np.uint64)
+        keys = np.empty((len(counted), 3 + len(further)), dtype=np.uint64)
+        keys[:, :3], keys[:, 3:] = self.key(unit, Case(0, 0)), further
+        keys[:, 2] += counted[:, 1]
+        if not self._common[unit.design]:
+            keys[:, 1] += counted[:, 0]
+        return seed_words(self._seed, keys)
 
     def of_input(self, unit: Unit, group: Sequence[Case], samples: int, signal: str) -> NDArray[np.float64]:
         """Return standard normal numbers ``(samples, LANES)`` for an input, which no other noise depends on."""
-        tag = zlib.crc32(signal.encode())
-        keys = [(*self.key(unit, case), tag, 1) for case in group]
-        drawn = {
-            key: np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key)).standard_normal(samples)
-            for key in dict.fromkeys(keys)
-        }
-        return np.stack([drawn[key] for key in (*keys, *keys[-1:] * (LANES - len(keys)))], axis=1)
+        return standard_normal(self.words(unit, group, zlib.crc32(signal.encode()), 1), samples, 1)[:, 0]
 
     def seeds(self, unit: Unit, group: Sequence[Case], estimator: str) -> list[np.random.SeedSequence]:
         """Return the seed of an estimator in each lane; it depends on its name, not on its place in the study."""

@@ -124,9 +124,7 @@ class Store:
 
     def _mend(self, evaluator: StudyEvaluator) -> None:
         """Put back what an empty store has, and make the units pending that have lost something else."""
-        if not places.is_url(self.path):
-            for unfinished in self.path.rglob("*.partial"):  # a chunk whose writer was killed
-                unfinished.unlink(missing_ok=True)
+        places.remove_unfinished(self.path)
         self.mended = sealed_root.faults(self.path)
         if not self.mended:
             return
