@@ -11,7 +11,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs check-proof tuning-proof fuzz faults audit endurance scale bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs check-proof tuning-proof fuzz faults audit endurance scale short-runs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -136,6 +136,10 @@ audit: $(VENV)/docs.stamp ## are the pins of the locks installed, whole, complet
 
 scale: $(VENV)/dev.stamp ## report of a store of RUNS=10000000 runs: time and memory
 	$(BIN)/python -m bench.scale $(if $(RUNS),--runs $(RUNS)) --out results/scale
+
+short-runs: $(VENV)/dev.stamp ## compute RUNS=1000000 short runs, once more, and killed half-way; then Dask against threads
+	$(BIN)/python -m bench.scale --run --runs $(or $(RUNS),1000000) --out results/short-runs
+	$(BIN)/python -m bench.scale --dask --runs $(or $(RUNS),200000) --out results/short-runs-dask
 
 endurance: $(VENV)/dev.stamp ## run Kalman-type filters for HOURS=24 of simulated time and look at their covariances
 	$(BIN)/python -m bench.endurance $(if $(HOURS),--hours $(HOURS))

@@ -15,6 +15,10 @@ _OUT_OF_ORDER = 0.01
 """Share of the stamps that may stand still or jump back; with more of them the clock is unusable."""
 _SAME = 1e-9
 """s; stamps that are no further apart are of one instant: no recorder takes two samples within it."""
+_STOPS = 3
+"""Values that a quantity between stops returns to: one at either side and one between."""
+_SHORT = 4
+"""Updates that a run of equal values stands for at most if its length is to tell their distance."""
 _SPIKE = 12.0
 """A spike leaves the median of its neighbourhood by this many robust standard deviations of what is usual."""
 
@@ -72,8 +76,9 @@ def updates(values: Floats) -> tuple[Mask, int]:
     """Tell samples that a slower channel delivered from those that only repeat the latest one.
 
     A recorder that writes rows faster than a channel delivers repeats its latest value, so that nearly no run of equal
-    values is shorter than the ratio of the rates. A channel that merely moves slowly over coarse steps has runs of
-    every length, down to one.
+    values is shorter than the ratio of the rates, and all are multiples of it. A channel that merely moves slowly over
+    coarse steps has runs of every length, down to one; one that rests as long as it pleases, such as a steering angle
+    that goes from lock to lock, has runs that are multiples of nothing, or keeps returning to the same few values.
 
     Args:
         values: Samples of shape ``(samples,)``; NaN where missing.
@@ -87,13 +92,22 @@ def updates(values: Floats) -> tuple[Mask, int]:
         return np.isfinite(values), 1
     runs = np.diff(change)
     ratio = int(np.percentile(runs, 10, method="lower"))
-    if ratio < 2:
+    if ratio < 2 or not _in_step(runs, ratio) or len(np.unique(values[change])) <= _STOPS:
         return np.isfinite(values), 1
     new = np.zeros(len(values), dtype=bool)
     starts = np.concatenate([[0], change])
     for start, stop in zip(starts, np.append(change, len(values)), strict=True):
         new[start : max(stop - ratio // 2, start + 1) : ratio] = True
     return new & np.isfinite(values), ratio
+
+
+def _in_step(runs: NDArray[np.int64], ratio: int) -> bool:
+    """Return whether most of the short runs of equal values are multiples of one length near ``ratio``."""
+    times = np.round(runs / ratio)
+    short = times <= _SHORT
+    period = float(np.median(runs[short] / times[short]))
+    away = np.abs(runs[short] - np.round(runs[short] / period) * period)
+    return float(np.mean(away <= 1 + period / 8)) > 0.75
 
 
 def spikes(values: Floats) -> Mask:

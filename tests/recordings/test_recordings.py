@@ -262,6 +262,26 @@ def test_held_samples_are_told_from_coarse_ones():
     assert new.all()
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.repeat([0.5, -0.5] * 5, 160),  # from lock to lock by a generator
+        np.repeat(np.linspace(-3, 3, 12), [188, 217, 305, 420, 190, 260, 233, 350, 199, 281, 240, 310]),  # by hand
+    ],
+)
+def test_a_channel_that_rests_is_not_a_slow_one(values):
+    new, ratio = updates(values)
+    assert ratio == 1
+    assert new.all()
+
+
+def test_a_slow_channel_that_rests_at_times_is_still_slow():
+    runs = np.where(np.arange(120) % 40 == 39, 700, 10)
+    new, ratio = updates(np.repeat(np.round(8 * np.sin(np.arange(120) / 3)), runs))  # in coarse steps
+    assert ratio == 10
+    assert new.sum() == pytest.approx(runs.sum() / 10, rel=0.02)
+
+
 def test_only_new_samples_of_a_slow_channel_count_as_measured(tmp_path):
     truth = drive(TIME)
     rows = np.arange(len(TIME)) // 10 * 10
