@@ -262,6 +262,7 @@ class StudyResults:
         histories: The runs kept over time, as many as the study asked for.
         run: What ``run.json`` says about the run, possibly nothing.
         bounds: Smallest RMSE that anyone could reach, SI, by design, target and band; empty where it was not asked for.
+        smoothed: What a smoother that knows the vehicle reaches, as ``bounds``.
     """
 
     directory: Path
@@ -270,6 +271,7 @@ class StudyResults:
     histories: list[xr.Dataset]
     run: dict[str, Any] = field(default_factory=dict)
     bounds: bound.Bounds = field(default_factory=dict)
+    smoothed: bound.Bounds = field(default_factory=dict)
 
     @property
     def is_verifiable(self) -> bool:
@@ -357,8 +359,9 @@ def _read(directory: Path) -> StudyResults:
             "run the study again into an empty folder"
         ) from error
     attributes["study"] = root.attrs.get("study", "")
-    bounds = bound.read(directory, str(attributes.get("study_hash", "")))
-    return StudyResults(directory, attributes, designs, histories, _record_of_run(directory / "run.json"), bounds)
+    hashed = str(attributes.get("study_hash", ""))
+    at_best = bound.read(directory, hashed), bound.read(directory, hashed, "smoothed")
+    return StudyResults(directory, attributes, designs, histories, _record_of_run(directory / "run.json"), *at_best)
 
 
 def _record_of_run(path: Path) -> dict[str, Any]:

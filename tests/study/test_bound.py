@@ -8,9 +8,10 @@ import pytest
 from harness.common.errors import UserError
 from harness.config import build_study
 from harness.estimation.information import smallest_covariance
-from harness.study import bound
+from harness.study import bound, smoothed
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
+from harness.study.known_runs import KnownRuns
 from harness.study.report import write_report
 from harness.study.report.analysis import Analysis
 from harness.study.results import read
@@ -76,15 +77,49 @@ def test_of_a_study_it_is_what_the_kalman_filter_states(study):
     assert found == pytest.approx(np.sqrt(np.mean(stated**2)), rel=1e-9)
 
 
+def test_on_a_linear_model_the_smoother_is_that_of_rauch_tung_and_striebel(study):
+    """x(n+1) = 0.5 x + u + v, y = x + w with unit variances (KIT 2015a); some measurements are missing."""
+    evaluator = StudyEvaluator(study)
+    known = KnownRuns.of_unit(evaluator, Unit(0, 0, 0, 0, 1))
+    known.measurements[7:9] = np.nan
+    found = smoothed.smoothed(evaluator, known)[:, 0]
+    y, u = known.measurements[:, 0], known.inputs[:, 0]
+    x, P = known.mean[0], known.first[:, 0]
+    filtered, predicted = [(x, P)], [(x, P)]
+    for k in range(1, len(y)):
+        prior = 0.5 * x + u[k - 1], 0.25 * P + 1.0
+        gain = np.where(np.isnan(y[k]), 0.0, prior[1] / (prior[1] + 1.0))
+        x, P = prior[0] + gain * (np.nan_to_num(y[k]) - prior[0]), (1 - gain) * prior[1]
+        filtered.append((x, P))
+        predicted.append(prior)
+    right = [filtered[-1][0]]
+    for k in range(len(y) - 2, -1, -1):
+        x, P = filtered[k]
+        right.insert(0, x + 0.5 * P / predicted[k + 1][1] * (right[0] - predicted[k + 1][0]))
+    np.testing.assert_allclose(found, right, atol=1e-9)
+
+
+def test_what_the_smoother_reaches_is_below_the_bound_of_filters(study):
+    evaluator, unit = StudyEvaluator(study), Unit(0, 0, 0, 0, 1)
+    truth = KnownRuns.of_unit(evaluator, unit)
+    states = smoothed.smoothed(evaluator, truth)[:, 0]
+    row = evaluator.compiled.truth_names.index("example_state")
+    (found,) = smoothed.smoothed_rmse(evaluator, unit)
+    assert found == pytest.approx(np.sqrt(np.mean((states - truth.truth[:, row])[1:] ** 2)), rel=1e-12)
+    assert 0.8 < found / bound.smallest_rmse(evaluator, unit)[0] < 1.0
+
+
 def test_a_report_shows_it_and_a_run_keeps_it(study, tmp_path):
     run_study(study, tmp_path, jobs=1)
     kept = json.loads((tmp_path / bound.FILE).read_text())
     store = read(tmp_path)
     assert store.bounds["one"]["example_state"] == kept["rmse"]["one"]["example_state"]
+    assert store.smoothed["one"]["example_state"] == kept["smoothed"]["one"]["example_state"]
     write_report(Analysis(store))
+    assert "Dotted: a smoother" in (tmp_path / "report.html").read_text()
     assert "posterior Cramér" in (tmp_path / "report.html").read_text()
     (tmp_path / bound.FILE).write_text(json.dumps({**kept, "study_hash": "another"}))
-    assert read(tmp_path).bounds == {}
+    assert (read(tmp_path).bounds, read(tmp_path).smoothed) == ({}, {})
     (tmp_path / bound.FILE).write_text("{")
     with pytest.raises(UserError, match=r"bound\.json"):
         read(tmp_path)

@@ -21,7 +21,7 @@ UPRIGHT = 9  # levels whose labels fit side by side; more are turned
 _OPENING = 5.8  # inches of the first page that the answer in words leaves to a figure
 _LOWEST = 1.35  # inches per target where that keeps a figure on the first page
 _LABEL = 80  # characters of an axis label that fit the width of the page
-_BOUND = (0, (4, 2))
+_LINES = {"bound": (0, (4, 2)), "smoother": (0, (1, 1.5))}
 _LOGARITHMIC_FROM = 30.0  # largest error over typical error from which a linear axis would show nothing
 
 
@@ -136,8 +136,8 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int], height:
             _boxes(axes, analysis, findings, t)
         label_levels(rows[-1], design, findings)
         handles: list[Any] = style.patches(design.estimators, analysis.looks)
-        if _bound(analysis, findings, targets[0]) is not None:
-            handles.append(Line2D([], [], color="black", ls=_BOUND, label="bound"))
+        for name in _at_best(analysis, findings, targets[0]):
+            handles.append(Line2D([], [], color="black", ls=_LINES[name], label=name))
         style.head(fig, heading(design), handles)
         svg = style.svg(fig)
     names = " and ".join(design.targets[t].words for t in targets)
@@ -145,11 +145,14 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int], height:
         f"RMSE of {names}. Box: quartiles; line: median; thick bar: its 95 % bootstrap interval; whiskers: smallest "
         "and largest run. n: runs in each box; div.: runs in which estimator or plant diverged, in no box."
     )
-    if _bound(analysis, findings, targets[0]) is not None:
+    shown = _at_best(analysis, findings, targets[0])
+    if "bound" in shown:
         caption += (
             " Dashed: the posterior Cramér-Rao bound (Tichavsky et al. 1998), median over the drives: the smallest "
             "RMSE of anyone who knows the vehicle, with these sensors and the belief's noise of unknown inputs."
         )
+    if "smoother" in shown:
+        caption += " Dotted: a smoother that knows the same, and all measurements of a run at every sample."
     return Picture(svg, caption, f"Box plots of the RMSE of {names} per level and estimator")
 
 
@@ -187,20 +190,21 @@ def _boxes(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> N
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
-    bound = _bound(analysis, findings, target)
-    shown = design.rmse[target] if bound is None else np.append(design.rmse[target], bound)
-    if bound is not None:
-        left, right = ([band + side for band in range(len(bound))] for side in (-0.45, 0.45))
-        style.mark(axes.hlines(bound, left, right, color="black", ls=_BOUND, lw=1.0), "", "bound")
+    shown = design.rmse[target]
+    for name, values in _at_best(analysis, findings, target).items():
+        left, right = ([band + side for band in range(len(values))] for side in (-0.45, 0.45))
+        style.mark(axes.hlines(values, left, right, color="black", ls=_LINES[name], lw=1.0), "", name)
+        shown = np.append(shown, values)
     scale_errors(axes, shown)
     axes.grid(axis="y")
 
 
-def _bound(analysis: Analysis, findings: Findings, target: int) -> np.ndarray | None:
-    """Return the smallest RMSE possible in each band, in report units; ``None`` where it was not asked for."""
-    quantity = findings.design.targets[target]
-    found = analysis.store.bounds.get(findings.design.name, {}).get(quantity.name)
-    return None if found is None else np.array(found, dtype=float) * quantity.scale
+def _at_best(analysis: Analysis, findings: Findings, target: int) -> dict[str, np.ndarray]:
+    """Return in each band the smallest RMSE possible, and what a smoother reaches, in report units, where asked for."""
+    quantity, design = findings.design.targets[target], findings.design.name
+    kept = {"bound": analysis.store.bounds, "smoother": analysis.store.smoothed}
+    found = {name: some.get(design, {}).get(quantity.name) for name, some in kept.items()}
+    return {n: np.array(v, dtype=float) * quantity.scale for n, v in found.items() if v is not None}
 
 
 def scale_errors(axes: Axes, errors: np.ndarray) -> None:
