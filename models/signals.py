@@ -248,6 +248,8 @@ _ROWS += [  # states and inputs of effects
     Signal("steering_lagged", r"\delta_T", "rad", "deg", "vehicle", "road-wheel angle behind the lag of the steering"),
     Signal("steering_delayed", r"\delta_\tau", "rad", "deg", "vehicle", "first state of the delayed road-wheel angle"),
     Signal("steering_delayed_rate", r"\dot\delta_\tau", "rad", "deg", "vehicle", "second state of the same"),
+    Signal("speed_delayed", r"v_\tau", "m/s", "m/s", "vehicle", "first state of the delayed speed"),
+    Signal("speed_delayed_rate", r"\dot v_\tau", "m/s", "m/s", "vehicle", "second state of the same"),
     Signal("steering_followed", r"\delta_b", "rad", "deg", "vehicle", "centre of the play of the steering"),
     Signal("steering_force", "F_c", "N", "kN", "vehicle", "lateral force behind the lag of the steering's compliance"),
     Signal("lateral_force_steered_axle", r"F_\delta", "N", "kN", "vehicle", "lateral force of the steered axle"),

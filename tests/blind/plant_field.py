@@ -42,6 +42,9 @@ DRIFT = float(np.radians(0.1))
 DELAY = 0.040
 """s; largest delay of a channel."""
 
+INPUT_DELAYS = {"steering_wheel_angle": "steering_delay", "speed": "speed_delay"}
+"""What the library calls the delay of a recorded input."""
+
 JITTER = 0.001
 """s; standard deviation of a time stamp."""
 
@@ -69,11 +72,10 @@ class Logger:
     def faults(self) -> list[dict[str, object]]:
         """Return what a trace may truly say of the recording, in the library's words."""
         late = [
-            {"name": "steering_delay", "place": c, "delay": -d}  # the vehicle turns before the wheel is recorded
-            if c == "steering_wheel_angle"
+            {"name": INPUT_DELAYS[c], "place": c, "delay": -d}  # the vehicle turns before the wheel is recorded
+            if c in INPUT_DELAYS
             else {"name": "sensor_delay", "place": c, "delay": d}
             for c, d in self.delays.items()
-            if c != "speed"
         ]
         drift = [
             {"name": name, "place": c, "largest": DRIFT}

@@ -85,13 +85,16 @@ def test_the_seal_says_what_is_wrong_with_the_recording_and_the_map_what_to_do(t
     assert sealed["quality"] == "field"
     assert {f["name"] for f in sealed["recording"]} == {
         "steering_delay",
+        "speed_delay",
         "sensor_delay",
         "sensor_bias",
         "sensor_drift",
         "wheel_radius_error",
     }
     delay = {f["place"]: f["delay"] for f in sealed["recording"] if "delay" in f}
-    assert delay.pop("steering_wheel_angle") < 0.0 < min(delay.values())  # a late steering wheel: the vehicle is early
+    assert (
+        max(delay.pop(n) for n in ("steering_wheel_angle", "speed")) < 0.0 < min(delay.values())
+    )  # the vehicle is early
     assert "remove_spikes = true" in (tmp_path / "channels.toml").read_text()
     assert not plant.main(["--case", "car-none", "--out", str(tmp_path / "clean")])
     assert json.loads((tmp_path / "clean" / "sealed.json").read_text())["recording"] == []

@@ -21,9 +21,9 @@ def delays(augmented):
     return next(h for h in hypotheses(augmented, FREE) if h.name == CHANNEL_DELAYS)
 
 
-def test_it_tries_the_steering_and_every_sensor_and_stands_for_its_parts(augmented, delays):
+def test_it_tries_both_inputs_and_every_sensor_and_stands_for_its_parts(augmented, delays):
     names = [h.name for h in delays.parts]
-    assert names.count("steering_delay") == 1
+    assert names.count("steering_delay") == names.count("speed_delay") == 1
     assert sorted(names)[:3] == [f"sensor_delay@{n}" for n in ("lateral_acceleration", "lateral_velocity", "yaw_rate")]
     assert delays.many
     assert delays.single == delays.parts

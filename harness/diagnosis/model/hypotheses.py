@@ -26,7 +26,7 @@ ALL_PARAMETERS = "parameters"
 CHANNEL_DELAYS = "channel_delays"
 """Name of the hypothesis that the channels of the recording have clocks of their own."""
 
-_LATE = ("steering_delay", "sensor_delay")
+_LATE = ("steering_delay", "speed_delay", "sensor_delay")
 """Effects that say so of one channel each."""
 
 
