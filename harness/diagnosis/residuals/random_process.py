@@ -19,23 +19,37 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FARTHER, WHITE
+from harness.diagnosis.fitting.noise_search import climb
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.identification.contract import Problem
+from harness.identification.coordinates import (
+    Coordinate,
+    Coordinates,
+    measurement_coordinates,
+    parameter_coordinate,
+    process_coordinates,
+)
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
 from harness.identification.judgement import judged_on
-from harness.identification.methods.likelihood import Settings, identify
+from harness.identification.objective import LogPosterior
+from harness.identification.signal_noise import signal_noise
 from harness.identification.whiteness import Whiteness
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.contracts import Parameter
 
-_SEARCH = {"profiles": False, "iterations": 15, "annealings": 1}
-"""The model was fitted before, so the search with the process starts near the maximum."""
+_CLIMB = 12
+"""Most steps of a fit; from the likeliest value of a grid."""
+
+_ENOUGH = 1.0
+"""Gain in log-likelihood of a step at which it ends; what is accepted gains dozens."""
+
+_LEAST = 1e-6
+"""Share of its upper bound below which no intensity is sought: the process is as good as absent there."""
 
 
 @dataclass(frozen=True)
@@ -134,18 +148,21 @@ def _changed(spec: ModelSpec, name: str) -> set[str]:
 
 
 def _grown(trace: Trace, spec: ModelSpec, name: str) -> _Grown | None:
-    """Return a model with a process more, all fitted with the free parameters and noise, if it becomes likelier."""
+    """Return a model with a process more if it becomes likelier; the processes are fitted with all noise variances.
+
+    The vehicle's parameters stay as they are: what wanders slowly hardly moves them, and a filter with every delay and
+    every process as states is slow to differentiate.
+    """
     parameters = _parameters(name)
     larger = _with(trace, spec, name)
     processes = [n for n in larger.effects if getattr(load_effect(n), "NOISE", None)]
-    names = tuple(p.name for n in processes for p in _parameters(n))
     filters = Innovations(larger, jobs=trace.fitting.augmented.jobs)
     here, there = (
         tuple(_own(d, trace.fitting.augmented, filters) for d in drives)
         for drives in (trace.fitting.drives, trace.held_out.drives)
     )
     filters.spec = _first(filters, here, parameters)
-    fit = identify(Problem(filters, here, (*trace.free, *names)), Settings.model_validate(_SEARCH))
+    fitted, errors = _fitted(filters, here, [p for n in processes for p in _parameters(n)])
     absent = {p.name: p.neutral for p in parameters if p.neutral is not None}
     without = replace(
         filters.spec,
@@ -153,7 +170,7 @@ def _grown(trace: Trace, spec: ModelSpec, name: str) -> _Grown | None:
         process_noise={**filters.spec.process_noise, **spec.process_noise},
         measurement_noise=spec.measurement_noise,
     )
-    with_it, without_it = Candidates.of(fit.spec), Candidates.of(without)
+    with_it, without_it = Candidates.of(fitted), Candidates.of(without)
     before, after = (judged_on(filters, there, held) for held in (without_it, with_it))
     gain = float((filters.log_likelihoods(here, with_it) - filters.log_likelihoods(here, without_it))[0])
     held_out_gain = sum(d.log_likelihood for d in after) - sum(d.log_likelihood for d in before)
@@ -162,14 +179,42 @@ def _grown(trace: Trace, spec: ModelSpec, name: str) -> _Grown | None:
     own = tuple(p.name for p in parameters)
     return _Grown(
         Hypothesis(name, "effect", tuple(absent), tuple(n for n in own if n not in absent)),
-        fit.spec,
-        {n: fit.estimate(n).error for n in names},
+        fitted,
+        errors,
         gain,
         held_out_gain,
         tuple(w for d in before for w in d.whiteness),
         tuple(w for d in after for w in d.whiteness),
         expected_excess(filters, there, with_it, trace.held_out.variances),
     )
+
+
+def _fitted(
+    filters: Innovations, drives: Sequence[Drive], parameters: Sequence[Parameter]
+) -> tuple[ModelSpec, dict[str, float]]:
+    """Return the model with the likeliest parameters of its processes and noise, and standard errors of the former."""
+    spec = filters.spec
+    names = spec.model().parameter_names
+    variances = np.array([spec.measurement_noise[n] for n in spec.model().outputs])
+    moved = (
+        *(_logarithm(p, names.index(p.name), spec.values[p.name]) for p in parameters),
+        *process_coordinates(spec),
+        *measurement_coordinates(spec, variances, signal_noise(drives)),
+    )
+    space = Coordinates(spec, names, moved, [Candidates.of(spec)])
+    objective = LogPosterior(filters, drives, space)
+    value = float(objective.values(space.centre[:, None])[0])
+    z, curvature = climb(objective, space.centre, value, 0, _CLIMB, _ENOUGH)
+    known = curvature.values[: len(parameters)]
+    shares = np.where(known > 0, 1.0 / np.sqrt(np.where(known > 0, known, 1.0)), math.inf)
+    found = space.fitted(z)
+    return found, {p.name: float(found.values[p.name] * e) for p, e in zip(parameters, shares, strict=True)}
+
+
+def _logarithm(p: Parameter, row: int, value: float) -> Coordinate:
+    """Return the logarithm of a parameter as a coordinate, also of one that may be zero."""
+    least = max(p.lower, _LEAST * p.upper)
+    return parameter_coordinate(replace(p, lower=least), row, value)
 
 
 def _parameters(name: str) -> tuple[Parameter, ...]:
