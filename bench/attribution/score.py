@@ -134,7 +134,7 @@ def score(folder: Path) -> Scored:
         recording,
         any({accepted.get(n) for n in names} >= set(accepted.values()) for names in _sets(traced)),
         len(_sets(traced)),
-        _wrong(traced, accepted),
+        _wrong(traced, {*accepted, *(f["name"] for f in sealed.get("recording", []))}),
     )
 
 
@@ -183,14 +183,14 @@ def _plain(h: Mapping[str, str]) -> str:
     return _PARAMETER + h["name"] if h["kind"] == "parameter" else split(h["name"])[0]
 
 
-def _wrong(traced: Mapping[str, Any], accepted: Container[str]) -> float:
+def _wrong(traced: Mapping[str, Any], there: Container[str]) -> float:
     """Return the largest probability of an effect that is not there, whatever its place."""
     if not traced.get("posterior"):
         return math.nan
     found: dict[str, float] = {}
     for h in traced["posterior"]["hypotheses"]:
-        if h["kind"] == "effect" and _plain(h) not in accepted:
-            found[_plain(h)] = found.get(_plain(h), 0.0) + h["probability"]
+        if h["kind"] == "effect" and _plain(h) not in there:
+            found[_plain(h)] = min(1.0, found.get(_plain(h), 0.0) + h["probability"])  # it may be at several places
     return max(found.values(), default=0.0)
 
 

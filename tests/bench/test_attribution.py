@@ -52,12 +52,15 @@ def added(name, **values):
     return {"effect": name, "parameters": {n: {"value": v} for n, v in values.items()}}
 
 
-def case(folder, kind="effect", true=(), excess=(4.0, 0.0), oracle=None, magnitude="medium", repeat=0, **traced):
+def case(
+    folder, kind="effect", true=(), excess=(4.0, 0.0), oracle=None, magnitude="medium", repeat=0, recording=(), **traced
+):
     """Write what a traced case leaves behind, score it, and return that."""
     name = f"semitrailer-{'+'.join(e['name'] for e in true) or kind}" + (f"-{magnitude}" if magnitude else "")
     verdict = {"none": "adequate", "parameters": "adequate", "unlisted": "unresolved"}.get(kind, "amended")
     sealed = {"case": name, "repeat": repeat, "vehicle": "semitrailer", "kind": kind, "expected_verdict": verdict}
     sealed |= {"effects": list(true), "parameters": {}, "noise": {"yaw_rate_tractor": 0.003}}
+    sealed |= {"recording": list(recording)}
     trace = {"verdict": "amended", "added": [], "parameters": [], "confusable": None, "candidates": []}
     trace |= {"excess": {"before": excess[0], "after": excess[1]}} | traced
     own = folder / f"{name}-{repeat}"
@@ -115,6 +118,17 @@ def test_the_places_of_a_wrong_effect_count_together_and_parameters_do_not(tmp_p
     assert math.isnan(case(tmp_path, "unlisted", [effect()], repeat=1).wrong)
     (row,) = (r for r in numbers([scored]).splitlines() if "no wrong name" in r)
     assert "0 of 1" in row
+
+
+def test_a_fault_that_the_recording_has_is_neither_a_claim_nor_a_wrong_name(tmp_path):
+    recording = [{"name": "sensor_delay", "place": "yaw_rate_tractor"}, {"name": "speed_delay", "place": "speed"}]
+    named = [{**added("sensor_delay"), "place": "yaw_rate_tractor"}, {**added("speed_delay"), "place": None}]
+    found = [{"name": h["effect"], "kind": "effect", "probability": 1.0} for h in named]
+    scored = case(tmp_path, "none", recording=recording, added=named, posterior={"hypotheses": found})
+    assert (scored.right, scored.claimed, scored.recording) == (True, (), ("sensor_delay", "speed_delay"))
+    assert (scored.verdict, scored.wrong) == ("adequate", 0.0)
+    other = [{**added("sensor_delay"), "place": "yaw_rate_trailer"}]
+    assert not case(tmp_path, "none", recording=recording, added=other, repeat=1).right
 
 
 def test_a_parameter_counts_for_an_effect_only_where_the_seal_says_so(tmp_path):
