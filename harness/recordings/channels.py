@@ -16,6 +16,7 @@ from harness.recordings.channel_map import Channel, ChannelMap
 from harness.recordings.clock import Clock, check_clock, spikes, updates
 from harness.recordings.readers import Table
 from harness.recordings.resample import segments
+from harness.recordings.steady_clock import steadied
 
 _NO_MEASUREMENT = 1e30
 """From here on a number is no measurement in any unit: what programs write for a missing one (the largest of its type),
@@ -110,6 +111,8 @@ def _clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> C
         clock = check_clock(table.columns[named] * seconds, f"{file}: '{named}'")
         stamps = clock.time[0] + factor * (clock.time - clock.time[0]) + offset
         clock = replace(clock, time=stamps, step=factor * clock.step)
+        read = {c.channel for c in channels.channels} & set(table.columns)
+        clock = steadied(clock, [table.columns[name].astype(float) for name in sorted(read)])
     elif np.isfinite(channels.rate):
         clock = Clock(np.arange(rows) / channels.rate, np.arange(rows), 1 / channels.rate, ())
     else:
