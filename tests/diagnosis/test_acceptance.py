@@ -11,7 +11,6 @@ from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.verdict import verdict_of
 from harness.diagnosis.selection.acceptance import (
     Candidate,
-    Round,
     decide,
     lookalikes,
     passes_except_error,
@@ -19,7 +18,6 @@ from harness.diagnosis.selection.acceptance import (
     with_further,
     with_sensor,
 )
-from harness.diagnosis.selection.forward_selection import _Search
 from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 
@@ -218,31 +216,6 @@ def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
     assert spared(many, steer, inertia, lag, delay) == []
 
 
-def test_parameters_take_the_place_of_an_effect_that_resembles_their_sum():
-    gain, mass, inertia, cog, many = (
-        Hypothesis(n, k, (n,))
-        for n, k in (("gain", "effect"), *((p, "parameter") for p in ("mass", "inertia", "cog", ALL_PARAMETERS)))
-    )
-
-    def found(added, *others):
-        candidates = tuple(SimpleNamespace(hypothesis=h) for h in (added, *others))
-        return Round(candidates, None, candidates[0], "", tuple(h.name for h in (added, *others)))
-
-    rounds = [found(gain, mass, cog), found(mass, many, inertia), Round((), None, None, "", ())]
-    lost = {inertia: 30.0, cog: -10.0}
-
-    def without(added, rest, best):
-        return rest, lost[rest[-1]]
-
-    augmented = SimpleNamespace(share=lambda work, tasks: [work(t) for t in tasks])
-    search = _Search(SimpleNamespace(say=lambda _: None, without=without, augmented=augmented), 5)
-    instead = search._parameters_instead
-    assert instead((gain, mass), "best", rounds) == ((mass, inertia), (mass, inertia))  # the drives tell cog from mass
-    lost[inertia] = 70.0
-    assert instead((gain, mass), "best", rounds) == ((gain, mass), "best")
-    assert instead((mass, gain), "best", rounds) == ((mass, gain), "best")  # it was not the first to be taken
-
-
 def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
     gain, inertia = Hypothesis("sensor_gain", "effect", ("gain",)), Hypothesis("inertia", "parameter", ("inertia",))
     held_out = SimpleNamespace(log_likelihood=30.0)
@@ -256,7 +229,7 @@ def test_what_took_the_place_of_an_effect_says_how_sure_that_is():
 
     assert [line.split(":")[0] for line in certainty(gain)] == ["sensor gain"]
     (line,) = certainty(inertia)
-    assert line.startswith("inertia: explains as much as sensor gain, to 50 units of BIC")
+    assert line.startswith("inertia: takes the place of sensor gain; likelier by")
 
 
 def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():

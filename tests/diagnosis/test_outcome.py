@@ -153,9 +153,9 @@ def test_what_was_dropped_and_left_no_stand_in_is_told():
         rounds = [SimpleNamespace(added=SimpleNamespace(hypothesis=h), reason="passes") for h in (dropped, kept)]
         return _rounds(SimpleNamespace(trace=SimpleNamespace(rounds=rounds, dropped=(dropped,), added=added)))[-1]
 
-    assert told(kept) == told() == "Without roll steer the rest explains as much."
+    assert told(kept) == told() == "Without roll steer the rest is likelier."
     mass = Hypothesis("mass", "parameter", ("mass",))
-    assert told(kept, mass) == "A wrong mass explains as much as roll steer, and takes its place."
+    assert told(kept, mass) == "In place of roll steer stands what is likelier: mass."
 
 
 def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):
@@ -167,7 +167,7 @@ def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):
     dropped = dataclasses.replace(trace, rounds=(first, *trace.rounds), dropped=(lag,))
     text, record = reported(outcome_of(dropped, failures=Failures(tmp_path)), tmp_path)
     assert record["not_made"] == []
-    assert "Without steering lag the rest explains as much." in text
+    assert "Without steering lag the rest is likelier." in text
 
 
 def test_a_model_that_leaves_its_range_has_a_report(trace, tmp_path):

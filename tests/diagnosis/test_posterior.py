@@ -13,6 +13,7 @@ from harness.diagnosis.criteria import ODDS, PRIOR
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.augmented_model import Ahead
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
+from harness.diagnosis.selection import model_comparison as comparison
 from harness.diagnosis.selection import posterior as p
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.priors import kind_of, log_odds, log_size
@@ -216,3 +217,48 @@ def test_a_horizon_begins_again_where_the_filter_is(augmented, predicted):
         assert found.densities[first, column] == pytest.approx(found.densities[first, 0], rel=1e-12)
         assert not np.allclose(found.densities[first + 5, column], found.densities[first + 5, 0], rtol=1e-6)
     assert np.isfinite(drive.measurements).all()
+
+
+def test_what_was_added_stays_where_it_is_likely(monkeypatch):
+    """A search among neighbours: an addition less, or another one in its place."""
+    gain, mass, inertia, cog, lag = (
+        Hypothesis(n, k, (n,))
+        for n, k in (("gain", "effect"), *((p, "parameter") for p in ("mass", "inertia", "cog")), ("lag", "effect"))
+    )
+    monkeypatch.setattr(comparison, "acts_alike", lambda one, other: True)
+    monkeypatch.setattr(comparison, "cosine", lambda one, other: 0.95)
+    monkeypatch.setattr(comparison, "_without", lambda fits, point, h, rest: point)
+
+    def tried(*names):
+        candidates = [
+            SimpleNamespace(hypothesis=h, fitted=h if i == 0 else None, bic=-i, score=SimpleNamespace(excited=True))
+            for i, h in enumerate(names)
+        ]
+        return SimpleNamespace(candidates=candidates, added=candidates[0])
+
+    rounds = [tried(gain, lag), tried(mass, inertia, cog)]
+
+    def found(likely, *added):
+        models = {frozenset(added): (added, SimpleNamespace(point=None))}
+
+        def fit(a, point):
+            models[frozenset(a)] = a, SimpleNamespace(point=None)
+
+        augmented = SimpleNamespace(share=lambda work, tasks: [work(t) for t in tasks])
+        fits = SimpleNamespace(models=models, fit=fit, start=lambda base, score: base, augmented=augmented, say=print)
+
+        def compared(fits, rounds, known):
+            order = sorted(fits.models.values(), key=lambda m: -likely.get(frozenset(m[0]), 0.0))
+            return SimpleNamespace(
+                models=[SimpleNamespace(added=[SimpleNamespace(hypotheses=(h,)) for h in m[0]]) for m in order]
+            )
+
+        monkeypatch.setattr(comparison, "_compared", compared)
+        return set(comparison.likeliest(fits, rounds, added, SimpleNamespace(point=None))[0])
+
+    both, instead, alone = (frozenset(x) for x in ((gain, mass), (mass, inertia), (lag,)))
+    assert found({both: 0.9, instead: 0.1}, gain, mass) == both
+    assert found({both: 0.3, instead: 0.6}, gain, mass) == instead
+    assert found({both: 0.3, frozenset([gain]): 0.4, alone: 0.5}, gain, mass) == alone  # two steps away
+    assert found({frozenset(): 0.1, frozenset([gain]): 0.2}, gain) == {gain}
+    assert found({frozenset(): 0.3, frozenset([gain]): 0.2}, gain) == set()

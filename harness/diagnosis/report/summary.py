@@ -107,8 +107,8 @@ def _certainty(outcome: Outcome) -> list[str]:
     if instead := _in_place(outcome.trace):
         names = listed([called(h.name) for h in outcome.trace.dropped])
         found += [
-            f"{called(h.name)}: explains as much as {names}, to {BIC_NEEDED:.0f} units of BIC on the fitted drives, "
-            "and takes its place; these drives hardly distinguish them"
+            f"{called(h.name)}: takes the place of {names}; likelier by what the held-out drives say and by what was "
+            "known before, as “how likely” shows"
             for h in instead
         ]
     if (process := outcome.where.random_process) is not None:
@@ -162,13 +162,13 @@ def _rounds(outcome: Outcome) -> list[str]:
     if outcome.trace.dropped:
         names = listed([called(h.name) for h in outcome.trace.dropped])
         if instead := [called(h.name) for h in _in_place(outcome.trace)]:
-            sentences.append(f"A wrong {listed(instead)} explains as much as {names}, and takes its place.")
+            sentences.append(f"In place of {names} stands what is likelier: {listed(instead)}.")
         else:
-            sentences.append(f"Without {names} the rest explains as much.")
+            sentences.append(f"Without {names} the rest is likelier.")
     return sentences
 
 
 def _in_place(trace: Trace) -> list[Hypothesis]:
-    """Return what no round added: parameters that took the place of an effect."""
+    """Return what no round added: it took the place of something."""
     rounds = {h for r in trace.rounds if r.added is not None for h in r.added.hypothesis.single}
     return [h for h in trace.added if h not in rounds]

@@ -101,14 +101,3 @@ class CandidateFits:
             less[rows] = point.values[rows] + share * (values[rows] - point.values[rows])
             starts.append(replace(point, values=less))
         return self.fitting.best([*starts[1:], *self.on_grids(starts[0], h.amplitudes)])
-
-    def without(self, added: Added, rest: Added, best: Fitted) -> tuple[Fitted, float]:
-        """Return the model with some of its additions only, and what it loses in BIC."""
-        kept = {n for k in rest for n in (*k.shared, *k.change_times)}
-        gone = {n for h in added for n in (*h.shared, *h.change_times)} - kept
-        values, rows = best.point.values.copy(), [self.augmented.row(n) for n in gone]
-        values[rows] = self.augmented.stated()[rows, None]
-        starts = self.on_grids(replace(best.point, values=values), [n for h in rest for n in h.amplitudes])
-        fitted = self.fit_near(rest, self.fitting.best(starts), best.objective)
-        freed = len(best.coordinates) - len(fitted.coordinates)
-        return fitted, self.bic(best.objective - fitted.objective, freed)

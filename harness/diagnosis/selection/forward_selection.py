@@ -1,4 +1,4 @@
-"""Find what a model lacks: forward selection over everything it may lack, checked backwards at the end.
+"""Find what a model lacks: forward selection over everything it may lack; what is likely of it stays.
 
 In each round (``selection_round``) the score test ranks all hypotheses, the best few are fitted jointly with the
 nominal parameters, and the best of these is added if it meets three criteria: the Bayes information criterion on the
@@ -15,20 +15,19 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
-from harness.diagnosis.criteria import BIC_NEEDED, ROUNDS, TRIED
+from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.selection.acceptance import Round, with_further
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
-from harness.diagnosis.selection.model_comparison import compared
+from harness.diagnosis.selection.model_comparison import likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.data import Drive
 from harness.identification.signal_noise import white_noise
-from harness.models.quantities import listed
 
 
 @dataclass(frozen=True)
@@ -139,11 +138,10 @@ class _Search:
                 assert r.added is not None
                 assert r.added.fitted is not None
                 added, best = (*added, *r.added.hypothesis.single), r.added.fitted
-        kept, best = self.failures.attempt(
-            "the checks of what was added", lambda: self._checked(added, best, rounds), lambda _: (added, best)
-        )
-        posterior = self.failures.attempt(
-            "the probability of each model", lambda: compared(candidate_fits, rounds, kept, best), lambda _: None
+        kept, best, posterior = self.failures.attempt(
+            "the probability of each model",
+            lambda: likeliest(candidate_fits, rounds, added, best),
+            lambda _: (added, best, None),
         )
         return Trace(
             candidate_fits.fitting,
@@ -170,11 +168,6 @@ class _Search:
         self.cut_short = f"it could not be computed: {why}"
         return None, []
 
-    def _checked(self, added: Added, best: Fitted, rounds: Sequence[Round]) -> tuple[Added, Fitted]:
-        """Return what stays of all additions, and with what in the place of some, fitted."""
-        kept, fitted = self._backward(added, best)
-        return self._parameters_instead(kept, fitted, rounds)
-
     def _passed(self, tried: SelectionRound) -> list[Round]:
         """Return a round; if its best candidate is hopeful, with the next one if that adds something to it.
 
@@ -192,57 +185,3 @@ class _Search:
             if further.added is not None:
                 return [with_further(found, further), further]
         return [found if found.added is not None else tried.decided_by_sensor(room)]
-
-    def _backward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
-        """Remove what the later additions made redundant: all but one of them, or one after the other.
-
-        What is missing may have been taken for something else at first, and for the rest of it thereafter.
-        """
-        if len(added) > 1:
-            self.candidate_fits.say(f"is one of {listed([h.name.replace('_', ' ') for h in added[1:]])} enough?")
-        for h, (alone, lost) in zip(added[1:], self._without(added, [(h,) for h in added[1:]], best), strict=True):
-            if lost < BIC_NEEDED:
-                return (h,), alone
-        for h in added if len(added) > 2 else ():  # without one of two the other would be alone
-            rest = tuple(k for k in added if k != h)
-            self.candidate_fits.say(f"is {h.name.replace('_', ' ')} still needed?")
-            without, lost = self.candidate_fits.without(added, rest, best)
-            if lost < BIC_NEEDED:
-                added, best = rest, without
-        return added, best
-
-    def _without(self, added: Added, rests: Sequence[Added], best: Fitted) -> list[tuple[Fitted, float]]:
-        """Return the model with only some of its additions, for several choices at once, and what each loses in BIC."""
-        fits = self.candidate_fits
-        return fits.augmented.share(lambda rest: fits.without(added, rest, best), rests)
-
-    def _parameters_instead(self, added: Added, best: Fitted, rounds: Sequence[Round]) -> tuple[Added, Fitted]:
-        """Put a wrong parameter in place of an effect if it explains as much together with those added thereafter.
-
-        Of several wrong parameters none alone reaches an effect that resembles their sum; what that leaves is then
-        taken for one of them.
-        """
-        for i, h in enumerate(added):
-            rest = tuple(k for k in added if k != h)
-            if h.kind != "effect" or all(k.kind != "parameter" for k in added[i + 1 :]):
-                continue
-            parameters = _stand_ins(rounds, added)[:TRIED]
-            if not parameters:
-                continue
-            names = [p.name.replace("_", " ") for p in parameters]
-            self.candidate_fits.say(f"may {listed(names)} stand for {h.name.replace('_', ' ')}?")
-            fits = self._without(added, [(*rest, p) for p in parameters], best)
-            p, (fitted, lost) = min(zip(parameters, fits, strict=True), key=lambda item: item[1][1])
-            if lost < BIC_NEEDED:
-                return (*rest, p), fitted
-        return added, best
-
-
-def _stand_ins(rounds: Sequence[Round], added: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return parameters that the drives hardly distinguish from those that were added, the best of each round first."""
-    found: dict[Hypothesis, None] = {}
-    for r in rounds:
-        if r.added is not None and r.added.hypothesis in added and r.added.hypothesis.kind == "parameter":
-            alike = [c.hypothesis for c in r.candidates if c.hypothesis.name in r.alike]
-            found |= {h: None for h in alike if h.kind == "parameter" and h.name != ALL_PARAMETERS and h not in added}
-    return list(found)

@@ -1,7 +1,9 @@
 """Compare all models that a trace has fitted: gather them, predict the held-out drives with each, weigh them.
 
-What acts like an addition and was not fitted in its place, because it promised less, is fitted here: a hypothesis that
-was not tried has no probability.
+What acts like an addition and was not fitted in its place, because it promised less, is fitted here, and so is the
+model without it: a hypothesis that was not tried has no probability. What was added stays where it is likely. Later
+additions make earlier ones redundant, or what was missing was taken for something else at first and for the rest of it
+thereafter: a search among the neighbours, each with an addition less or another one in its place, finds the likeliest.
 """
 
 from __future__ import annotations
@@ -48,19 +50,42 @@ class _Predicted:
     blocks: Floats
 
 
-def compared(fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted) -> Posterior:
-    """Return how likely every model of a trace is.
+def likeliest(
+    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted
+) -> tuple[Added, Fitted, Posterior]:
+    """Return what of the additions stays or takes their place, its fit, and how likely every model of a trace is.
 
     Args:
         fits: With all models that were fitted.
         rounds: Of the selection.
-        added: What the final model has.
-        best: Its fit.
+        added: What they added.
+        best: The fit with all of it.
     """
-    _fit_alternatives(fits, rounds, added, best)
+    known: dict[int, _Predicted] = {}
+    seen: set[frozenset[Hypothesis]] = set()
+    while True:
+        seen.add(frozenset(added))
+        _fit_alternatives(fits, rounds, added, best)
+        posterior = _compared(fits, rounds, known)
+        models = [fits.models[frozenset(a.hypotheses[0] for a in m.added)] for m in posterior.models]
+        kept, fitted = next(m for m in models if _neighbours(m[0], added))
+        if frozenset(kept) in seen:
+            return added, best, posterior
+        added, best = kept, fitted
+
+
+def _neighbours(one: Added, added: Added) -> bool:
+    """Whether a model is another one, or has one addition less, which something that is single may replace."""
+    lost, new = set(added) - set(one), set(one) - set(added)
+    return len(new) <= len(lost) <= 1 and not any(h.many for h in new)
+
+
+def _compared(fits: CandidateFits, rounds: Sequence[Round], known: dict[int, _Predicted]) -> Posterior:
+    """Return how likely every model is that was fitted; ``known`` keeps what each predicts, by its fit."""
     fits.say("how likely is each model?")
-    models = list(fits.models.values())
-    predicted = fits.augmented.share(lambda model: _predicted(fits, *model), models)
+    models = [m for m in fits.models.values() if id(m[1]) not in known]
+    known |= {id(p.fitted): p for p in fits.augmented.share(lambda model: _predicted(fits, *model), models)}
+    predicted = [known[id(fitted)] for _, fitted in fits.models.values()]
     blocks = np.array([p.blocks for p in predicted])
     possible = np.isfinite(blocks).all(axis=1).any(axis=0)  # at this horizon at least one model can be driven
     odds = log_odds(hypotheses(fits.augmented, fits.free))
@@ -147,13 +172,25 @@ def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added
         rest = tuple(k for k in added if k != h)
         base = _without(fits, best.point, h, rest)
         choices = {rest: base}
-        own = _tried(h, rounds)
-        for c in [] if own is None else _like(*own, rest)[:TRIED]:
+        for c in _stand_ins(rounds, h, rest):
             choices[*rest, c.hypothesis] = fits.start(base, c.score)
         open_ |= {frozenset(a): (a, p) for a, p in choices.items() if frozenset(a) not in fits.models}
     if open_:
         fits.say("fitting what may stand in the place of what was found")
         fits.augmented.share(lambda choice: fits.fit(*choice), open_.values())
+
+
+def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added) -> list[Candidate]:
+    """Return what may stand in the place of an addition.
+
+    Of several wrong parameters none alone reaches an effect that resembles their sum, and what that leaves is then
+    taken for one of them: so what acts like that one may stand in the place of the effect.
+    """
+    found = [] if (own := _tried(h, rounds)) is None else _like(*own, rest)[:TRIED]
+    for p in rest if h.kind == "effect" else ():
+        if p.kind == "parameter" and (its := _tried(p, rounds)) is not None:
+            found += [c for c in _like(*its, rest) if c.hypothesis.kind == "parameter"][:TRIED]
+    return found
 
 
 def _like(r: Round, own: Candidate, rest: Added) -> list[Candidate]:
