@@ -1,8 +1,9 @@
 """Measured drives: ``load_recording`` turns a file and a channel map into the recording that a simulation writes.
 
-The parts: ``channel_map`` reads the map, ``channels`` finds the channels, ``clock`` checks their samples, ``resample``
-brings them onto one time base, ``lever_arm`` to one reference point, ``derived_signals`` computes what is not measured,
-``kinematic_smoother`` takes the noise from a signal and finds its rate,
+The parts: ``channel_map`` reads the map, ``channels`` finds the channels, ``clock`` checks their samples,
+``steady_clock`` takes the jitter from their stamps, ``resample`` brings them onto one time base, ``lever_arm`` to one
+reference point, ``derived_signals`` computes what is not measured, ``kinematic_smoother`` takes the noise from a signal
+and finds its rate,
 ``redundancy`` and ``consistency`` compare what must agree, ``explain`` finds which ``faults`` explain what does not,
 ``calibration`` what is a little off, ``remedy`` the lines that mend the map, ``geodesy`` places latitude and longitude,
 ``axle_curves`` prepares the tyre curve, ``check`` does all of it and ``check_report`` reports.
