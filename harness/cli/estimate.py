@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -34,6 +35,7 @@ from harness.cli.recorded_options import (
     SubstepsOption,
     UnknownOption,
 )
+from harness.common.errors import UserError
 
 if TYPE_CHECKING:
     from harness.api.estimator import Estimator
@@ -122,8 +124,35 @@ def estimate(
 
 
 def _estimator(text: str) -> Estimator:
-    """Return an estimator that is asked for as ``KIND[,NAME=VALUE...]``."""
+    """Return an estimator that is asked for as ``KIND[,NAME=VALUE...]``; tables and lists are written as in TOML."""
     from harness.api.estimator import Estimator
 
-    kind, *settings = (part.strip() for part in text.split(","))
-    return Estimator(kind, **pairs(settings, f"--estimator {kind},"))
+    kind, *settings = (part.strip() for part in _outside_brackets(text))
+    option = f"--estimator {kind},"
+    return Estimator(kind, **{name: _entry(value, option) for name, value in pairs(settings, option).items()})
+
+
+def _outside_brackets(text: str) -> Iterator[str]:
+    """Split a text at the commas that stand in no brackets."""
+    depth, begin = 0, 0
+    for at, letter in enumerate(text):
+        depth += (letter in "[{") - (letter in "]}")
+        if letter == "," and depth <= 0:
+            yield text[begin:at]
+            begin = at + 1
+    yield text[begin:]
+
+
+def _entry(value: Any, option: str) -> Any:
+    """Return a setting; a text in brackets is a list or table of TOML."""
+    import tomllib
+
+    if not isinstance(value, str) or not value.startswith(("[", "{")):
+        return value
+    try:
+        return tomllib.loads(f"entry = {value}")["entry"]
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(
+            f"{option} '{value}': write it as in a study file, texts in quotes, "
+            f'e.g. \'hypotheses={{trailer_mass=["8 t", "24 t"]}}\' ({error})'
+        ) from error

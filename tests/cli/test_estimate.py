@@ -8,7 +8,9 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
+from harness.cli.estimate import _estimator
 from harness.cli.main import app
+from harness.common.errors import UserError
 from harness.recordings.write import write_recording
 from support.identification import CAR, model_of, recorded
 
@@ -151,3 +153,14 @@ def test_tune_needs_a_study_or_recordings(tmp_path):
     assert "harness tune STUDY --drives" in " ".join(done.output.split())
     done = run("tune", "--data", "lap.csv", "--out", tmp_path / "tuned.toml")
     assert "--data needs --model" in " ".join(done.output.split())
+
+
+def test_settings_of_an_estimator_may_be_tables_and_lists():
+    text = 'imm, hypotheses={mass=["1 t", "2 t"], friction=[0.3,1.0]},dwell=60 s'
+    asked = _estimator(text)
+    assert (asked.kind, asked.settings) == (
+        "imm",
+        {"hypotheses": {"mass": ["1 t", "2 t"], "friction": [0.3, 1.0]}, "dwell": "60 s"},
+    )
+    with pytest.raises(UserError, match=r"--estimator imm, .*: write it as in a study file"):
+        _estimator("imm,hypotheses={mass=(8 t)}")

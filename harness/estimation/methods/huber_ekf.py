@@ -1,11 +1,12 @@
-"""Extended Kalman filter that bounds the influence of a measurement by Huber's loss (Huber 1964; Karlgaard 2015).
+"""Extended Kalman filter that bounds the influence of a measurement by Huber's loss (Huber 1964).
 
 The correction of the EKF is the least-squares solution of prior and measurements. Here a measurement whose residual
 ``e`` is larger than ``k`` standard deviations counts with ``k |e|`` in place of its square (Huber 1964), so the minimum
 of ``(x - x^-)' P^-1 (x - x^-) / 2 + sum rho(e_a / sqrt(R_a))`` is sought. It is found by least squares with weights
-``w_a = min(1, k sqrt(R_a) / |e_a|)`` from the last iterate (Karlgaard 2015, 3), which is a correction with the variance
-``R_a / w_a``. The prior keeps its quadratic loss: it is the sensors that are distrusted. Sensors fail one by one, so
-each measurement has a weight of its own. Where every residual is small it is the EKF, bit for bit.
+``w_a = min(1, k sqrt(R_a) / |e_a|)`` from the last iterate, which is a correction with the variance ``R_a / w_a``
+(Karlgaard and Schaub 2007, who weigh the prior too). Here the prior keeps its quadratic loss: it is the sensors that
+are distrusted. Sensors fail one by one, so each measurement has a weight of its own. Where every residual is small it
+is the EKF, bit for bit.
 """
 
 from __future__ import annotations

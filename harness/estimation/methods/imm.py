@@ -61,7 +61,7 @@ class Settings(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     hypotheses: dict[str, list[str | float]] = Field(
-        default_factory=dict,
+        {},
         description='values of every unknown parameter: { trailer_mass = ["8 t", "16 t", "24 t", "32 t"] }; of several '
         "parameters, each value with each",
     )
