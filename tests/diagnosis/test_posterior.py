@@ -262,3 +262,7 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     assert found({both: 0.3, frozenset([gain]): 0.4, alone: 0.5}, gain, mass) == alone  # two steps away
     assert found({frozenset(): 0.1, frozenset([gain]): 0.2}, gain) == {gain}
     assert found({frozenset(): 0.3, frozenset([gain]): 0.2}, gain) == set()
+    late = Hypothesis("steering_delay", "effect", ("steering_delay",))
+    rounds[:] = [tried(late, lag)]
+    assert found({frozenset([late]): 0.1, alone: 0.5}, late) == {late}  # nothing of the vehicle replaces a late channel
+    assert found({frozenset([lag]): 0.1, frozenset(): 0.3}, late) == set()

@@ -63,6 +63,11 @@ class Hypothesis:
         return bool(self.parts) or self.name == ALL_PARAMETERS
 
     @property
+    def clock(self) -> bool:
+        """Whether it is that a channel of the recording is late."""
+        return split(self.name)[0] in _LATE
+
+    @property
     def shared(self) -> tuple[str, ...]:
         """Parameters that all drives share."""
         return self.amplitudes + self.shapes

@@ -64,20 +64,45 @@ def likeliest(
     known: dict[int, _Predicted] = {}
     seen: set[frozenset[Hypothesis]] = set()
     while True:
+        added, best = _lessened(fits, rounds, added, best, known)
         seen.add(frozenset(added))
         _fit_alternatives(fits, rounds, added, best)
         posterior = _compared(fits, rounds, known)
-        models = [fits.models[frozenset(a.hypotheses[0] for a in m.added)] for m in posterior.models]
-        kept, fitted = next(m for m in models if _neighbours(m[0], added))
+        kept, fitted = next(m for m in _ranked(fits, posterior) if _neighbours(m[0], added))
         if frozenset(kept) in seen:
             return added, best, posterior
         added, best = kept, fitted
 
 
+def _lessened(
+    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted, known: dict[int, _Predicted]
+) -> tuple[Added, Fitted]:
+    """Return a model without those of its additions, one after the other, without which it is likelier."""
+    for h in added:
+        rest = tuple(k for k in added if k != h)
+        if frozenset(rest) not in fits.models:
+            fits.say(f"is {h.name.replace('_', ' ')} still needed?")
+            fits.fit(rest, _without(fits, best.point, h, rest))
+        both = (set(added), set(rest))
+        kept, fitted = next(m for m in _ranked(fits, _compared(fits, rounds, known)) if set(m[0]) in both)
+        if set(kept) == set(rest):
+            added, best = kept, fitted
+    return added, best
+
+
+def _ranked(fits: CandidateFits, posterior: Posterior) -> list[tuple[Added, Fitted]]:
+    """Return all models that were fitted, the likeliest first."""
+    return [fits.models[frozenset(a.hypotheses[0] for a in m.added)] for m in posterior.models]
+
+
 def _neighbours(one: Added, added: Added) -> bool:
-    """Whether a model is another one, or has one addition less, which something that is single may replace."""
+    """Whether a model is another one, or has one addition less, which something that is single may replace.
+
+    Nothing replaces a late channel: recordings have clocks of their own, and a lag of the steering that resembles one
+    would be an effect of a vehicle that has none.
+    """
     lost, new = set(added) - set(one), set(one) - set(added)
-    return len(new) <= len(lost) <= 1 and not any(h.many for h in new)
+    return len(new) <= len(lost) <= 1 and not any(h.many for h in new) and not (new and any(h.clock for h in lost))
 
 
 def _compared(fits: CandidateFits, rounds: Sequence[Round], known: dict[int, _Predicted]) -> Posterior:
