@@ -27,7 +27,9 @@ number, the name of a parameter, or the name of a drive's input (its first sampl
 export ``LOADING``, quantities of the load (``Parameter``) from which several of its parameters follow together,
 ``loading(values)``, the load of given parameters, and ``loaded(values, load)``, the parameters that follow, both of
 numbers, arrays and SymPy expressions. A vehicle
-of several bodies exports ``BODIES``, the axles of each, the steered one first. A vehicle with several sets of
+of several bodies exports ``BODIES``, the axles of each, the steered one first. Where axles stand follows from the
+equations; one that knows how far its bodies reach exports ``outline(values)``: by body, where it ends behind (negative)
+and ahead of its CoG and its width, in m. A vehicle with several sets of
 parameters or sensors that fit exports ``USUAL``, which of them a command takes that was not told:
 ``{"parameters": ..., "sensors": ...}``.
 

@@ -6,6 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
+from harness.models.assembly.plan import plan_of
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 from harness.testing.dimensions import assemble_with_units, check_dimensions, check_parameters
@@ -61,9 +62,30 @@ def _check_exports(name: str) -> None:
     require(not both, f"{name}: states and inputs at once: {', '.join(sorted(both))}")
     require(set(file.VALID) <= set(file.STATES), f"{name}: VALID names what is no state")
     require(all(0 < limit < np.inf for limit in file.VALID.values()), f"{name}: VALID must be positive and finite")
+    _check_outline(name)
     first = set(getattr(file, "START_VARIANCE", {}))
     require(first <= set(file.STATES), f"{name}: START_VARIANCE names what is no state")
     require(sets_of(name), f"{name}: no parameter set says VEHICLE = '{name}', so nobody can run it")
+
+
+def _check_outline(name: str) -> None:
+    """Check that bodies that the vehicle has the ends of hold their axles."""
+    file = load("vehicles", name)
+    if not hasattr(file, "outline"):
+        return
+    for fitting in sets_of(name):
+        values = load("parameters", fitting).VALUES
+        plan = plan_of(model(name, tyres_of(name)[0]), file, values)
+        require(plan is not None, f"{name}: outline, but the equations do not say where the axles stand")
+        assert plan is not None
+        strange = sorted(set(file.outline(dict(values))) - set(plan.outlines))
+        require(not strange, f"{name}: outline names {', '.join(strange)}, which BODIES has not")
+        for axle, at in plan.axles.items():
+            ends = plan.outlines[at.body]
+            require(
+                not ends.stated or (ends.back <= at.x <= ends.front and ends.width > 0),
+                f"{name}: axle {axle} lies {at.x:.2f} m ahead of the CoG, outside the outline of {at.body or 'the body'}",
+            )
 
 
 def _check_equations(name: str, tyre: str | None) -> None:

@@ -16,9 +16,9 @@ import sympy as sp
 
 from harness.common import components, registry
 from harness.common.errors import ModelError
-from harness.models.assembly.contexts import Body, EffectContext, TyreContext
+from harness.models.assembly.contexts import EffectContext, TyreContext
 from harness.models.assembly.expressions import any_of, present
-from harness.models.assembly.model import Model, symbol
+from harness.models.assembly.model import Body, Model, symbol
 from harness.models.assembly.placement import (
     Layout,
     Site,
@@ -292,6 +292,7 @@ class Builder:
             discrete=discrete,
             noise=dict(self.noise),
             flags=dict(self.flags),
+            bodies=dict(self._bodies),
         )
 
     def _optional(self, ports: dict[str, sp.Expr]) -> dict[str, sp.Expr]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import sympy as sp
@@ -11,33 +10,9 @@ import sympy as sp
 from harness.common import registry
 from harness.common.errors import ModelError
 from harness.models.assembly.expressions import present
-from harness.models.assembly.model import symbol
+from harness.models.assembly.model import Body, symbol
 from harness.models.assembly.placement import Layout, Site, suffix
 from harness.models.contracts import Parameter
-
-
-@dataclass(frozen=True)
-class Body:
-    """What effects may ask of a rigid body; all expressions in SI.
-
-    Attributes:
-        speed: Longitudinal velocity of the CoG in m/s.
-        lateral_velocity: Lateral velocity of the CoG in m/s.
-        yaw_rate: rad/s.
-        mass: kg; ``None`` where the vehicle's equations have none.
-        wheelbase: m, between the points that carry the body.
-    """
-
-    speed: sp.Expr
-    lateral_velocity: sp.Expr
-    yaw_rate: sp.Expr
-    mass: sp.Expr | None
-    wheelbase: sp.Expr
-
-    @property
-    def centripetal_acceleration(self) -> sp.Expr:
-        """Yaw rate times speed in m/s^2: the lateral acceleration of quasi-steady driving, known without any force."""
-        return self.yaw_rate * self.speed
 
 
 class PartialModel(Protocol):

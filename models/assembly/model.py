@@ -17,6 +17,30 @@ def symbol(name: str) -> sp.Symbol:
     return sp.Symbol(name, real=True)
 
 
+@dataclass(frozen=True)
+class Body:
+    """How a rigid body moves, which effects may ask; all expressions in SI.
+
+    Attributes:
+        speed: Longitudinal velocity of the CoG in m/s.
+        lateral_velocity: Lateral velocity of the CoG in m/s.
+        yaw_rate: rad/s.
+        mass: kg; ``None`` where the vehicle's equations have none.
+        wheelbase: m, between the points that carry the body.
+    """
+
+    speed: sp.Expr
+    lateral_velocity: sp.Expr
+    yaw_rate: sp.Expr
+    mass: sp.Expr | None
+    wheelbase: sp.Expr
+
+    @property
+    def centripetal_acceleration(self) -> sp.Expr:
+        """Yaw rate times speed in m/s^2: the lateral acceleration of quasi-steady driving, known without any force."""
+        return self.yaw_rate * self.speed
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """A complete set of equations: ``dx/dt = f(x, u, p)``, or ``x(n+1) = f(x, u, p)``; ``y = h(x, u, p)``.
@@ -46,6 +70,7 @@ class Model:
         within: States of parameters, which are the last ones, each brought within the bounds of its parameter.
         considered: Those of them whose uncertainty is reckoned with and whose value is left alone.
         relative: Those of them that are logarithms.
+        bodies: How each body moves, as far as the vehicle says it.
     """
 
     name: str
@@ -69,6 +94,7 @@ class Model:
     within: dict[str, sp.Expr] = field(default_factory=dict)
     considered: tuple[str, ...] = ()
     relative: tuple[str, ...] = ()
+    bodies: dict[str, Body] = field(default_factory=dict)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

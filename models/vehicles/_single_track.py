@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import sympy as sp
 
-from harness.models.assembly.contexts import Body
 from harness.models.assembly.expressions import larger
+from harness.models.assembly.model import Body
 from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from harness.models.assembly.contexts import Body
 from harness.models.assembly.expressions import larger
+from harness.models.assembly.model import Body
 from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:

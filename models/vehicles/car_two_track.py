@@ -28,9 +28,8 @@ from typing import TYPE_CHECKING
 
 import sympy as sp
 
-from harness.models.assembly.contexts import Body
 from harness.models.assembly.expressions import larger, smaller
-from harness.models.assembly.model import symbol
+from harness.models.assembly.model import Body, symbol
 from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:

@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, Any
 import sympy as sp
 
 from harness.common.errors import ModelError
-from harness.models.assembly.contexts import Body
 from harness.models.assembly.expressions import larger
-from harness.models.assembly.model import symbol
+from harness.models.assembly.model import Body, symbol
 from harness.models.contracts import Parameter
 
 if TYPE_CHECKING:
@@ -181,6 +180,12 @@ def check(values: dict[str, float]) -> list[tuple[str, str]]:
 def wheelbase(values: dict[str, float]) -> float:
     """Return the wheelbase of the steered body in m (for the limits of the drives)."""
     return values["tractor_cog_to_front_axle"] + values["tractor_cog_to_rear_axle"]
+
+
+def outline(values: dict[str, float]) -> dict[str, tuple[float, float, float]]:
+    """Return where a body ends behind and ahead of its CoG and its width, in m; the source has those of the trailer."""
+    cog = values["trailer_cog_from_rear"]
+    return {"trailer": (-cog, values["trailer_length"] - cog, values["trailer_track"])}
 
 
 def equations(v: Builder) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from harness.diagnosis.innovations.disturbance_inputs import disturbance_inputs_of
-from harness.diagnosis.report.vehicle_picture import plan_of
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
 from harness.diagnosis.residuals.regressors import WITHIN, regressors_of, with_quick
@@ -50,13 +49,6 @@ def test_a_gust_is_found_where_it_acts_with_its_force(gusty):
         assert history.mean[during].mean() == pytest.approx(GUST, rel=0.2)
         assert abs(history.mean[before].mean()) < 0.15 * GUST
         assert history.error[during].max() < 0.5 * GUST
-
-
-def test_where_axles_stand_follows_from_the_equations(augmented):
-    plan, values = plan_of(augmented), augmented.spec.values
-    assert plan.axles["front"] == pytest.approx(values["cog_to_front_axle"])
-    assert plan.axles["rear"] == pytest.approx(-values["cog_to_rear_axle"])
-    assert plan.kingpin is None
 
 
 def hardening(seed, augmented, share=0.3, largest=0.015):
