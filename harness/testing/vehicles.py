@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from harness.models.assembly.plan import plan_of
+from harness.models.assembly.plan import Planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 from harness.testing.dimensions import assemble_with_units, check_dimensions, check_parameters
@@ -75,7 +75,7 @@ def _check_outline(name: str) -> None:
         return
     for fitting in sets_of(name):
         values = load("parameters", fitting).VALUES
-        plan = plan_of(model(name, tyres_of(name)[0]), file, values)
+        plan = Planner(model(name, tyres_of(name)[0]), file).plan(values)
         require(plan is not None, f"{name}: outline, but the equations do not say where the axles stand")
         assert plan is not None
         strange = sorted(set(file.outline(dict(values))) - set(plan.outlines))
@@ -84,7 +84,7 @@ def _check_outline(name: str) -> None:
             ends = plan.outlines[at.body]
             require(
                 not ends.stated or (ends.back <= at.x <= ends.front and ends.width > 0),
-                f"{name}: axle {axle} lies {at.x:.2f} m ahead of the CoG, outside the outline of {at.body or 'the body'}",
+                f"{name}: axle {axle} lies {at.x:.2f} m ahead of the CoG, outside the outline of its body",
             )
 
 

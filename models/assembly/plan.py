@@ -86,40 +86,62 @@ class Plan:
         return self.cogs[self.axles[axle].body] + self.axles[axle].x
 
 
-def plan_of(model: Model, vehicle: ModuleType, values: Mapping[str, float]) -> Plan | None:
-    """Return the plan of a vehicle; ``None`` if its equations do not say where its axles stand.
+class Planner:
+    """Reads plans out of the equations of a vehicle, for any values of its parameters.
 
     Args:
-        model: Its equations.
-        vehicle: Its file, for ``BODIES`` and ``outline``.
-        values: Its parameters, SI.
+        model: The equations.
+        vehicle: The vehicle's file, for ``BODIES`` and ``outline``.
     """
-    layout, slopes = Layout.of(vehicle), _Slopes(model, values)
-    if not model.bodies or set(layout.bodies) != set(model.bodies) or len(layout.bodies) > 2:
-        return None
-    own = [f"axle_{axle}" for axle in model.axles]
-    ports = own or [p.removeprefix("slip_angle_") for p in model.ports if p.startswith("slip_angle_")]
-    axles = {}
-    for name in ports:
-        axle = name.removeprefix("axle_")
-        found = slopes.axle(f"slip_angle_{name}", layout.body_of_axle(axle))
-        if found is None:
+
+    def __init__(self, model: Model, vehicle: ModuleType) -> None:
+        self._vehicle, self._layout = vehicle, Layout.of(vehicle)
+        self._axles: dict[str, _AxleSlopes] | None = None
+        self._coupling: list[sp.Expr] = []
+        bodies = self._layout.bodies
+        if not model.bodies or set(bodies) != set(model.bodies) or len(bodies) > 2:
+            return
+        slopes = _Slopes(model)
+        own = [f"axle_{axle}" for axle in model.axles]
+        ports = own or [p.removeprefix("slip_angle_") for p in model.ports if p.startswith("slip_angle_")]
+        axles = {name.removeprefix("axle_"): name for name in ports}
+        found = {a: slopes.axle(f"slip_angle_{n}", self._layout.body_of_axle(a)) for a, n in axles.items()}
+        coupling = [slopes.ahead("constraint_violation", body) for body in bodies] if len(bodies) == 2 else []
+        if found and None not in found.values() and None not in coupling:
+            self._axles = {axle: at for axle, at in found.items() if at is not None}
+            self._coupling = [at for at in coupling if at is not None]
+            wanted = [part for at in self._axles.values() for part in (at.x, at.y, at.steered)] + self._coupling
+            self._symbols = sorted({s for e in wanted for s in e.free_symbols}, key=str)
+            self._numbers = sp.lambdify(self._symbols, wanted, "math")
+
+    def plan(self, values: Mapping[str, float]) -> Plan | None:
+        """Return the plan of the vehicle; ``None`` if its equations do not say where its axles stand.
+
+        Args:
+            values: Its parameters, SI.
+        """
+        if self._axles is None:
             return None
-        axles[axle] = found
-    if not axles:
-        return None
-    coupling = None
-    if len(layout.bodies) == 2:
-        ahead, behind = (slopes.ahead("constraint_violation", body) for body in layout.bodies)
-        if ahead is None or behind is None:
-            return None
-        coupling = ahead, behind
-    stated = vehicle.outline(dict(values)) if hasattr(vehicle, "outline") else {}
-    outlines = {}
-    for i, body in enumerate(layout.bodies):
-        points = [(a.x, a.y) for a in axles.values() if a.body == body] + ([(coupling[i], 0.0)] if coupling else [])
-        outlines[body] = Outline(*stated[body], True) if body in stated else _guessed(points)
-    return Plan(axles, coupling, outlines)
+        numbers = list(map(float, self._numbers(*(values[s.name] for s in self._symbols))))
+        axles = {a: Axle(at.body, *numbers[3 * i : 3 * i + 3]) for i, (a, at) in enumerate(self._axles.items())}
+        coupling = (numbers[-2], numbers[-1]) if self._coupling else None
+        stated = self._vehicle.outline(dict(values)) if hasattr(self._vehicle, "outline") else {}
+        outlines = {}
+        for i, body in enumerate(self._layout.bodies):
+            points = [(a.x, a.y) for a in axles.values() if a.body == body] + ([(coupling[i], 0.0)] if coupling else [])
+            ends = stated.get(body)
+            outlines[body] = Outline(ends[0], ends[1], ends[2], True) if ends else _guessed(points)
+        return Plan(axles, coupling, outlines)
+
+
+@dataclass(frozen=True)
+class _AxleSlopes:
+    """``Axle`` with expressions in the parameters."""
+
+    body: str
+    x: sp.Expr
+    y: sp.Expr
+    steered: sp.Expr
 
 
 def _guessed(points: list[tuple[float, float]]) -> Outline:
@@ -130,21 +152,17 @@ def _guessed(points: list[tuple[float, float]]) -> Outline:
 
 
 class _Slopes:
-    """Slopes of ports at straight driving."""
+    """Slopes of ports at straight driving, as expressions in the parameters."""
 
-    def __init__(self, model: Model, values: Mapping[str, float]) -> None:
+    def __init__(self, model: Model) -> None:
         self._model = model
-        self._numbers = {symbol(n): 0.0 for n in (*model.states, *model.inputs, *model.flags, "time")}
-        self._numbers |= {symbol(n): float(values[n]) for n in model.parameter_names if n in values}
+        self._numbers = {symbol(n): sp.Float(0.0) for n in (*model.states, *model.inputs, *model.flags, "time")}
         speeds = [self._written_out(body.speed) for body in model.bodies.values()]
-        moving = [
-            s for s in self._numbers for speed in speeds if speed.has(s) and self._value(sp.diff(speed, s)) == 1.0
-        ]
-        self._numbers |= dict.fromkeys(moving, _SPEED)
+        moving = [s for s in self._numbers for speed in speeds if self._at(sp.diff(speed, s) - 1).is_zero]
+        self._numbers |= dict.fromkeys(moving, sp.Float(_SPEED))
 
-    def _value(self, expr: sp.Expr) -> float | None:
-        found = expr.subs(self._numbers).evalf()
-        return float(found) if found.is_number and found.is_finite else None
+    def _at(self, expr: sp.Expr) -> sp.Expr:
+        return sp.simplify(expr.subs(self._numbers).doit().evalf())
 
     def _written_out(self, expr: sp.Expr, keep: str = "") -> sp.Expr:
         """Write an expression without ports, but for one."""
@@ -153,35 +171,35 @@ class _Slopes:
                 expr = expr.xreplace({symbol(name): self._model.ports[name]})
         return expr
 
-    def _motion(self, body: Body) -> tuple[sp.Symbol, sp.Symbol, float, float] | None:
+    def _motion(self, body: Body) -> tuple[sp.Symbol, sp.Symbol, sp.Expr, sp.Expr] | None:
         """Return yaw rate and lateral state of a body, and by how much its lateral velocity goes with each."""
         turning, lateral = body.yaw_rate, self._written_out(body.lateral_velocity)
         if not isinstance(turning, sp.Symbol):
             return None
         for name in self._model.states:
-            slope = self._value(sp.diff(lateral, symbol(name)))
-            if symbol(name) != turning and slope:
-                return turning, symbol(name), self._value(sp.diff(lateral, turning)) or 0.0, slope
+            slope = self._at(sp.diff(lateral, symbol(name)))
+            if symbol(name) != turning and not slope.is_zero:
+                return turning, symbol(name), self._at(sp.diff(lateral, turning)), slope
         return None
 
-    def ahead(self, port: str, body: str) -> float | None:
+    def ahead(self, port: str, body: str) -> sp.Expr | None:
         """Return how far ahead of the CoG a port reads the lateral velocity of a body."""
         motion = self._motion(self._model.bodies[body])
         if motion is None or port not in self._model.ports:
             return None
         turning, sliding, by_turning, by_sliding = motion
         expr = self._written_out(symbol(port))
-        turns, slides = self._value(sp.diff(expr, turning)), self._value(sp.diff(expr, sliding))
-        return turns / slides * by_sliding - by_turning if slides and turns is not None else None
+        turns, slides = self._at(sp.diff(expr, turning)), self._at(sp.diff(expr, sliding))
+        return None if slides.is_zero else sp.sympify(turns / slides * by_sliding - by_turning)
 
-    def axle(self, port: str, body: str) -> Axle | None:
+    def axle(self, port: str, body: str) -> _AxleSlopes | None:
         """Return where the slip angle of a port is measured."""
         x, motion = self.ahead(port, body), self._motion(self._model.bodies[body])
         if x is None or motion is None:
             return None
         turning, sliding, *_ = motion
         sliding_slope = sp.diff(self._written_out(symbol(port)), sliding)
-        slope, mixed = self._value(sliding_slope), self._value(sp.diff(sliding_slope, turning))
+        slope, mixed = self._at(sliding_slope), self._at(sp.diff(sliding_slope, turning))
         kept = self._written_out(symbol(port), keep="road_wheel_angle")
-        steered = sp.diff(kept, symbol("road_wheel_angle")).subs({symbol("road_wheel_angle"): 0.0})
-        return Axle(body, x, _SPEED * mixed / slope if mixed and slope else 0.0, self._value(steered) or 0.0)
+        steered = sp.diff(kept, symbol("road_wheel_angle")).subs({symbol("road_wheel_angle"): sp.Float(0.0)})
+        return _AxleSlopes(body, x, sp.sympify(_SPEED * mixed / slope), self._at(steered))

@@ -14,7 +14,7 @@ from harness.diagnosis.residuals.regressors import regressors_of
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.wording import amount, entry, unmodelled_words
-from harness.models.assembly.plan import plan_of
+from harness.models.assembly.plan import Planner
 from harness.models.quantities import words
 from harness.models.roles import VEHICLES
 from harness.reporting import style
@@ -67,7 +67,7 @@ def where(outcome: Outcome) -> list[Block]:
 def _from_above(augmented: AugmentedModel, found: Where) -> list[Block]:
     """Return the vehicle from above; nothing if its equations do not say where its axles stand."""
     assert found.nominal is not None
-    plan = plan_of(augmented.nominal, VEHICLES.load(augmented.spec.vehicle), augmented.spec.values)
+    plan = Planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
     if plan is None:
         return []
     caption = (

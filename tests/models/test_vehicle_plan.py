@@ -4,7 +4,7 @@ import pytest
 import sympy as sp
 
 from harness.models.assembly.assemble import Body, assemble
-from harness.models.assembly.plan import plan_of
+from harness.models.assembly.plan import Planner
 from harness.models.contracts import Parameter
 from harness.models.roles import PARAMETERS, VEHICLES
 from harness.testing.small_vehicles import module
@@ -14,7 +14,7 @@ def plan(vehicle, tyre=None, effects=(), **other):
     file = VEHICLES.load(vehicle)
     sets = (PARAMETERS.load(name) for name in PARAMETERS.names())
     values = next(dict(s.VALUES) for s in sets if vehicle == s.VEHICLE) | other
-    return plan_of(assemble(file, tyre, effects), file, values), values
+    return Planner(assemble(file, tyre, effects), file).plan(values), values
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_of_a_vehicle_that_the_library_does_not_have():
         AXLES={"1": "1", "2": "1", "tag": "1"}, VALID={}, equations=equations,
         PARAMETERS=(Parameter("mass", "m", "kg", 1.0, 1e5, "mass"),),
     )  # fmt: skip
-    found = plan_of(assemble(vehicle, "linear"), vehicle, {"mass": 1e4})
+    found = Planner(assemble(vehicle, "linear"), vehicle).plan({"mass": 1e4})
     assert [(a.x, round(a.steered, 9)) for a in found.axles.values()] == [(3.0, 1.0), (1.5, 0.5), (-2.0, -0.2)]
 
 
