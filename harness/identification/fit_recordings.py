@@ -13,12 +13,14 @@ import xarray as xr
 
 from harness.common.errors import UserError
 from harness.common.failures import Failures
+from harness.common.files import write_files
 from harness.common.registry import closest
 from harness.config import ModelSpec
 from harness.identification.contract import Fit, Problem, load_method, settings_of
 from harness.identification.data import Drive, refuse_the_same
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import names_of
+from harness.identification.over_time import FILE, series_of
 from harness.identification.report import answer, document
 from harness.identification.result import Judged, judge, write_outcome
 from harness.recordings.warnings import recording_warnings
@@ -113,7 +115,7 @@ def _check_free(spec: ModelSpec, names: Sequence[str]) -> None:
 
 
 def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
-    """Write the parameter set, ``identify.json`` and the report; return their paths.
+    """Write the parameter set, ``identify.json``, the recordings over time and the report; return their paths.
 
     Args:
         found: What was found.
@@ -129,6 +131,7 @@ def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:
     names = ", ".join(drive.name for drive in found.problem.drives)
     return [
         *write_outcome(folder, found.fit, judged, f"harness identify, method {found.fit.method}, on {names}"),
+        *write_files(folder, {FILE: series_of(judged, found.problem.innovations.model)}),
         *write(
             document(found.fit, judged, command, evidence=not_made or None, notes=found.notes),
             folder,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.common.files import write_files
+from harness.common.files import json_text, write_files
+from harness.common.series import packed
 from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
 from harness.recordings import check_figures, remedy
@@ -34,6 +36,9 @@ from harness.reporting.style import number
 
 MAP = "mended.toml"
 """File beside the report with the whole map as it should be."""
+
+RECORD, SIGNALS_FILE = "check.json", "signals.npz"
+"""Files beside the report with what was found, and the signals and both sides of every comparison over time."""
 
 
 def _overview(recording: xr.Dataset) -> str:
@@ -147,7 +152,7 @@ def _axle_sentence(axle: Axle) -> str:
 
 
 def write_check(findings: Findings, out: Path) -> list[Path]:
-    """Write ``check.html`` and ``check.pdf``, and the mended map where there is something to mend.
+    """Write ``check.html``, ``check.pdf``, ``check.json`` and ``signals.npz``, and the mended map where there is one.
 
     Returns:
         The files written.
@@ -163,9 +168,41 @@ def write_check(findings: Findings, out: Path) -> list[Path]:
         Section(lambda: _content(findings), "What the file holds"),
     ]
     written = write(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", sections), out, "check")
+    written += write_files(out, {RECORD: json_text(_record(findings)), SIGNALS_FILE: _over_time(findings)})
     if findings.remedy is not None:
         written += write_files(out, {MAP: remedy.map_text(findings.remedy.content)})
     return written
+
+
+def _record(findings: Findings) -> dict[str, Any]:
+    """Return ``check.json``: what was found in words, the signals each of it concerns, and the comparisons."""
+    attrs = findings.recording.attrs
+    return {
+        "title": str(attrs["title"] or Path(attrs["file"]).name),
+        "read": _overview(findings.recording),
+        "answer": [str(line) for line in answer(findings)],
+        "warnings": [str(w) for w in attrs["warnings"]],
+        "findings": [
+            {"kind": f.kind, "signals": list(f.signals), "words": f.words, "evidence": f.evidence}
+            for f in findings.found
+        ],
+        "comparisons": [
+            {"signal": f.relation.signal, "name": f.name, "verdict": f.verdict, "reasons": list(f.reasons)}
+            for f in findings.fits
+        ],
+    }
+
+
+def _over_time(findings: Findings) -> bytes:
+    """Return ``signals.npz``: series ``recording`` with all signals, SI, and one for each comparison by its number."""
+    recording = findings.recording
+    time = recording["time"].values.astype(float)
+    signals = {str(n): v.values.astype(float) for n, v in recording.data_vars.items() if v.dims == ("time",)}
+    found = {"recording": {"time": time, **signals}}
+    for i, fit in enumerate(findings.fits):
+        if len(fit.measured) == len(time):
+            found[f"comparison {i}"] = {"time": time, "measured": fit.measured, "computed": fit.computed}
+    return packed(found)
 
 
 def _found(findings: Findings) -> list[Block]:

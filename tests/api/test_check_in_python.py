@@ -38,7 +38,7 @@ def test_a_reversed_gyro_is_named_and_mended_from_memory_as_from_a_file(log, tmp
     again = h.check(tmp_path / "log.csv", CHANNELS)
     assert again.answer == found.answer
     written = {p.name for p in again.report(tmp_path / "report")}
-    assert written == {"check.html", "check.pdf", "mended.toml"}
+    assert written == {"check.html", "check.pdf", "check.json", "signals.npz", "mended.toml"}
     clean = h.check(log, found.mended)
     assert clean.findings == []
     assert clean.mended is None

@@ -20,6 +20,7 @@ from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.models.assembly.assemble import Model, symbol
 from harness.models.assembly.candidates import assembled
 from harness.models.assembly.placement import Layout, suffix
+from harness.models.assembly.plan import Plan
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
@@ -160,3 +161,20 @@ def _coupling(augmented: AugmentedModel, ports: Mapping[tuple[str, ...], Disturb
     )
     parameters, limit = {**reaction, **follower.parameters}, min(leader.limit, follower.limit)
     return DisturbanceInput(_COUPLING, "port", follower.unit, (_COUPLING,), parameters, begins, never, limit=limit)
+
+
+def place_of(plan: Plan, disturbance_input: DisturbanceInput) -> float:
+    """Return where an input acts, in m ahead of the CoG of the first body; of all bodies the middle of them."""
+    return float(np.mean([_place(plan, port.removeprefix("sensor_")) for port in disturbance_input.ports]))
+
+
+def _place(plan: Plan, name: str) -> float:
+    axle = name.rpartition("_axle_")[2]
+    if axle in plan.axles:
+        return plan.along(axle)
+    if plan.coupling is not None and name.startswith(("coupling", "articulation")):
+        return plan.coupling[0]
+    if name == "road_wheel_angle":
+        return max(map(plan.along, plan.axles))
+    body = next((b for b in plan.cogs if b and name.endswith(b)), None)
+    return float(np.mean(list(plan.cogs.values()))) if body is None else plan.cogs[body]

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, place_of
 from harness.diagnosis.residuals.disturbance_ranking import RankedInput
 from harness.models.assembly.plan import Plan
 from harness.reporting import style
@@ -20,23 +20,6 @@ _LARGEST = 420.0
 """Area of the largest mark in square points."""
 
 _ROWS = {"other": 4.0, "yaw moment": 3.1, "force": 2.2, "tyres and steering": 0.0, "equation": -2.2, "sensor": -3.1}
-
-
-def place_of(plan: Plan, disturbance_input: DisturbanceInput) -> float:
-    """Return where an input acts, in m ahead of the CoG of the first body; of all bodies the middle of them."""
-    return float(np.mean([_place(plan, port.removeprefix("sensor_")) for port in disturbance_input.ports]))
-
-
-def _place(plan: Plan, name: str) -> float:
-    axle = name.rpartition("_axle_")[2]
-    if axle in plan.axles:
-        return plan.along(axle)
-    if plan.coupling is not None and name.startswith(("coupling", "articulation")):
-        return plan.coupling[0]
-    if name == "road_wheel_angle":
-        return max(map(plan.along, plan.axles))
-    body = next((b for b in plan.cogs if b and name.endswith(b)), None)
-    return float(np.mean(list(plan.cogs.values()))) if body is None else plan.cogs[body]
 
 
 def row_of(disturbance_input: DisturbanceInput) -> str:

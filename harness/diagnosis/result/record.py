@@ -1,4 +1,4 @@
-"""``trace.json``, and both models as parameter files."""
+"""``trace.json``, the drives over time, and both models as parameter files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from harness.common.arrays import Floats
 from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
 from harness.diagnosis.criteria import HORIZONS, MASS
+from harness.diagnosis.innovations.disturbance_inputs import place_of
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
@@ -23,7 +24,10 @@ from harness.diagnosis.result.wording import described
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.posterior import Model, Posterior
 from harness.diagnosis.selection.validation import Judgement
+from harness.identification.over_time import FILE, series_of
 from harness.models.assembly.placement import load_effect, ports_of, split
+from harness.models.assembly.plan import Plan, Planner
+from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
 SCHEMA_VERSION = 2
@@ -47,7 +51,9 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "notes": lambda: list(outcome.notes),
         "cautions": lambda: list(outcome.cautions),
         "residual": lambda: _residual(outcome, outputs),
-        "pinpoint": lambda: ranking_record(outcome.where),
+        "held_out": lambda: [j.drive.name for j in outcome.judged if j.held_out],
+        "pinpoint": lambda: ranking_record(outcome.where, _plan(outcome)),
+        "vehicle": lambda: _vehicle(_plan(outcome)),
         "candidates": lambda: [_candidate(c, n, outputs) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
         "added": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
         "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
@@ -71,6 +77,31 @@ def _gains(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         },
         "estimators": lambda: {e.kind: _before_and_after(outputs, e.before, e.after) for e in outcome.estimators},
         "worth": lambda: _study_gain(outcome.study_gain) if isinstance(outcome.study_gain, StudyGain) else None,
+    }
+
+
+def _plan(outcome: Outcome) -> Plan | None:
+    augmented = outcome.trace.fitting.augmented
+    return Planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
+
+
+def _vehicle(plan: Plan | None) -> dict[str, Any] | None:
+    """Return where things are on the straight vehicle, in m ahead of the CoG of its first body."""
+    if plan is None:
+        return None
+    ends = {
+        body: {
+            "back": plan.cogs[body] + o.back,
+            "front": plan.cogs[body] + o.front,
+            "width": o.width,
+            "stated": o.stated,
+        }
+        for body, o in plan.outlines.items()
+    }
+    return {
+        "bodies": ends,
+        "axles": {axle: {"x": plan.along(axle), "y": at.y} for axle, at in plan.axles.items()},
+        "coupling": plan.coupling[0] if plan.coupling else None,
     }
 
 
@@ -209,12 +240,16 @@ def equation(h: Hypothesis, outcome: Outcome) -> dict[str, dict[str, str]]:
 
 
 def write_outcome(outcome: Outcome, folder: Path) -> list[Path]:
-    """Write ``trace.json``, and both models as parameter files, and return their paths.
+    """Write ``trace.json``, ``drives.npz`` and both models as parameter files, and return their paths.
 
     Raises:
         UserError: If the folder cannot be written to.
     """
     written = write_files(folder, {"trace.json": json_text(record(outcome))})
+    model = outcome.trace.fitting.augmented.model
+    written += outcome.failures.attempt(
+        FILE, lambda: write_files(folder, {FILE: series_of(outcome.judged, model)}), lambda _: []
+    )
     return written + outcome.failures.attempt(
         "nominal.toml and amended.toml", lambda: write_files(folder, _models(outcome)), lambda _: []
     )
@@ -231,8 +266,8 @@ def _models(outcome: Outcome) -> dict[str, str]:
     }
 
 
-def ranking_record(found: Where) -> list[dict[str, Any]]:
-    """Return ``pinpoint`` of ``trace.json``: every input, the one that explains most first."""
+def ranking_record(found: Where, plan: Plan | None) -> list[dict[str, Any]]:
+    """Return ``pinpoint`` of ``trace.json``: every input, the one that explains most first, and where it acts."""
     if found.nominal is None or found.final is None:
         return []
     left = {s.disturbance_input.name: s.gain for s in found.final.ranked_inputs}
@@ -246,6 +281,7 @@ def ranking_record(found: Where) -> list[dict[str, Any]]:
             "time_constant": s.time_constant,
             "deviation": s.deviation,
             "log_likelihood_gain_after": left[s.disturbance_input.name],
+            "ahead_of_first_cog": None if plan is None else place_of(plan, s.disturbance_input),
         }
         for s in found.nominal.ranked_inputs
     ]
