@@ -15,7 +15,7 @@ from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
 from harness.estimation.contract import Scores, Sums, UncertainInputs
-from harness.simulation.simulate import Batch, first_state
+from harness.simulation.simulate import Batch, Simulator, first_state
 from harness.study.compiled_study import CompiledStudy
 from harness.study.design import RunParameters, Unit, points, run_parameters, scale_noise
 from harness.study.error_windows import ErrorWindows
@@ -155,6 +155,7 @@ class StudyEvaluator:
         plant: RunParameters | None = None,
         believed: RunParameters | None = None,
         words: NDArray[np.uint64] | None = None,
+        simulator: Simulator | None = None,
     ) -> Batch:
         """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them.
 
@@ -165,11 +166,13 @@ class StudyEvaluator:
             plant: What the plant holds in each lane, if that is known already.
             believed: What the belief holds in each lane, if that is known already.
             words: What the noise of each lane is drawn from (``RunNoise.words``), if that is known already.
+            simulator: Of the plant, with other signals than scores and estimators need.
         """
         plant = self.parameters(unit, group, "plant") if plant is None else plant
-        model, inputs = self.compiled.plant, self.compiled.drives[unit.drive].plant[:samples]
+        simulator = simulator or self.compiled.simulator
+        model, inputs = simulator.compiled, self.compiled.drives[unit.drive].plant[:samples]
         words = self.noise.words(unit, group) if words is None else words
-        batch = self.compiled.simulator.run(
+        batch = simulator.run(
             inputs,
             model.constants(plant.values.T),
             np.ascontiguousarray(plant.process_noise.T),

@@ -8,9 +8,10 @@ code, packages and processor are the same. What an estimator holds between the s
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,17 @@ from numpy.typing import NDArray
 from harness.common.arrays import Floats
 from harness.config import Study
 from harness.config.alone import Change, alone
-from harness.engine.compile import load_source, paste
+from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import UncertainInputs, kernels_of, load_estimator
-from harness.simulation.simulate import Batch
+from harness.models.assembly.plan import Plan, Planner
+from harness.models.roles import VEHICLES
+from harness.models.signals import signal_attributes
+from harness.simulation.simulate import Batch, Simulator
 from harness.study import replay_loops
 from harness.study.design import RunParameters, Unit, points, run_parameters
 from harness.study.evaluate import StudyEvaluator
+from harness.study.motion import motion, published
 from harness.study.replayed import OverTime, dataset
 from harness.study.run_noise import Case
 
@@ -59,6 +64,11 @@ class Replayed:
         scores: By name as a store has them, ``(estimator,)`` or ``(estimator, target)``.
         data: Everything over time, see ``harness.study.replayed.dataset``.
         plant: What the plant held in the run, by parameter, SI.
+        everything: All states, ports and inputs of the plant over ``time``, SI units; ``None`` where not asked for.
+        plan: Where axles and coupling of the plant stand; ``None`` where not asked for, and where the equations do not
+            say it.
+        motion: The vehicle seen from above, see ``harness.study.motion.motion``; ``None`` where there is
+            no plan.
     """
 
     place: Place
@@ -67,6 +77,9 @@ class Replayed:
     scores: dict[str, NDArray[Any]]
     data: xr.Dataset
     plant: dict[str, float]
+    everything: xr.Dataset | None = None
+    plan: Plan | None = None
+    motion: xr.Dataset | None = None
 
 
 class Replayer:
@@ -87,6 +100,18 @@ class Replayer:
         self._lock = threading.Lock()
         self._points = [points(study, d).values for d in study.designs]
 
+    @cached_property
+    def planner(self) -> Planner:
+        """What says where axles and coupling of the plant stand."""
+        return Planner(self.study.plant.model(), VEHICLES.load(self.study.plant.vehicle))
+
+    @cached_property
+    def _watching(self) -> Simulator:
+        """The plant with all that it publishes."""
+        spec = self.study.plant
+        names = published(spec.model())
+        return Simulator(compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names))
+
     def alone(self, place: Place, changes: Sequence[Change] = ()) -> Study:
         """Return a run as a study of its own, see ``harness.config.alone``.
 
@@ -105,6 +130,7 @@ class Replayer:
         estimators: Sequence[int] | None = None,
         changes: Sequence[Change] = (),
         innovations: bool = True,
+        everything: bool = False,
     ) -> Replayed:
         """Compute a run again.
 
@@ -114,6 +140,7 @@ class Replayer:
             changes: Values that differ from the run's.
             innovations: Whether to keep all states, innovations, NIS and NEES, or the drawn signals alone, which takes
                 half the time.
+            everything: Whether to keep all that the plant publishes, and how the vehicle moves.
 
         Raises:
             UserError: If a change is not possible.
@@ -136,7 +163,26 @@ class Replayer:
         scores = {name: values[0, 0, list(chosen)] for name, values in result.items()}
         data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, found, strict=True)))
         held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[0]), strict=True))
-        return Replayed(place, own, chosen, scores, data, held)
+        watched = self._watched(unit, case, plant, held) if everything else (None, None, None)
+        return Replayed(place, own, chosen, scores, data, held, *watched)
+
+    def _watched(
+        self, unit: Unit, case: list[Case], plant: RunParameters, held: Mapping[str, float]
+    ) -> tuple[xr.Dataset, Plan | None, xr.Dataset | None]:
+        """Return what the plant publishes in a run, and how it moves."""
+        simulator = self._watching
+        batch = self.evaluator.simulate(unit, case, plant=plant, simulator=simulator)
+        model, samples = simulator.compiled.model, len(batch.truth)
+        drive, gone = self.evaluator.compiled.drives[unit.drive], np.arange(samples) >= batch.left_at[0]
+        columns = {name: drive.plant[:samples, i, 0] for i, name in enumerate(model.inputs)}
+        names = simulator.compiled.signal_names
+        columns |= {name: np.where(gone, np.nan, batch.truth[:, i, 0]) for i, name in enumerate(names)}
+        found = xr.Dataset(
+            {name: ("time", values, signal_attributes(name)) for name, values in columns.items()},
+            coords={"time": ("time", drive.profile.time[:samples], {"units": "s"})},
+        )
+        plan = self.planner.plan(held)
+        return found, plan, None if plan is None else motion(plan, model, found, held)
 
     def warm_up(self, estimator: int) -> None:
         """Compile what a run of one estimator needs beyond the kernels of the study."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -69,33 +70,34 @@ def dataset(
         if name in compiled.truth_names:
             truth[:, i] = np.where(gone, np.nan, batch.truth[:, compiled.truth_names.index(name), 0])
     drive, outputs = compiled.drives[unit.drive], list(compiled.belief.model.outputs)
-    data = xr.Dataset(
-        {"truth": (("time", "target"), truth)},
+    names = [study.estimators[e].name for e in runs]
+    columns: dict[str, Any] = {"truth": (("time", "target"), truth)}
+    columns |= _estimates(shown, evaluator, gone, runs)
+    measured = compiled.measured(batch.measurements)
+    for i, name in enumerate(outputs):
+        about = {"units": signal_attributes(name)["units"], "variance": believed.measurement_noise[0, i]}
+        columns[f"measured_{name}"] = ("time", np.where(gone, np.nan, measured[:, i, 0]), about)
+    for i, name in enumerate(compiled.plant.model.inputs):
+        columns[f"input_{name}"] = ("time", drive.plant[:samples, i, 0], {"units": signal_attributes(name)["units"]})
+    if whole:
+        columns |= _innovations(evaluator, batch, gone, runs)
+    return xr.Dataset(
+        columns,
         coords={
             "time": ("time", drive.profile.time[:samples], {"units": "s", "long_name": "time"}),
-            "estimator": [study.estimators[e].name for e in runs],
+            "estimator": names,
             "target": shown,
             "target_unit": ("target", [signal_attributes(n)["units"] or "1" for n in shown]),
             "output": outputs,
         },
     )
-    _enter_estimates(data, evaluator, gone, runs)
-    measured = compiled.measured(batch.measurements)
-    for i, name in enumerate(outputs):
-        about = {"units": signal_attributes(name)["units"], "variance": believed.measurement_noise[0, i]}
-        data[f"measured_{name}"] = ("time", np.where(gone, np.nan, measured[:, i, 0]), about)
-    for i, name in enumerate(compiled.plant.model.inputs):
-        data[f"input_{name}"] = ("time", drive.plant[:samples, i, 0], {"units": signal_attributes(name)["units"]})
-    if whole:
-        _enter_innovations(data, evaluator, batch, gone, runs)
-    return data
 
 
-def _enter_estimates(
-    data: xr.Dataset, evaluator: StudyEvaluator, gone: np.ndarray, runs: Mapping[int, OverTime]
-) -> None:
-    """Enter estimates with their standard deviations, those of the study's signals as they were scored."""
-    compiled, shown = evaluator.compiled, [str(t) for t in data["target"].values]
+def _estimates(
+    shown: list[str], evaluator: StudyEvaluator, gone: np.ndarray, runs: Mapping[int, OverTime]
+) -> dict[str, Any]:
+    """Return estimates with their standard deviations, those of the study's signals as they were scored."""
+    compiled = evaluator.compiled
     found = np.full((2, len(gone), len(runs), len(shown)), np.nan)
     states = compiled.belief.model.states
     for column, (e, run) in enumerate(runs.items()):
@@ -111,15 +113,14 @@ def _enter_estimates(
         found[:, _ended(gone, run), column] = np.nan
         if not estimator.has_covariance:
             found[1, :, column] = np.nan
-    for name, values in zip(("estimate", "std"), found, strict=True):
-        data[name] = (("time", "estimator", "target"), values)
+    return {n: (("time", "estimator", "target"), v) for n, v in zip(("estimate", "std"), found, strict=True)}
 
 
-def _enter_innovations(
-    data: xr.Dataset, evaluator: StudyEvaluator, batch: Batch, gone: np.ndarray, runs: Mapping[int, OverTime]
-) -> None:
-    """Enter innovations, NIS and NEES, of estimators that state a covariance."""
-    compiled, outputs = evaluator.compiled, data.sizes["output"]
+def _innovations(
+    evaluator: StudyEvaluator, batch: Batch, gone: np.ndarray, runs: Mapping[int, OverTime]
+) -> dict[str, Any]:
+    """Return innovations, NIS and NEES, of estimators that state a covariance."""
+    compiled, outputs = evaluator.compiled, len(evaluator.compiled.belief.model.outputs)
     innovation, spread = np.full((2, len(gone), len(runs), outputs), np.nan)
     nis, nees = np.full((2, len(gone), len(runs)), np.nan)
     rows = [compiled.truth_names.index(s) for s in compiled.belief.model.states if s in compiled.truth_names]
@@ -138,11 +139,13 @@ def _enter_innovations(
             nees[~ended, column] = _nees(run.mean[~ended] - batch.truth[~ended][:, rows, 0], run.covariance[~ended])
         for each in (innovation, spread, nis):
             each[ended, column] = np.nan
-    for name, values in (("innovation", innovation), ("innovation_std", spread)):
-        data[name] = (("time", "estimator", "output"), values)
-    data["nis"], data["nees"] = (("time", "estimator"), nis), (("time", "estimator"), nees)
-    data["nis"].attrs = {"units": "1", "expected": outputs}
-    data["nees"].attrs = {"units": "1", "expected": compiled.belief.nx}
+    whole, each_run = ("time", "estimator", "output"), ("time", "estimator")
+    return {
+        "innovation": (whole, innovation),
+        "innovation_std": (whole, spread),
+        "nis": (each_run, nis, {"units": "1", "expected": outputs}),
+        "nees": (each_run, nees, {"units": "1", "expected": compiled.belief.nx}),
+    }
 
 
 def _ended(gone: np.ndarray, run: OverTime) -> np.ndarray:

@@ -1,0 +1,114 @@
+"""The vehicle of a run over time, seen from above: poses of its bodies, angles and forces of its axles.
+
+Poses follow from the velocities of the plant's bodies: the first one's CoG starts in the origin with heading zero, and
+the other hangs on the coupling. Axes are those of ISO 8855: x forward, y left, headings counter-clockwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import sympy as sp
+import xarray as xr
+
+from harness.common.arrays import Floats
+from harness.models.assembly.model import Model
+from harness.models.assembly.plan import Plan
+from harness.models.signals import SIGNALS
+
+BEFORE = "_before_"
+"""In the names of ports that only say what a port was without an effect."""
+
+
+def published(model: Model) -> tuple[str, ...]:
+    """Return all that a vehicle says of itself: its states, and its ports that are signals."""
+    ports = (p for p in model.ports if p in SIGNALS and BEFORE not in p)
+    return tuple(dict.fromkeys([*model.states, *ports]))
+
+
+def lateral_signal(model: Model, body: str) -> str | None:
+    """Return the signal that is the lateral velocity of a body's CoG; ``None`` if it follows from others."""
+    found = model.bodies[body].lateral_velocity
+    return found.name if isinstance(found, sp.Symbol) else None
+
+
+def motion(plan: Plan, model: Model, everything: xr.Dataset, parameters: Mapping[str, float]) -> xr.Dataset:
+    """Return how a vehicle moves, SI units.
+
+    Args:
+        plan: Where things are on it.
+        model: Its equations.
+        everything: What it published and its inputs, over ``time``; NaN from where it left its range.
+        parameters: What it held.
+
+    Returns:
+        Dataset over ``time``, ``body`` (the first in front) and ``axle``: ``x``, ``y``, ``heading``, ``speed`` and
+        ``lateral_velocity`` of the CoG of each body; of each axle ``steer``, ``slip_angle``, ``lateral_force``,
+        ``vertical_load`` and ``friction_use``, the lateral force over the largest that the tyre has. NaN is what the
+        vehicle does not publish.
+    """
+    time, bodies, axles = everything["time"].values, list(plan.outlines), list(plan.axles)
+    values = {**{n: np.full(len(time), v) for n, v in parameters.items()}, "time": time}
+    values |= {str(n): everything[n].values for n in everything}
+    moving = {body: [_evaluated(e, values) for e in _motion_of(model, body)] for body in bodies}
+    heading = {bodies[0]: _integrated(moving[bodies[0]][2], time)}
+    for body in bodies[1:]:
+        heading[body] = heading[bodies[0]] + values["articulation_angle"]
+    first = heading[bodies[0]]
+    forward, left, _ = moving[bodies[0]]
+    places = {bodies[0]: (_integrated(forward * np.cos(first) - left * np.sin(first), time),
+                          _integrated(forward * np.sin(first) + left * np.cos(first), time))}  # fmt: skip
+    for body in bodies[1:]:
+        assert plan.coupling is not None
+        ahead, own = plan.coupling
+        x, y = places[bodies[0]]
+        places[body] = (
+            x + ahead * np.cos(first) - own * np.cos(heading[body]),
+            y + ahead * np.sin(first) - own * np.sin(heading[body]),
+        )
+    nothing = np.full(len(time), np.nan)
+
+    def of_axles(*stems: str) -> Floats:
+        names = ([f"{stem}_axle_{axle}" for stem in stems] + [f"{stems[0]}_{axle}"] for axle in axles)
+        return np.array([next((values[n] for n in tried if n in values), nothing) for tried in names]).T
+
+    turned, force = values.get("road_wheel_angle", nothing), of_axles("lateral_force", "steady_lateral_force")
+    of_body = {
+        "x": [places[b][0] for b in bodies],
+        "y": [places[b][1] for b in bodies],
+        "heading": [heading[b] for b in bodies],
+        "speed": [moving[b][0] for b in bodies],
+        "lateral_velocity": [moving[b][1] for b in bodies],
+    }
+    capacity = of_axles("lateral_force_capacity")
+    of_axle = {
+        "steer": np.array([plan.axles[a].steered * turned if plan.axles[a].steered else 0 * time for a in axles]).T,
+        "slip_angle": of_axles("slip_angle"),
+        "lateral_force": force,
+        "vertical_load": of_axles("vertical_load"),
+        "friction_use": np.abs(force) / np.where(capacity > 0, capacity, np.nan),
+    }
+    units = {"x": "m", "y": "m", "heading": "rad", "speed": "m/s", "lateral_velocity": "m/s", "steer": "rad",
+             "slip_angle": "rad", "lateral_force": "N", "vertical_load": "N", "friction_use": "1"}  # fmt: skip
+    return xr.Dataset(
+        {n: (("time", "body"), np.array(v).T, {"units": units[n]}) for n, v in of_body.items()}
+        | {n: (("time", "axle"), v, {"units": units[n]}) for n, v in of_axle.items()},
+        coords={"time": everything["time"], "body": bodies, "axle": axles},
+    )
+
+
+def _motion_of(model: Model, body: str) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
+    moves = model.bodies[body]
+    return moves.speed, moves.lateral_velocity, moves.yaw_rate
+
+
+def _evaluated(expr: sp.Expr, values: Mapping[str, Floats]) -> Floats:
+    symbols = sorted(sp.sympify(expr).free_symbols, key=str)
+    found: Floats = sp.lambdify(symbols, expr, "numpy")(*(values[str(s)] for s in symbols))
+    return found
+
+
+def _integrated(rate: Floats, time: Floats) -> Floats:
+    """Return the integral from the first sample on by trapezoids."""
+    return np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(time))])
