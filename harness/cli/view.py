@@ -1,4 +1,4 @@
-"""``harness view``: a finished study as a local web page."""
+"""``harness view``: results as a local web page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from harness.common.errors import UserError
 
 
 def view(
-    folder: Annotated[Path, typer.Argument(help="Result folder of a finished study.")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FOLDER...", help="Result folder, a folder of several, or two studies of the same runs."
+        ),
+    ],
     study: Annotated[
         Path | None,
         typer.Option("--study", help="Study file of the result, if files that it names lie beside it."),
@@ -22,25 +27,21 @@ def view(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; a free one if absent.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
 ) -> None:
-    """Walk through the results of a study in the browser: from a box to the run.
+    """Walk through results in the browser: a study, a trace, an identification, a check, or two studies side by side.
 
-    The page is for this machine alone, and its address holds a token.
-    A click on a box computes the run again from its seeds; nothing is written to the folder.
+    The page is for this machine alone, and its address holds a token. In a study
+    a click on a box computes the run again from its seeds; nothing is written to the folder.
     """
     try:
         import bokeh  # noqa: F401
     except ImportError:
         raise UserError("harness view needs Bokeh: pip install 'robustness-harness[view]'") from None
-    from harness.study.report import analyse
-    from harness.study.view.run_panel import Runs
+    from harness.study.view.pages import pages
     from harness.study.view.server import Page
-    from harness.study.view.study_page import build
 
     console = Console(stderr=True)
     with console.status("reading the results and building the models"):
-        analysis = analyse(folder)
-        runs = Runs(folder, None if study is None else study.parent)
-        page = Page(build(analysis, runs), port)
+        page = Page(pages(folders, study), port)
     Console().print(Text(page.address), soft_wrap=True)
     console.print("Ctrl-C ends it")
     if browser:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
-from bokeh.models import ColumnDataSource, FixedTicker, Legend, LegendItem
+from bokeh.models import ColumnDataSource, FixedTicker, Legend, LegendItem, Span
 
 from harness.models.quantities import Quantity
 from harness.reporting import style
@@ -25,6 +26,8 @@ class BoxFigure:
         score: One of ``SCORES``.
         target: What it is of.
         log: Whether the axis is logarithmic.
+        title: Of the figure, if the score does not say all.
+        reference: Lines across all boxes, the dashes of each by its value.
 
     Attributes:
         plot: The figure.
@@ -40,6 +43,8 @@ class BoxFigure:
         score: str,
         target: Quantity,
         log: bool,
+        title: str = "",
+        reference: Mapping[float, str] = MappingProxyType({}),
     ) -> None:
         self._boxes, self._names = [b for b in boxes if len(b.values)], estimators
         self._log = log and all((b.values > 0).all() for b in self._boxes)
@@ -47,7 +52,8 @@ class BoxFigure:
         self.width = 0.84 / max(1, len(self.estimators))
         unit = unit_of(score, target)
         self.plot = looks.plot(
-            f"{SCORES[score]}{'' if score in ('nees', 'nis', 'time_of_divergence') else ' of the ' + target.words}",
+            title
+            or f"{SCORES[score]}{'' if score in ('nees', 'nis', 'time_of_divergence') else ' of the ' + target.words}",
             460,
             tools="pan,wheel_zoom,box_zoom,reset",
             y_axis_type="log" if self._log else "linear",
@@ -62,6 +68,8 @@ class BoxFigure:
         self.plot.xgrid.grid_line_color = None
         items = [self._draw(e, chosen[estimators[e]]) for e in self.estimators]
         self.plot.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None, ncols=4), "above")
+        for level, dashes in reference.items():
+            self.plot.add_layout(Span(location=level, dimension="width", line_color=style.TRUTH, line_dash=dashes))
         self.marked = ColumnDataSource({"x": [], "y": []})
         self.plot.scatter(
             "x", "y", source=self.marked, marker="star", size=16, fill_color="#ffffff", line_color="#000000",

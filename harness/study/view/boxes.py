@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from harness.models.quantities import Quantity
 from harness.study.results import Design
@@ -62,9 +63,30 @@ class Box:
         return np.unique(np.linspace(0, count - 1, most).round().astype(np.int64))
 
 
+def scores_of(design: Design, score: str, target: int) -> NDArray[np.float64]:
+    """Return one of ``SCORES`` of all runs in report units, ``(band, estimator, drive, sample, repeat)``."""
+    return _values(_Hashed(design), score, target)
+
+
+def sorted_box(across: int, estimator: int, part: NDArray[np.float64], place: tuple[int, int | None]) -> Box:
+    """Return the box of some runs.
+
+    Args:
+        across: Index of the level or drive that it is drawn at.
+        estimator: Index.
+        part: Their scores ``(drive, sample, repeat)``; NaN for none.
+        place: Their band, and the index of the first drive in ``part``; ``None`` for all drives.
+    """
+    known = np.isfinite(part)
+    runs = np.argwhere(known)
+    order = np.argsort(part[known], kind="stable")
+    runs = np.column_stack([np.full(len(runs), place[0]), runs])[order]
+    runs[:, 1] += place[1] or 0
+    return Box(across, estimator, part[known][order], runs, int(known.size - known.sum()))
+
+
 @lru_cache(maxsize=4)
 def _values(design: _Hashed, score: str, target: int) -> NDArray[np.float64]:
-    """Return a score of all runs, ``(band, estimator, drive, sample, repeat)``."""
     found: Design = design.of
     if score == "time_of_divergence":
         return found.time_of_divergence
@@ -99,19 +121,27 @@ def boxes(
         drive: Runs on this drive alone; all by default. Does not count where a level was chosen.
         level: Boxes of this level, one for each drive.
     """
-    values, found = _values(_Hashed(design), score, target), []
+    values, found = scores_of(design, score, target), []
     across = range(len(design.bands)) if level is None else range(len(design.drives))
     for place in across:
         band, drives = (place, drive) if level is None else (level, place)
         for e in estimators:
             part = values[band, e] if drives is None else values[band, e, drives : drives + 1]
-            known = np.isfinite(part)
-            runs = np.argwhere(known)
-            order = np.argsort(part[known], kind="stable")
-            runs = np.column_stack([np.full(len(runs), band), runs])[order]
-            runs[:, 1] += drives or 0
-            found.append(Box(place, e, part[known][order], runs, int(known.size - known.sum())))
+            found.append(sorted_box(place, e, part, (band, drives)))
     return found
+
+
+def expected(design: Design, score: str) -> dict[float, str]:
+    """Return what NEES and NIS should be and, dashed, the ends of the 95 % band of a single sample; else nothing.
+
+    The boxes are of means over runs: those of a consistent filter lie within the band, the nearer to the expected value
+    the longer the drive.
+    """
+    freedom = {"nees": design.state_dimension, "nis": design.output_dimension}.get(score, 0)
+    if not freedom:
+        return {}
+    lower, upper = chi2.ppf([0.025, 0.975], freedom)
+    return {float(freedom): "solid", float(lower): "dashed", float(upper): "dashed"}
 
 
 def unit_of(score: str, target: Quantity) -> str:

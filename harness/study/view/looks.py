@@ -60,3 +60,19 @@ def colour(of: tuple[float, float, float]) -> str:
 def hover(renderers: list[Any], *rows: tuple[str, str]) -> HoverTool:
     """Return a tool that shows numbers; names are shown as text, never as code."""
     return HoverTool(renderers=renderers, tooltips=list(rows), visible=False)
+
+
+def _diverging() -> list[str]:
+    """Return colours from blue by white to orange, which colour-blind readers tell apart (Okabe and Ito 2008)."""
+    ends = (0x4C, 0x9B, 0xCB), (0xFF, 0xFF, 0xFF), (0xE6, 0x8A, 0x3C)
+    found = []
+    for k in range(256):
+        share = k / 127.5
+        first, last = (ends[0], ends[1]) if share <= 1 else (ends[1], ends[2])
+        part = share if share <= 1 else share - 1
+        found.append("#" + "".join(f"{round(a + part * (b - a)):02x}" for a, b in zip(first, last, strict=True)))
+    return found
+
+
+DIVERGING = _diverging()
+"""Colours of what has a sign."""

@@ -34,11 +34,13 @@ from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.style import Look
 from harness.study.layout import root_attributes
+from harness.study.motion import published
 from harness.study.replay import Place, Replayed, Replayer
 from harness.study.replayed import table
 from harness.study.scores import FLAGS, STATUS
 from harness.study.stored import attributes_of, compare, stored_scores, study_of
 from harness.study.view import looks
+from harness.study.view.above import AboveFigure
 from harness.study.view.run_figure import RunFigure
 
 _SAVE = """
@@ -131,7 +133,8 @@ class RunPanel:
         ran: Callable[[Place, tuple[int, ...], dict[str, float]], None],
     ) -> None:
         self._document, self._runs, self._ran = document, runs, ran
-        self._figure = RunFigure(chosen)
+        self._above = AboveFigure(chosen)
+        self._figure = RunFigure(chosen, self._above.cursor, self._above.to_here)
         self._run: Replayed | None = None
         self._place: tuple[Place, tuple[int, ...], dict[str, float]] | None = None
         self.scores: dict[str, np.ndarray] | None = None
@@ -144,7 +147,8 @@ class RunPanel:
         self._names = [e.name for e in study.estimators]
         compiled = runs.replayer.evaluator.compiled
         states = [s for s in compiled.belief.model.states if s not in compiled.belief.model.within]
-        signals = list(dict.fromkeys([*compiled.signals, *states]))
+        self._beyond = [s for s in published(study.plant.model()) if s not in {*compiled.signals, *states}]
+        signals = list(dict.fromkeys([*compiled.signals, *states, *self._beyond]))
         factors = {f.parameter for d in study.designs for f in d.factors}
         self._source = ColumnDataSource({"what": [], "now": [], "stored": []})
         columns = [("what", "score", 230), ("now", "this run", 70), ("stored", "as stored", 70)]
@@ -162,6 +166,7 @@ class RunPanel:
             ),
             "study_file": Button(label="As study file", disabled=True, width=130),
             "csv": Button(label="As CSV", disabled=True, width=100),
+            "above": self._above.layout,
             "run": self._figure.layout,
             "parameters": MultiChoice(
                 title="Parameters of the plant",
@@ -234,7 +239,7 @@ class RunPanel:
         def work() -> None:
             changes = [Change(name, value) for name, value in values.items()]
             try:
-                run: Any = self._runs.replayer.run(place, compared, changes, innovations=not fast)
+                run: Any = self._runs.replayer.run(place, compared, changes, innovations=not fast, everything=True)
                 stored = stored_scores(self._runs.folder, self._runs.study, run)
                 words_ = self._runs.verdict(run) if not changes else ""
                 done = partial(self._done, wanted, run, stored, words_)
@@ -288,7 +293,8 @@ class RunPanel:
 
     def _draw(self) -> None:
         if self._run is not None:
-            self._figure.show(self._run.data, self.roots["signals"].value)
+            self._figure.show(self._run, self.roots["signals"].value)
+            self._above.show(self._run)
 
     def _fill_table(self) -> None:
         run, words_of = self._run, {code: w.replace("_", " ") for w, code in FLAGS.items()}

@@ -1,4 +1,4 @@
-"""The server of ``harness view``: one page for one reader on this machine.
+"""The server of ``harness view``: pages for one reader on this machine.
 
 It listens on 127.0.0.1 alone. Every address begins with a random token, and a request or websocket that names another
 host is refused, so that neither another page in the same browser (by a name that leads to 127.0.0.1) nor another user
@@ -11,7 +11,7 @@ import hmac
 import logging
 import secrets
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from bokeh.application import Application
@@ -68,10 +68,10 @@ class _Refused(RequestHandler):
 class _LocalOnly(BokehTornado):
     """Answers requests for this host, with this token, and no others."""
 
-    def __init__(self, app: Application, token: str, host: str) -> None:
+    def __init__(self, apps: dict[str, Application], token: str, host: str) -> None:
         self._token, self._host = token, host
         super().__init__(
-            {"/": app},
+            apps,
             prefix=f"/{token}",
             extra_websocket_origins=[host],
             use_index=False,
@@ -92,22 +92,24 @@ class _LocalOnly(BokehTornado):
 
 
 class Page:
-    """A page that is being served.
+    """Pages that are being served.
 
     Args:
-        build: Puts the page into a document; called for each reader.
+        build: What puts a page into a document, by its place below the address; that of ``/`` is the first one. Called
+            for each reader.
         port: 0 takes one that is free.
 
     Attributes:
         address: Where it is, with the token.
     """
 
-    def __init__(self, build: Callable[[Document], None], port: int = 0) -> None:
+    def __init__(self, build: Mapping[str, Callable[[Document], None]], port: int = 0) -> None:
         logging.getLogger("bokeh").setLevel(logging.ERROR)
         warnings.filterwarnings("ignore", module="bokeh")
         sockets = bind_sockets(port, HOST)
         host, token = f"{HOST}:{sockets[0].getsockname()[1]}", secrets.token_urlsafe(24)
-        app = _LocalOnly(Application(FunctionHandler(build)), token, host)
+        apps = {place: Application(FunctionHandler(put)) for place, put in build.items()}
+        app = _LocalOnly(apps, token, host)
         http = HTTPServer(app)
         http.add_sockets(sockets)
         self.address, self._loop = f"http://{host}/{token}/", IOLoop.current()

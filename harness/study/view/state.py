@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 from harness.study.replay import Place
 from harness.study.results import StudyResults
 from harness.study.view.boxes import SCORES
+from harness.study.view.frame import index_of
 
 
 @dataclass(frozen=True)
@@ -56,15 +57,15 @@ class State:
 def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> State:
     """Return what an address asks for; what it asks for that is not there is as if it were not asked for."""
     given = {name: values[-1].decode("utf-8", "replace") for name, values in arguments.items() if values}
-    design = _index(given.get("design"), len(results.designs)) or 0
+    design = index_of(given.get("design"), len(results.designs)) or 0
     of = results.designs[design]
     every = tuple(range(len(of.estimators)))
     state = State(
         design=design,
-        target=_index(given.get("target"), len(of.targets)) or 0,
+        target=index_of(given.get("target"), len(of.targets)) or 0,
         score=given["score"] if given.get("score") in SCORES else "rmse",
-        drive=_index(given.get("drive"), len(of.drives)),
-        level=_index(given.get("level"), len(of.bands)),
+        drive=index_of(given.get("drive"), len(of.drives)),
+        level=index_of(given.get("level"), len(of.bands)),
         log=given.get("log", "1") != "0",
         estimators=_indices(given.get("estimators"), len(every)) or every,
     )
@@ -82,22 +83,18 @@ def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> Sta
     return replace(state, run=run, compared=compared, changes=changes)
 
 
-def _index(given: str | None, count: int) -> int | None:
-    return int(given) if given and given.isascii() and given.isdigit() and int(given[:9]) < count else None
-
-
 def _indices(given: str | None, count: int) -> tuple[int, ...]:
-    found = [_index(part, count) for part in (given or "").split(".")]
+    found = [index_of(part, count) for part in (given or "").split(".")]
     return tuple(dict.fromkeys(i for i in found if i is not None))
 
 
 def _place(given: str, results: StudyResults) -> Place | None:
     parts = given.split(".")
-    if len(parts) != 5 or _index(parts[0], len(results.designs)) is None:
+    if len(parts) != 5 or index_of(parts[0], len(results.designs)) is None:
         return None
     sizes = results.designs[int(parts[0])].data.sizes
     counts = [sizes[d] for d in ("band", "drive", "sample", "repeat")]
-    rest = [_index(part, count) for part, count in zip(parts[1:], counts, strict=True)]
+    rest = [index_of(part, count) for part, count in zip(parts[1:], counts, strict=True)]
     band, drive, sample, repeat = rest
     if band is None or drive is None or sample is None or repeat is None:
         return None

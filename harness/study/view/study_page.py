@@ -11,28 +11,24 @@ import numpy as np
 from bokeh.document import Document
 from bokeh.events import Tap
 from bokeh.layouts import column
-from bokeh.models import CheckboxButtonGroup, CustomJS, Div, RadioButtonGroup, Select, TextInput
-from jinja2 import Environment
+from bokeh.models import CheckboxButtonGroup, RadioButtonGroup, Select
 
 from harness.models.quantities import words
 from harness.reporting import style
 from harness.study.replay import Place
+from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
 from harness.study.view import looks
 from harness.study.view.box_figure import BoxFigure
-from harness.study.view.boxes import SCORES, Box, boxes, unit_of
+from harness.study.view.boxes import SCORES, Box, boxes, expected, unit_of
+from harness.study.view.factors_panel import FactorsPanel
+from harness.study.view.frame import address_bar, fill, said
 from harness.study.view.run_panel import RunPanel, Runs
 from harness.study.view.state import read
 
 _ALL = "all"
-_ADDRESS = "history.replaceState(null, '', cb_obj.value)"
 _RANKS = {"": "…", "0": "smallest", "0.5": "median", "1": "largest"}
-
-
-def said(text: str, **further: Any) -> Div:
-    """Return a text that is shown as it is, whatever characters it has."""
-    return Div(text=text, render_as_text=True, sizing_mode="stretch_width", **further)
 
 
 class StudyPage:
@@ -51,9 +47,9 @@ class StudyPage:
         self._figure: BoxFigure | None = None
         self._busy = False
         self._panel = RunPanel(document, runs, analysis.looks, self._ran)
-        self._address = TextInput(value="", visible=False)
-        self._address.js_on_change("value", CustomJS(code=_ADDRESS))
+        self._address = address_bar()
         self._holder = column(sizing_mode="stretch_width")
+        self._factors = FactorsPanel(document, analysis, self._choose_point)
         self._widgets = self._make_widgets()
         self._add_roots()
         self._redraw()
@@ -108,16 +104,12 @@ class StudyPage:
             "title": said(title, styles={"font-size": "1.35rem", "font-weight": "bold"}),
             "answer": said(answer_in_short(self._analysis.main, self._results.designs), styles={"font-size": "1rem"}),
             "boxes": self._holder,
+            "factors": self._factors.layout,
             "address": self._address,
             **self._widgets,
             **self._panel.roots,
         }
-        for name, model in roots.items():
-            model.name = name
-            self._document.add_root(model)
-        self._document.title = title
-        text = (Path(__file__).parent / "page.html").read_text(encoding="utf-8")
-        self._document.template = Environment().from_string(text)  # what it is given are names of roots and HTML
+        fill(self._document, "page.html", title, roots)
 
     def _redraw(self) -> None:
         """Draw the boxes of the state, and let all widgets say it."""
@@ -134,7 +126,8 @@ class StudyPage:
         found = boxes(design, state.score, state.target, state.estimators, state.drive, state.level)
         labels = design.bands if state.level is None else design.drives
         target = design.targets[state.target]
-        self._figure = BoxFigure(found, labels, design.estimators, self._analysis.looks, state.score, target, state.log)
+        self._figure = BoxFigure(found, labels, design.estimators, self._analysis.looks, state.score, target, state.log,
+                                 reference=expected(design, state.score))  # fmt: skip
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
         unit = unit_of(state.score, target)
@@ -149,6 +142,19 @@ class StudyPage:
         self._busy = False
         self._mark(self._panel.scores)
         self._address.value = state.query
+        self._document.add_next_tick_callback(self._draw_factors)  # the boxes are seen first
+
+    def _draw_factors(self) -> None:
+        state = self.state
+        drive = None if state.level is not None else state.drive
+        self._factors.show(state.design, state.score, state.target, drive)
+
+    def _choose_point(self, run: tuple[int, int, int, int], estimator: int) -> None:
+        """Show a run of a point of the design."""
+        band, drive, sample, repeat = run
+        others = [e for e in self.state.compared if e != estimator]
+        compared = tuple(sorted([estimator, *others][:3]))
+        self._panel.show(Place(self.state.design, band, drive, sample, repeat), compared, {})
 
     def _tapped(self, event: Tap) -> None:
         found = self._figure.hit(event.x, event.y) if self._figure is not None else None
@@ -195,10 +201,19 @@ class StudyPage:
         figure.mark(across, dict(zip(state.compared, map(float, values), strict=True)))
 
 
-def build(results_analysis: Analysis, runs: Runs) -> Callable[[Document], None]:
-    """Return what puts the page of a study into a document."""
+def build(folder: Path, beside: Path | None = None) -> Callable[[Document], None]:
+    """Return what puts the page of a study into a document.
+
+    Args:
+        folder: Its result folder.
+        beside: Folder of the study file, if files that it names lie there.
+
+    Raises:
+        UserError: If there is no store, or its study cannot be built.
+    """
+    analysis, runs = analyse(folder), Runs(folder, beside)
 
     def put(document: Document) -> None:
-        StudyPage(document, results_analysis, runs)
+        StudyPage(document, analysis, runs)
 
     return put

@@ -2,10 +2,13 @@
 
 import shutil
 
+import numpy as np
 import pytest
 
 import harness as h
 from harness.config import load_study
+from harness.study.replay import Place, Replayer
+from harness.study.stored import study_of
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 QUIET = [
@@ -122,3 +125,36 @@ def test_nothing_is_written_to_the_store(opened, folder):
     said(opened("?run=0.0.0.0.1&compared=0.1&plant.mass=1600"), "This run is in no store")
     after = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in sorted(folder.rglob("*")) if p.is_file()}
     assert before == after
+
+
+SET_TIME = """(t) => {
+    [...Bokeh.documents[0]._all_models.values()].find((m) => m.type === 'Slider' && m.title === 'Time in s').value = t;
+}"""
+SEEN = """() => {
+    const data = (name) => Bokeh.documents[0].get_model_by_name('above ' + name).data;
+    return {rows: data('rows'), bodies: data('told'), wheels: data('wheels').xs.length, here: data('here').t};
+}"""
+HERE = "(t) => Math.abs(Bokeh.documents[0].get_model_by_name('above here').data.t[0] - t) < 0.01"
+
+
+def test_the_vehicle_from_above_follows_the_slider(opened, folder):
+    page = opened("?run=0.1.1.0.4&compared=0.1")
+    said(page, SAME)
+    page.get_by_label("Path coloured by").wait_for()
+    study = study_of(folder)
+    run = Replayer(study).run(Place(0, 1, 1, 0, 4), everything=True)
+    page.evaluate(SET_TIME, 2.0)
+    page.wait_for_function(HERE, arg=2.0)
+    seen = page.evaluate(SEEN)
+    at = run.motion.sel(time=seen["here"][0], method="nearest")
+    shown = [float(text.replace("−", "-")) for text in seen["rows"]["slip"]]
+    assert shown == pytest.approx(np.degrees(at["slip_angle"].values), abs=0.006)
+    assert seen["rows"]["axle"] == ["front", "rear"]
+    assert seen["wheels"] == 4
+    page.get_by_role("gridcell", name=seen["rows"]["slip"][0]).first.wait_for()
+    page.get_by_label("Path coloured by").select_option(index=1)
+    assert seen["bodies"]["who"] == ["truth", *(e.name for e in study.estimators)]
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_function(
+        "[...Bokeh.documents[0]._all_models.values()].some((m) => m.title === 'Time in s' && m.value > 2.5)"
+    )

@@ -1,0 +1,337 @@
+"""The vehicle from above over a run: its path, and the vehicle to scale at the time of a slider.
+
+Everything that follows the slider is drawn by the browser (``above.js``) from numbers that are sent once for a run.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bokeh.events import Tap
+from bokeh.layouts import column, row
+from bokeh.models import (
+    ColorBar,
+    ColumnDataSource,
+    CustomJS,
+    CustomJSTickFormatter,
+    DataRange1d,
+    DataTable,
+    Div,
+    FixedTicker,
+    Select,
+    Slider,
+    StringFormatter,
+    TableColumn,
+    Toggle,
+)
+from bokeh.palettes import Cividis256
+from bokeh.transform import linear_cmap
+
+from harness.common.arrays import Floats
+from harness.common.thinning import largest
+from harness.models.assembly.plan import Plan
+from harness.models.quantities import quantity, words
+from harness.reporting.style import Look
+from harness.study.motion import lateral_signal
+from harness.study.replay import Replayed
+from harness.study.view import looks
+
+FRAMES = 750
+"""Moments of a run that the slider has."""
+
+MAGNIFICATIONS = (20, 10, 5, 2, 1)
+"""By which slip and sideslip angles may be drawn larger; the largest by which none is drawn above ``_WIDEST``."""
+
+_WIDEST = np.radians(40.0)
+_ARROWS: dict[str, list[Any]] = {"x0": [], "y0": [], "x1": [], "y1": [], "angle": [], "colour": [], "who": []}
+_EMPTY: dict[str, dict[str, list[Any]]] = {
+    "shapes": {"xs": [], "ys": [], "dash": []},
+    "seen": {"xs": [], "ys": []},
+    "ghosts": {"xs": [], "ys": [], "colour": [], "who": []},
+    "wheels": {"xs": [], "ys": [], "use": [], "axle": []},
+    "slips": _ARROWS,
+    "planes": _ARROWS,
+    "forces": _ARROWS,
+    "moving": _ARROWS,
+    "track": {"x": [], "y": []},
+    "rows": {"axle": [], "slip": [], "force": [], "load": [], "use": []},
+    "told": {"what": [], "who": [], "value": []},
+    "here": {"x": [], "y": [], "t": []},
+}
+_PLAY = """
+if (cb_obj.active) {
+    cb_obj.label = 'Stop';
+    window.playing = setInterval(() => {
+        const next = slider.value + 0.1;
+        slider.value = next > slider.end ? slider.start : next;
+    }, 100);
+} else { cb_obj.label = 'Play'; clearInterval(window.playing); }
+"""
+_COLOUR_BY = """
+const [unit, low, high] = JSON.parse(chosen.tags[0])[cb_obj.value];
+path.data.value = path.data[cb_obj.value]; path.change.emit();
+mapper.low = low; mapper.high = high; bar.title = unit;
+"""
+USE = "friction use"
+
+
+class AboveFigure:
+    """The path of a run and the vehicle on it.
+
+    Args:
+        chosen: Look by estimator.
+
+    Attributes:
+        layout: What goes into the page.
+        cursor: The time of the slider, ``t``, for figures over time.
+        to_here: Moves the slider to where a figure over time is clicked.
+    """
+
+    def __init__(self, chosen: dict[str, Look]) -> None:
+        self._looks = chosen
+        self.cursor = ColumnDataSource({"t": []})
+        self._frames = ColumnDataSource({"time": []})
+        self._geometry = ColumnDataSource({"json": ["{}"]})
+        self._sources = {name: ColumnDataSource(data, name=f"above {name}") for name, data in _EMPTY.items()}
+        self._path = ColumnDataSource({name: [] for name in ("x0", "y0", "x1", "y1", "value")})
+        self._extent = ColumnDataSource({"x": [], "y": []})
+        self._slider = Slider(title="Time in s", start=0.0, end=1.0, value=0.0, step=0.01, sizing_mode="stretch_width")
+        self._play = Toggle(label="Play", width=80)
+        self._by = Select(title="Path coloured by", width=330, tags=["{}"])
+        self._note = Div(render_as_text=True, sizing_mode="stretch_width", stylesheets=[looks.WRAPPED])
+        self._said = Div(text="", render_as_text=True, sizing_mode="stretch_width")
+        code = (Path(__file__).parent / "above.js").read_text(encoding="utf-8")
+        draw = CustomJS(
+            args={"frames": self._frames, "geometry": self._geometry, "slider": self._slider, "cursor": self.cursor,
+                  "sources": self._sources},
+            code=code,
+        )  # fmt: skip
+        self._slider.js_on_change("value", draw)
+        self._frames.js_on_change("data", draw)
+        self._play.js_on_change("active", CustomJS(args={"slider": self._slider}, code=_PLAY))
+        self.to_here = CustomJS(
+            args={"slider": self._slider},
+            code="slider.value = Math.max(slider.start, Math.min(slider.end, cb_obj.x));",
+        )
+        self._map, self._near = self._make_map(), self._make_near()
+        self._whole = column(
+            row(self._play, self._by, sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "align-items": "end"}),
+            self._slider, self._near, self._note, self._tables(), self._map, sizing_mode="stretch_width",
+        )  # fmt: skip
+        self.layout = column(self._said, sizing_mode="stretch_width")
+
+    def _tables(self) -> Any:
+        plain = StringFormatter()
+
+        def table(source: str, height: int, columns: list[tuple[str, str]]) -> DataTable:
+            return DataTable(
+                source=self._sources[source], index_position=None, height=height, sizing_mode="stretch_width",
+                reorderable=False, fit_columns=True, min_width=280,
+                columns=[TableColumn(field=f, title=t, formatter=plain) for f, t in columns],
+            )  # fmt: skip
+
+        of_axles = [("axle", "axle"), ("slip", "slip angle in °"), ("force", "lateral force in kN")]
+        of_axles += [("load", "vertical load in kN"), ("use", "friction use in %")]
+        self._of_axles = table("rows", 160, of_axles)
+        of_bodies = table("told", 160, [("what", "angle"), ("who", "of"), ("value", "in °")])
+        return row(self._of_axles, of_bodies, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"})
+
+    def _make_map(self) -> Any:
+        mapper = linear_cmap("value", list(Cividis256), 0.0, 1.0, nan_color="#bbbbbb")
+        found = looks.plot(
+            "The drive: path of the first body's CoG", 420, tools="pan,wheel_zoom,reset", match_aspect=True,
+            name="the drive from above",
+        )  # fmt: skip
+        path = found.segment("x0", "y0", "x1", "y1", source=self._path, line_width=5, line_color=mapper)
+        found.patches("xs", "ys", source=self._sources["seen"], fill_color="#ffffff", line_color="#000000")
+        found.scatter(
+            "x", "y", source=self._sources["here"], marker="circle", size=16, fill_color=None, line_color="#D55E00",
+            line_width=2.5,
+        )  # fmt: skip
+        found.x_range, found.y_range = DataRange1d(renderers=[path]), DataRange1d(renderers=[path])
+        found.xaxis.axis_label, found.yaxis.axis_label = "x in m, ahead at the start", "y in m, left at the start"
+        bar = ColorBar(color_mapper=mapper["transform"], title=USE, width=14, title_text_font_style="normal",
+                       title_text_font=looks.FONT, title_text_font_size="12px")  # fmt: skip
+        found.add_layout(bar, "right")
+        args = {"path": self._path, "mapper": mapper["transform"], "bar": bar, "chosen": self._by}
+        self._mapper, self._bar = mapper["transform"], bar
+        self._by.js_on_change("value", CustomJS(args=args, code=_COLOUR_BY))
+        found.js_on_event(Tap, CustomJS(args={"d": self._frames, "slider": self._slider}, code="""
+            let best = Infinity;
+            d.data.time.forEach((t, i) => {
+                const far = (d.data.x[i] - cb_obj.x) ** 2 + (d.data.y[i] - cb_obj.y) ** 2;
+                if (far < best) { best = far; slider.value = t; }
+            });
+        """))  # fmt: skip
+        return found
+
+    def _make_near(self) -> Any:
+        found = looks.plot(
+            "The vehicle to scale", 420, tools="pan,wheel_zoom,reset", match_aspect=True, name="the vehicle from above"
+        )
+        sources = self._sources
+        found.line("x", "y", source=sources["track"], line_color="#bbbbbb", line_width=1.5)
+        found.patches(
+            "xs", "ys", source=sources["shapes"], fill_color="#f2f2f2", fill_alpha=0.8, line_color="#333333",
+            line_dash="dash",
+        )  # fmt: skip
+        mapper = linear_cmap("use", list(Cividis256), 0.0, 1.0, nan_color="#ffffff")
+        found.multi_line("xs", "ys", source=sources["ghosts"], line_color="colour", line_width=1.8)
+        wheels = found.patches("xs", "ys", source=sources["wheels"], fill_color=mapper, line_color="#333333")
+        for name, dashes, width in (
+            ("planes", "dotted", 1.2),
+            ("slips", "solid", 2.2),
+            ("forces", "solid", 3.2),
+            ("moving", "solid", 2.6),
+        ):
+            found.segment("x0", "y0", "x1", "y1", source=sources[name], line_color="colour", line_width=width,
+                          line_dash=dashes)  # fmt: skip
+            if name != "planes":
+                found.scatter("x1", "y1", source=sources[name], marker="triangle", angle="angle", size=9,
+                              fill_color="colour", line_color="colour")  # fmt: skip
+        extent = found.scatter("x", "y", source=self._extent, size=1, alpha=0)
+        found.x_range, found.y_range = DataRange1d(renderers=[extent]), DataRange1d(renderers=[extent])
+        found.xaxis.axis_label = "ahead of the first body's CoG in m"
+        found.yaxis.axis_label = "to the left in m"
+        found.add_tools(looks.hover([wheels], ("axle", "@axle"), ("friction use", "@use{0 %}")))
+        bar = ColorBar(color_mapper=mapper["transform"], title=USE, width=14, title_text_font_style="normal",
+                       title_text_font=looks.FONT, title_text_font_size="12px",
+                       ticker=FixedTicker(ticks=[0, 0.25, 0.5, 0.75, 1]),
+                       formatter=CustomJSTickFormatter(code="return Math.round(100 * tick) + ' %'"))  # fmt: skip
+        found.add_layout(bar, "right")
+        return found
+
+    def show(self, run: Replayed) -> None:
+        """Draw a run; the slider stays where it is."""
+        if run.motion is None or run.plan is None:
+            self._say("The equations of this vehicle do not say where its axles stand: there is no view from above.")
+            return
+        moves = run.motion.isel(time=np.isfinite(run.motion["x"].values).all(axis=1).nonzero()[0])
+        if moves.sizes["time"] < 2:
+            self._say("The vehicle leaves the range of its equations at the start: there is nothing to see from above.")
+            return
+        begins = np.arange(0, moves.sizes["time"], -(-moves.sizes["time"] // FRAMES))
+        frames, magnified = _frames(run, moves, begins)
+        self._show_path(run, moves, begins)
+        force = float(np.nanmax(np.abs(moves["lateral_force"].values), initial=1.0))
+        geometry = _geometry(run, self._looks) | {"magnified": magnified, "force": force}
+        self._extent.data = _extent(run.plan, moves, geometry["reach"])
+        self._geometry.data = {"json": [json.dumps(geometry)]}
+        self._slider.end = max(self._slider.start + 0.01, float(moves["time"].values[begins[-1]]))
+        self._slider.value = min(self._slider.value, self._slider.end)
+        self._frames.data = frames
+        self._of_axles.height = 40 + 26 * len(run.plan.axles)
+        guessed = [words(b) or "vehicle" for b, o in run.plan.outlines.items() if not o.stated]
+        ends = f" The ends of the {' and the '.join(guessed)} are guessed (dashed)." if guessed else ""
+        others = (
+            " Coloured outlines: the second body at the articulation angle that estimators give."
+            if run.plan.coupling
+            else ""
+        )
+        self._note.text = (
+            f"Orange: lateral force of an axle (largest of the run: {force / 1e3:.3g} kN). Blue: direction in which an "
+            f"axle moves; against its plane (dotted) that is the slip angle, drawn {magnified} times as large. Black, "
+            f"and in the colour of each estimator: direction of a CoG, the sideslip angle, likewise.{others}"
+            f" Wheels: lateral force over the largest that the tyre has.{ends}"
+        )
+        if self.layout.children != [self._whole]:
+            self.layout.children = [self._whole]
+
+    def _say(self, words_: str) -> None:
+        self._said.text, self.layout.children = words_, [self._said]
+
+    def _show_path(self, run: Replayed, moves: Any, begins: np.ndarray) -> None:
+        """Fill the path and what it may be coloured by."""
+        x, y = (moves[n].values[begins, 0] for n in ("x", "y"))
+        by: dict[str, Floats] = {}
+        if np.isfinite(moves["friction_use"].values).any():
+            by[USE] = np.nanmax([largest(u, begins) for u in moves["friction_use"].values.T], axis=0)
+        units = {USE: USE}
+        for target in map(str, run.data["target"].values[: len(run.study.targets)]):
+            q, own = quantity(target), run.data.sel(target=target)
+            for estimator in map(str, run.data["estimator"].values):
+                estimate = own["estimate"].sel(estimator=estimator).values
+                error = np.abs(estimate - own["truth"].values)[: moves.sizes["time"]]
+                key = f"error of {estimator}: {q.words}"
+                by[key], units[key] = q.scale * largest(error, begins), f"error in {q.unit}" if q.unit else "error"
+        ends = {
+            k: [units[k], 0.0, 1.0 if k == USE else max(float(np.nanmax(v, initial=0.0)), 1e-9)] for k, v in by.items()
+        }
+        key = self._by.value if self._by.value in by else next(iter(by))
+        self._path.data = {"x0": x[:-1], "y0": y[:-1], "x1": x[1:], "y1": y[1:], "value": by[key][:-1]} | {
+            k: v[:-1] for k, v in by.items()
+        }
+        self._by.options, self._by.tags, self._by.value = list(by), [json.dumps(ends)], key
+        self._bar.title, self._mapper.low, self._mapper.high = ends[key]
+
+
+def _frames(run: Replayed, moves: Any, begins: np.ndarray) -> tuple[dict[str, Floats], int]:
+    """Return what the browser draws at each moment, and by how much angles are magnified."""
+    estimates, model = run.data["estimate"], run.study.plant.model()
+    found = {n: moves[n].values[begins, 0] for n in ("x", "y", "heading")}
+    names = {
+        "slip": "slip_angle",
+        "force": "lateral_force",
+        "load": "vertical_load",
+        "use": "friction_use",
+        "steer": "steer",
+    }
+    for k in range(moves.sizes["axle"]):
+        found |= {f"{short} {k}": moves[name].values[begins, k] for short, name in names.items()}
+    targets, count = set(map(str, run.data["target"].values)), run.data.sizes["estimator"]
+    nothing = np.full(len(begins), np.nan)
+    if moves.sizes["body"] > 1:
+        found["articulation"] = (moves["heading"].values[:, 1] - moves["heading"].values[:, 0])[begins]
+        for k in range(count):
+            known = "articulation_angle" in targets
+            found[f"articulation {k}"] = (
+                estimates.sel(target="articulation_angle").values[begins, k] if known else nothing
+            )
+    for i, body in enumerate(map(str, moves["body"].values)):
+        speed = np.maximum(moves["speed"].values[begins, i], 0.3)
+        found[f"sideslip {i}"] = np.arctan2(moves["lateral_velocity"].values[begins, i], speed)
+        name = lateral_signal(model, body)
+        for k in range(count):
+            own = estimates.sel(target=name).values[begins, k] if name in targets else nothing
+            found[f"sideslip {i} {k}"] = np.arctan2(own, speed)
+    angles = [np.abs(v) for n, v in found.items() if n.startswith("slip ") or n in ("sideslip 0", "sideslip 1")]
+    most = max((float(np.nanmax(a)) for a in angles if np.isfinite(a).any()), default=0.0)
+    magnified = next((m for m in MAGNIFICATIONS if m * most <= _WIDEST), 1)
+    numbers = {name: np.asarray(values, dtype=np.float32) for name, values in found.items()}
+    return {"time": moves["time"].values[begins], **numbers}, magnified
+
+
+def _geometry(run: Replayed, chosen: dict[str, Look]) -> dict[str, Any]:
+    """Return what of the vehicle stays the same over the run."""
+    plan = run.plan
+    assert plan is not None
+    first, bodies = next(iter(plan.outlines.values())), list(plan.outlines)
+    length = first.front - first.back
+    return {
+        "coupling": plan.coupling,
+        "outlines": [
+            {"name": words(b), "back": o.back, "front": o.front, "width": o.width, "stated": o.stated}
+            for b, o in plan.outlines.items()
+        ],
+        "axles": [{"name": words(n), "body": bodies.index(a.body), "x": a.x, "y": a.y} for n, a in plan.axles.items()],
+        "estimators": [
+            {"name": str(e), "colour": looks.colour(chosen[str(e)].line)} for e in run.data["estimator"].values
+        ],
+        "wheel": min(0.17 * length, 1.0),
+        "reach": 0.28 * length,
+    }
+
+
+def _extent(plan: Plan, moves: Any, reach: float) -> dict[str, list[float]]:
+    """Return the corners of what the vehicle ever takes up in the axes of its first body."""
+    first, *others = plan.outlines.values()
+    x, y = [first.front + reach, first.back - reach], [first.width / 2 + 2 * reach, -first.width / 2 - 2 * reach]
+    if others and plan.coupling is not None:
+        theta = moves["heading"].values[:, 1] - moves["heading"].values[:, 0]
+        length = others[0].back - plan.coupling[1] - reach / 2
+        x += [float(np.min(plan.coupling[0] + length * np.cos(theta)))]
+        y += [float(np.min(length * np.sin(theta))), float(np.max(length * np.sin(theta)))]
+    return {"x": [min(x), max(x)], "y": [min(y), max(y)]}

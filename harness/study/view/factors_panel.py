@@ -1,0 +1,263 @@
+"""Figures of a design over several factors, with one selection in all of them, and what the factors explain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from bokeh.document import Document
+from bokeh.layouts import column, gridplot
+from bokeh.models import (
+    BasicTicker,
+    ColorBar,
+    ColumnDataSource,
+    FixedTicker,
+    Legend,
+    LegendItem,
+    LinearColorMapper,
+    LogColorMapper,
+    Select,
+    Span,
+)
+from bokeh.palettes import Cividis256
+
+from harness.common.statistics import Interval
+from harness.reporting import style
+from harness.study.report.analysis import Analysis
+from harness.study.report.ranking import limits_of, tolerances
+from harness.study.report.sections.over_time import AlongDrive
+from harness.study.results import Design
+from harness.study.scores import PENDING
+from harness.study.view import looks
+from harness.study.view.boxes import SCORES, unit_of
+from harness.study.view.factors import Points, points_of, shares, varied
+from harness.study.view.frame import said
+
+_TOOLS = "box_select,tap,reset"
+_DRAWN = 4  # factors over time
+
+
+class FactorsPanel:
+    """The factors of a design.
+
+    Args:
+        document: Of the page.
+        analysis: Of the study.
+        choose: Told the run of a single point that is clicked: band, drive, sample, repeat, and the estimator.
+
+    Attributes:
+        layout: What goes into the page; empty where a design has less than two factors that vary.
+    """
+
+    def __init__(
+        self, document: Document, analysis: Analysis, choose: Callable[[tuple[int, int, int, int], int], None]
+    ) -> None:
+        self._document, self._analysis, self._choose = document, analysis, choose
+        self.layout = column(sizing_mode="stretch_width")
+        self._estimator = Select(title="Estimator", width=260)
+        self._estimator.on_change("value", lambda _a, _o, _n: self._draw())
+        self._shown: tuple[int, str, int, int | None] | None = None
+        self._points: Points | None = None
+        self._busy = False
+
+    def show(self, design: int, score: str, target: int, drive: int | None) -> None:
+        """Draw a design: one of ``SCORES`` of a target, on one drive or on all."""
+        now = design, score, target, drive
+        if now == self._shown:
+            return
+        self._shown = now
+        of = self._analysis.store.designs[design]
+        self._busy = True
+        self._estimator.options = [(str(e), of.estimators[e]) for e in of.giving(target)]
+        if self._estimator.value not in dict(self._estimator.options):
+            self._estimator.value = self._estimator.options[0][0] if self._estimator.options else ""
+        self._busy = False
+        self._draw()
+
+    def _draw(self) -> None:
+        if self._busy or self._shown is None:
+            return
+        number, score, target, drive = self._shown
+        design = self._analysis.store.designs[number]
+        if len(varied(design)) < 2 or not self._estimator.value:
+            self.layout.children = []
+            return
+        estimator = int(self._estimator.value)
+        self._points = points_of(design, score, target, estimator, drive)
+        label = SCORES[score] + style.in_unit(unit_of(score, design.targets[target]))
+        self.layout.children = [said(_HINT), self._estimator, *self._brushed(design, label)]
+        if score == "rmse" and drive is None:
+            self._document.add_next_tick_callback(partial(self._explain, self._shown, estimator))
+
+    def _explain(self, shown: tuple[int, str, int, int | None], estimator: int) -> None:
+        """Add what the factors explain, which takes longer, behind the points."""
+        if shown == self._shown and self._estimator.value == str(estimator):
+            self.layout.children = [*self.layout.children[:4], *self._explained(shown[0], shown[2], estimator)]
+
+    def _brushed(self, design: Design, label: str) -> list[Any]:
+        """Return parallel coordinates and a scatter per factor, all over one source."""
+        points, factors = self._points, varied(design)
+        assert points is not None
+        placed = {i: shares(design.factors[i], points.values[:, i]) for i in factors}
+        at = np.arange(len(factors))
+        known = points.scores[np.isfinite(points.scores)]
+        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        log = low > 0 and high > 5 * low
+        mapper = (LogColorMapper if log else LinearColorMapper)(
+            palette=list(Cividis256), low=low, high=max(high, low + 1e-12), nan_color="#bbbbbb"
+        )
+        last = (
+            (np.log(points.scores / low) / np.log(high / low))
+            if log
+            else (points.scores - low) / max(high - low, 1e-12)
+        )
+        lines = np.column_stack([*(placed[i] for i in factors), last])
+        source = ColumnDataSource({
+            "xs": [np.append(at, len(factors)) for _ in lines], "ys": list(lines), "score": points.scores,
+            **{f"share {k}": lines[:, k] for k in range(lines.shape[1])},
+            **{f"factor {i}": points.values[:, i] for i in factors},
+        })  # fmt: skip
+        source.selected.on_change("indices", lambda _a, _o, new: self._selected(list(new)))
+        colour = {"field": "score", "transform": mapper}
+        parallel = looks.plot("Parallel coordinates: each line is a point of the design", 360, tools=_TOOLS,
+                              x_range=(-0.3, len(factors) + 0.3), y_range=(-0.06, 1.06),
+                              name="parallel coordinates")  # fmt: skip
+        drawn = parallel.multi_line("xs", "ys", source=source, line_color=colour, line_width=1.2, line_alpha=0.6)
+        drawn.nonselection_glyph.line_alpha, drawn.selection_glyph.line_width = 0.04, 2.0
+        for k in range(lines.shape[1]):
+            dots = parallel.scatter(k, f"share {k}", source=source, size=5, color=colour, alpha=0.8)
+            dots.nonselection_glyph.fill_alpha = dots.nonselection_glyph.line_alpha = 0.05
+            parallel.add_layout(Span(location=k, dimension="height", line_color="#888888", level="underlay"))
+        ends = [design.factors[i] for i in factors]
+        names = [
+            f"{f.words}{style.in_unit(f.unit)}\n{style.number(f.values.min())} to {style.number(f.values.max())}"
+            for f in ends
+        ]
+        names.append(f"{label}\n{style.number(low)} to {style.number(high)}")
+        parallel.xaxis.ticker = FixedTicker(ticks=list(range(len(names))))
+        parallel.xaxis.major_label_overrides = dict(enumerate(names))
+        parallel.yaxis.visible = False
+        bar = ColorBar(color_mapper=mapper, title=label, width=14, title_text_font=looks.FONT,
+                       title_text_font_style="normal", title_text_font_size="12px", ticker=BasicTicker())  # fmt: skip
+        parallel.add_layout(bar, "right")
+        plots = []
+        for i in factors:
+            factor = design.factors[i]
+            plot = looks.plot("", 270, tools=_TOOLS, y_axis_type="log" if log else "linear",
+                              x_axis_type="log" if factor.log else "linear", name=f"scatter {i}")  # fmt: skip
+            dots = plot.scatter(
+                f"factor {i}", "score", source=source, size=6, color=colour, line_color=None, alpha=0.85
+            )
+            dots.nonselection_glyph.fill_alpha = 0.06
+            plot.xaxis.axis_label, plot.yaxis.axis_label = f"{factor.words}{style.in_unit(factor.unit)}", label
+            plots.append(plot)
+        wide = gridplot(plots, ncols=min(3, len(plots)), sizing_mode="stretch_width", toolbar_location="right")
+        wide.toolbar.logo = None
+        return [parallel, wide]
+
+    def _selected(self, indices: list[int]) -> None:
+        """Lead to the worst run of a point that was clicked alone."""
+        if len(indices) == 1 and self._points is not None:
+            band, sample = map(int, self._points.places[indices[0]])
+            drive, repeat = map(int, self._points.worst[indices[0]])
+            self._choose((band, drive, sample, repeat), int(self._estimator.value))
+
+    def _explained(self, number: int, target: int, estimator: int) -> list[Any]:
+        """Return Sobol indices, over the drive where they are kept, or the tolerance box."""
+        findings = self._analysis.findings[number]
+        design = findings.design
+        if design.count(PENDING):
+            return [said("The design is not finished: indices and tolerances need all of its points.")]
+        if design.sampling == "saltelli":
+            found = findings.ranking.errors[target][estimator]
+            plots = [] if found is None else [_indices(design, found.first, found.total)]
+            if "rmse_over_time" in design.data and findings.ranking.errors[target][findings.ranking.best(target)]:
+                plots.append(_along(AlongDrive(findings.ranking, target)))
+            return plots
+        if design.sampling == "tolerance":
+            borne = tolerances(design, limits_of(self._analysis.store.attributes)).get((target, estimator))
+            return [] if borne is None else [_box(design, borne.lower, borne.upper, borne.box)]
+        return []
+
+
+def _rows(plot: Any, names: list[str]) -> None:
+    plot.yaxis.ticker = FixedTicker(ticks=list(range(len(names))))
+    plot.yaxis.major_label_overrides = {len(names) - 1 - i: name for i, name in enumerate(names)}
+    plot.ygrid.grid_line_color = None
+
+
+def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval, ...]) -> Any:
+    """Return first-order and total indices with their 95 % intervals."""
+    names = [f.words for f in design.factors]
+    plot = looks.plot("Sobol indices of the error, with 95 % intervals", 120 + 40 * len(names), tools="reset",
+                      x_range=(-0.05, max(1.05, *(t.upper for t in total))), y_range=(-0.6, len(names) - 0.4),
+                      name="Sobol indices")  # fmt: skip
+    items = []
+    for (name, found, shift), look in zip(
+        (("total", total, 0.15), ("first order", first, -0.15)), style.looks(["total", "first"]).values(), strict=True
+    ):
+        y = np.arange(len(names))[::-1] + shift
+        source = ColumnDataSource({
+            "y": y, "value": [v.value for v in found], "lower": [v.lower for v in found],
+            "upper": [v.upper for v in found], "name": names,
+        })  # fmt: skip
+        line = looks.colour(look.line)
+        plot.segment("lower", "y", "upper", "y", source=source, color=line, line_width=2.5)
+        dots = plot.scatter("value", "y", source=source, color=line, size=9, marker="circle" if shift > 0 else "square")
+        plot.add_tools(
+            looks.hover([dots], ("", "@name"), (name, "@value{0.000}"), ("95 %", "@lower{0.000} to @upper{0.000}"))
+        )
+        items.append(LegendItem(label={"value": name}, renderers=[dots]))
+    plot.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None), "above")
+    plot.xaxis.axis_label = "share of the variance"
+    _rows(plot, names)
+    return plot
+
+
+def _along(found: AlongDrive) -> Any:
+    """Return the total indices over the drive whose errors are kept over time."""
+    who = found.design.estimators[found.estimator]
+    plot = looks.plot(
+        f"Total index over the drive {found.drive}, {who}", 280, y_range=(-0.05, 1.1), name="indices over time"
+    )
+    total = found.total
+    order = np.argsort(-np.nan_to_num(total[:, :, 0]).mean(axis=1), kind="stable")[:_DRAWN]
+    chosen = list(style.looks([str(i) for i in order]).values())
+    for i, look in zip(order, chosen, strict=True):
+        source = ColumnDataSource(
+            {"t": found.time, **{n: total[i, :, k] for k, n in enumerate(("value", "lower", "upper"))}}
+        )
+        line = looks.colour(look.line)
+        plot.varea("t", "lower", "upper", source=source, color=line, alpha=0.15)
+        plot.line("t", "value", source=source, color=line, line_dash=looks.dash(look), line_width=1.8,
+                  legend_label=found.design.factors[i].words)  # fmt: skip
+    plot.legend.orientation, plot.legend.location = "horizontal", "top_left"
+    plot.legend.background_fill_alpha, plot.legend.border_line_color = 0.7, None
+    plot.xaxis.axis_label, plot.yaxis.axis_label = "time in s", "total index"
+    return plot
+
+
+def _box(design: Design, lower: Any, upper: Any, box: float) -> Any:
+    """Return how far each factor alone may go, and all at once, as shares of the box of the study."""
+    names = [f.words for f in design.factors]
+    plot = looks.plot("Tolerated shares of the box: each factor alone, and all at once (dashed)", 110 + 34 * len(names),
+                      tools="reset", x_range=(-1.05, 1.05), y_range=(-0.6, len(names) - 0.4),
+                      name="tolerance box")  # fmt: skip
+    y, line = np.arange(len(names))[::-1], style.looks(["alone"])["alone"]
+    source = ColumnDataSource({"y": y, "left": -np.asarray(lower), "right": np.asarray(upper), "name": names})
+    drawn = plot.hbar("y", left="left", right="right", height=0.6, source=source, fill_color=looks.colour(line.tint),
+                      line_color=looks.colour(line.line))  # fmt: skip
+    plot.add_tools(looks.hover([drawn], ("", "@name"), ("below", "@left{0.00}"), ("above", "@right{0.00}")))
+    for at in (-box, box):
+        plot.add_layout(Span(location=at, dimension="height", line_color="#000000", line_dash="dashed", line_width=2))
+    plot.xaxis.axis_label = "share of the way from what is believed to the edge of the box"
+    _rows(plot, names)
+    return plot
+
+
+_HINT = (
+    "Drag over a part of any figure: the same points stand out in all of them; reset shows all again. A click on one "
+    "point computes its worst run again."
+)

@@ -1,0 +1,66 @@
+"""The page of a folder of several results, such as that of a campaign: each with its answer and a link to its page."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from bokeh.document import Document
+from bokeh.models import Div
+
+from harness.common.errors import UserError
+from harness.study.view.frame import Part, address_bar, put_parts, read_record, said
+
+
+def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Document], None]:
+    """Return what puts the page of a folder into a document.
+
+    Args:
+        folder: That holds the results.
+        results: Folder and kind of each; the page of number ``n`` is at ``n`` below the address, counted from 1.
+    """
+    listed = [(path.name, kind, *_told(path, kind)) for path, kind in results]
+
+    def put(document: Document) -> None:
+        rows = [
+            f'<li><a href="{i}">{html.escape(title)}</a> ({html.escape(kind)}, {html.escape(name)})<br>'
+            f"{html.escape(answer)}</li>"
+            for i, (name, kind, title, answer) in enumerate(listed, 1)
+        ]
+        models = [Div(text=f'<ul class="links">{"".join(rows)}</ul>', sizing_mode="stretch_width")]
+        kinds = [kind for _, kind, *_ in listed]
+        count = ", ".join(f"{kinds.count(kind)} of kind {kind}" for kind in dict.fromkeys(kinds))
+        parts = [Part("Results", models, "A title opens the page of that result.")]
+        put_parts(document, f"Results in {folder.name or folder}", [count], parts, address_bar())
+
+    return put
+
+
+def refused(folder: Path, why: str) -> Callable[[Document], None]:
+    """Return the page of a result that cannot be shown."""
+
+    def put(document: Document) -> None:
+        put_parts(document, folder.name, [why], [Part("No page", [said("")])], address_bar())
+
+    return put
+
+
+def _told(folder: Path, kind: str) -> tuple[str, str]:
+    """Return title and answer of a result."""
+    try:
+        if kind == "study":
+            from harness.study.report import analyse  # only where there are studies: it takes seconds to import
+            from harness.study.report.opening import answer_in_short
+
+            found = analyse(folder)
+            attributes = found.store.attributes
+            title = str(attributes.get("title") or attributes.get("study_name") or folder.name)
+            return title, answer_in_short(found.main, found.store.designs)
+        file = {"trace": "trace.json", "identification": "identify.json", "check": "check.json"}[kind]
+        record: dict[str, Any] = read_record(folder / file)
+        answer = record.get("answer") or "; ".join(map(str, record.get("notes") or [])) or str(record.get("model", ""))
+        return folder.name, str(answer)
+    except UserError as error:
+        return folder.name, f"cannot be read: {error}"

@@ -1,0 +1,102 @@
+"""What all pages share: their template, their style, and the address that says what they show."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bokeh.document import Document
+from bokeh.layouts import column
+from bokeh.models import CustomJS, Div, TextInput
+from jinja2 import Environment
+
+from harness.common.errors import UserError
+
+_ADDRESS = "history.replaceState(null, '', cb_obj.value)"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One section of a page of a stored result.
+
+    Attributes:
+        heading: Words of this package, never a name out of a result.
+        models: What is in it, one below the other.
+        hint: How it is used; of this package as well.
+    """
+
+    heading: str
+    models: Sequence[Any]
+    hint: str = ""
+
+
+def said(text: str, **further: Any) -> Div:
+    """Return a text that is shown as it is, whatever characters it has."""
+    return Div(text=text, render_as_text=True, sizing_mode="stretch_width", **further)
+
+
+def address_bar() -> TextInput:
+    """Return a hidden text that becomes the query of the address whenever it is set."""
+    found = TextInput(value="", visible=False)
+    found.js_on_change("value", CustomJS(code=_ADDRESS))
+    return found
+
+
+def arguments_of(document: Document) -> dict[str, str]:
+    """Return what the query of the address asked for, the last of each name."""
+    context = document.session_context
+    given = {} if context is None else context.request.arguments
+    return {name: values[-1].decode("utf-8", "replace") for name, values in given.items() if values}
+
+
+def index_of(given: str | None, count: int) -> int | None:
+    """Return an index that an address asks for; ``None`` if there is none such."""
+    return int(given) if given and given.isascii() and given.isdigit() and int(given[:9]) < count else None
+
+
+def fill(document: Document, template: str, title: str, roots: dict[str, Any], **variables: Any) -> None:
+    """Put models into a page.
+
+    Args:
+        document: The page.
+        template: File beside this module; what it is given are names of roots and HTML of this package.
+        title: Of the window; shown as text.
+        roots: Models by the name that the template has for them.
+        **variables: Further ones of the template.
+    """
+    folder = Path(__file__).parent
+    for name, model in roots.items():
+        model.name = name
+        document.add_root(model)
+    document.title = title
+    document.template = Environment().from_string((folder / template).read_text(encoding="utf-8"))
+    document.template_variables.update(variables, style=(folder / "page.css").read_text(encoding="utf-8"))
+
+
+def put_parts(document: Document, title: str, answer: Sequence[str], parts: Sequence[Part], address: TextInput) -> None:
+    """Put the page of a stored result into a document: its title, the answer in words, and its sections."""
+    roots = {
+        "title": said(title, styles={"font-size": "1.35rem", "font-weight": "bold"}),
+        "answer": column(*(said(line, styles={"font-size": "1rem"}) for line in answer), sizing_mode="stretch_width"),
+        "address": address,
+        **{f"part{i}": column(*part.models, sizing_mode="stretch_width") for i, part in enumerate(parts)},
+    }
+    fill(document, "stored.html", title, roots, parts=[(part.heading, part.hint) for part in parts])
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return the record that a command wrote.
+
+    Raises:
+        UserError: If it cannot be read.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read ({type(error).__name__}: {error})") from error
+    if not isinstance(found, dict):
+        raise UserError(f"{path}: no record that the harness wrote")
+    return found

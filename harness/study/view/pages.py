@@ -1,0 +1,86 @@
+"""Which page shows a result folder: told by the files that its command wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from bokeh.document import Document
+
+from harness.common.errors import UserError
+from harness.study.view import folder_page
+
+Put = Callable[[Document], None]
+
+KINDS: dict[str, str] = {
+    "scores.zarr": "study",
+    "trace.json": "trace",
+    "identify.json": "identification",
+    "check.json": "check",
+}
+"""What a folder holds, by the file that says it."""
+
+
+def kind_of(folder: Path) -> str | None:
+    """Return what a result folder holds; ``None`` if no page shows it."""
+    return next((kind for file, kind in KINDS.items() if (folder / file).exists()), None)
+
+
+def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
+    """Return the pages of one result folder, of a folder of several, or of two studies side by side.
+
+    Args:
+        folders: One or two.
+        study: Study file, if files that it names lie beside it.
+
+    Returns:
+        What puts a page into a document, by its place below the address; ``/`` is the first one.
+
+    Raises:
+        UserError: If a folder holds no result, or two cannot be compared.
+    """
+    beside = None if study is None else study.parent
+    if len(folders) == 2:
+        for folder in folders:
+            if kind_of(folder) != "study":
+                raise UserError(f"{folder}: no study; side by side are shown two studies")
+        of_pair = import_module("harness.study.view.pair_page").build(*folders)
+        return {"/": of_pair, **{f"/{i}": _later(folder, beside) for i, folder in enumerate(folders, 1)}}
+    if len(folders) != 1:
+        raise UserError(f"one result folder or two studies are shown, not {len(folders)}")
+    folder = folders[0]
+    if kind_of(folder) is not None:
+        return {"/": _page(folder, beside)}
+    inner = sorted(path for path in folder.iterdir() if path.is_dir() and kind_of(path)) if folder.is_dir() else []
+    if not inner:
+        raise UserError(
+            f"{folder}: no result to show: there is none of {', '.join(KINDS)} in it, nor in a folder in it; the "
+            "commands run, trace, identify and check write them"
+        )
+    found = {f"/{i}": _later(path, beside) for i, path in enumerate(inner, 1)}
+    return {"/": folder_page.build(folder, [(path, str(kind_of(path))) for path in inner]), **found}
+
+
+def _page(folder: Path, beside: Path | None) -> Put:
+    """Return the page of one result; what pages of another kind need is not imported."""
+    module = {"study": "study_page", "trace": "trace_page", "identification": "fit_page", "check": "check_page"}
+    kind = str(kind_of(folder))
+    build = import_module(f"harness.study.view.{module[kind]}").build
+    found: Put = build(folder, beside) if kind == "study" else build(folder)
+    return found
+
+
+def _later(folder: Path, beside: Path | None) -> Put:
+    """Return a page that is read when it is opened first."""
+    made: list[Put] = []
+
+    def put(document: Document) -> None:
+        if not made:
+            try:
+                made.append(_page(folder, beside))
+            except UserError as error:
+                made.append(folder_page.refused(folder, str(error)))
+        made[0](document)
+
+    return put

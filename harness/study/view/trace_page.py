@@ -1,0 +1,210 @@
+"""The page of a trace: what is missing, how likely, where, and what each candidate would have changed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+from bokeh.document import Document
+from bokeh.models import ColumnDataSource, FixedTicker
+
+from harness.common.series import unpacked
+from harness.models.quantities import quantity, words
+from harness.reporting import style
+from harness.study.view import looks
+from harness.study.view.bars import bars, table
+from harness.study.view.drives_figure import DrivesFigure, Series
+from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
+
+SHOWN = 20
+"""Hypotheses and candidates that are drawn; the table has all."""
+
+NONE = "none of these"
+
+
+def build(folder: Path) -> Callable[[Document], None]:
+    """Return what puts the page of a trace into a document.
+
+    Args:
+        folder: With ``trace.json`` and, of a trace of this version, ``drives.npz``.
+
+    Raises:
+        UserError: If they cannot be read.
+    """
+    found = read_record(folder / "trace.json")
+    file = folder / "drives.npz"
+    series = unpacked(file) if file.exists() else {}
+
+    def put(document: Document) -> None:
+        given, address = arguments_of(document), address_bar()
+
+        def told(drive: int, output: int) -> None:
+            address.value = "?" + urlencode({"drive": drive, "output": output})
+
+        parts = _likely(found) + _drives(found, series, given, told) + _where(found) + _candidates(found)
+        answer = [str(found.get("answer", "")), *_errors(found)]
+        put_parts(document, f"What does the model lack? {folder.name}", answer, parts, address)
+
+    return put
+
+
+def _errors(found: Mapping[str, Any]) -> list[str]:
+    """Say by how much the simulation error falls on the held-out drives."""
+    lines = []
+    for name, error in (found.get("error") or {}).items():
+        q = quantity(name)
+        pair = [error.get(side) for side in ("before", "after")]
+        if all(isinstance(v, (int, float)) for v in pair):
+            before, after = (style.with_unit(q.scale * v, q.unit) for v in pair)
+            lines.append(f"Simulation error of the {q.words} on the held-out drives: {before} before, {after} after.")
+    return lines
+
+
+def called(name: str) -> str:
+    """Return a hypothesis in words."""
+    effect, _, place = name.partition("@")
+    return f"{words(effect)}, {words(place)}" if place else words(effect)
+
+
+def _likely(found: Mapping[str, Any]) -> list[Part]:
+    posterior = found.get("posterior")
+    if not posterior:
+        return []
+    rows = [(called(h["name"]), float(h["probability"])) for h in posterior["hypotheses"]][:SHOWN]
+    rows.append((NONE, float(posterior["none_of_these"])))
+    plot = bars([name for name, _ in rows], [("probability", [p for _, p in rows])], "probability", log=False)
+    plot.x_range.start, plot.x_range.end = 0.0, 1.02
+    models = posterior["models"][:SHOWN]
+    listed = [
+        (" + ".join(" or ".join(called(h["name"]) for h in alike) for alike in m["added"]) or "nothing is added",
+         style.number(float(m["probability"])))
+        for m in models
+    ]  # fmt: skip
+    return [
+        Part(
+            "How likely is each?",
+            [
+                plot,
+                table({"model": [a for a, _ in listed], "probability": [b for _, b in listed]}, 60 + 26 * len(listed)),
+            ],
+            "Posterior probability that a hypothesis is part of the model, over all models that were fitted.",
+        )
+    ]
+
+
+def _drives(
+    found: Mapping[str, Any], series: Series, given: Mapping[str, str], told: Callable[[int, int], None]
+) -> list[Part]:
+    if not series:
+        old = "This trace kept no drives over time (drives.npz): run harness trace again to see them."
+        return [Part("Before and after", [said(old)])]
+    held = [str(n) for n in found.get("held_out") or ()]
+    chosen = index_of(given.get("drive"), len(series)) or 0, index_of(given.get("output"), 99) or 0
+    figure = DrivesFigure(series, held, chosen, told)
+    hint = "The model simulates over the recorded inputs alone. A click on a name in the legend hides its line."
+    return [Part("Before and after", [figure.layout], hint)]
+
+
+def _where(found: Mapping[str, Any]) -> list[Part]:
+    plan, ranked = found.get("vehicle"), found.get("pinpoint") or []
+    placed = [r for r in ranked if r.get("ahead_of_first_cog") is not None and (r["log_likelihood_gain"] or 0) > 0]
+    if not ranked:
+        return []
+    shown = ranked[:SHOWN]
+    pair = [("before", [r["log_likelihood_gain"] or 0.0 for r in shown]),
+            ("after", [r["log_likelihood_gain_after"] or 0.0 for r in shown])]  # fmt: skip
+    names = [words(r["channel"]) for r in shown]
+    models: list[Any] = [] if plan is None or not placed else [_vehicle(plan, placed)]
+    models.append(bars(names, pair, "gain in log-likelihood", log=True))
+    hint = "Where an unknown, slowly varying disturbance would explain most of the innovations; the area says how much."
+    return [Part("Where on the vehicle?", models, hint)]
+
+
+_ROWS = {"force": 2.2, "tyres and steering": 0.0, "yaw moment": 3.2, "other": 4.2, "equation": -2.2, "sensor": -3.2}
+
+
+def _row(record: Mapping[str, Any]) -> str:
+    if record["kind"] != "port":
+        return str(record["kind"])
+    if "_axle_" in record["ports"][0] or record["channel"] == "road_wheel_angle":
+        return "tyres and steering"
+    return {"N": "force", "N*m": "yaw moment"}.get(record["unit"], "other")
+
+
+def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> Any:
+    """Return the vehicle from above with a circle per input, its area proportional to the gain."""
+    found = looks.plot("It drives to the right", 380, tools="pan,wheel_zoom,reset", y_range=(-4.2, 5.2))
+    for body in plan["bodies"].values():
+        dashes = "solid" if body["stated"] else "dashed"
+        found.quad(body["back"], body["front"], 1.2, -1.2, fill_color="#f2f2f2", line_color="#333333", line_dash=dashes)
+    for axle in plan["axles"].values():
+        for side in (-1.05, 1.05):
+            found.rect(axle["x"], side, 0.8, 0.28, fill_color="#555555", line_color="#333333")
+    if plan["coupling"] is not None:
+        found.scatter(plan["coupling"], 0.0, marker="x", size=12, color="#000000", line_width=2)
+    most = max(r["log_likelihood_gain"] for r in placed)
+    taken: dict[tuple[str, float], int] = {}
+    ends = [b[k] for b in plan["bodies"].values() for k in ("back", "front")]
+    wide = max(ends) - min(ends)
+    columns: list[tuple[Any, ...]] = []
+    for r in placed:
+        row, x = _row(r), float(r["ahead_of_first_cog"])
+        beside = taken.get((row, round(x, 1)), 0)
+        taken[row, round(x, 1)] = beside + 1
+        x += 0.05 * wide * ((beside + 1) // 2) * (-1) ** beside
+        gains = r["log_likelihood_gain"], r["log_likelihood_gain_after"] or 0.0
+        size = 8 + 34 * math.sqrt(gains[0] / most)
+        columns.append((x, _ROWS[row], size, words(r["channel"]), *gains, str(len(columns) + 1)))
+    names = ("x", "y", "size", "name", "before", "after", "rank")
+    source = ColumnDataSource({n: [c[i] for c in columns] for i, n in enumerate(names)})
+    look = style.looks(["gain"])["gain"]
+    marks = found.scatter(
+        "x", "y", size="size", source=source, fill_color=looks.colour(look.tint), fill_alpha=0.85,
+        line_color=looks.colour(look.line),
+    )  # fmt: skip
+    found.text("x", "y", "rank", source=source, text_align="center", text_baseline="middle", text_font_size="11px")
+    found.add_tools(looks.hover([marks], ("", "@name"), ("gain before", "@before{0.0 a}"), ("after", "@after{0.0 a}")))
+    found.yaxis.ticker = FixedTicker(ticks=list(_ROWS.values()))
+    found.yaxis.major_label_overrides = {y: name for name, y in _ROWS.items()}
+    found.xaxis.axis_label = "ahead of the first body's CoG in m"
+    return found
+
+
+def _candidates(found: Mapping[str, Any]) -> list[Part]:
+    candidates = found.get("candidates") or []
+    if not candidates:
+        return []
+    fitted = [c for c in candidates if c["fitted"] and c["held_out_excess_by_output"]]
+    models: list[Any] = []
+    before = {i: r["held_out_excess_by_output"] for i, r in enumerate(found.get("rounds") or [], 1)}
+    if fitted:
+        outputs = list(fitted[0]["held_out_excess_by_output"])
+        shown = fitted[:SHOWN]
+        names = [f"round {c['round']}: {called(c['name'])}" for c in shown]
+        start = [
+            ("without it", [before.get(c["round"], {}) for c in shown]),
+            ("with it", [c["held_out_excess_by_output"] for c in shown]),
+        ]
+        for output in outputs:
+            pair = [(said_, [max(row.get(output) or 0.0, 1e-4) for row in rows]) for said_, rows in start]
+            models.append(
+                bars(names, pair, f"normalised excess of the {quantity(output).words}, held-out drives", log=True)
+            )
+    rows: dict[str, list[str]] = {
+        k: [] for k in ("round", "candidate", "kind", "gain in BIC", "held-out excess", "fitted")
+    }
+    for c in candidates:
+        values = (str(c["round"]), called(c["name"]), c["kind"], _number(c["bic_gain"]), _number(c["held_out_excess"]),
+                  "yes" if c["fitted"] else "predicted by the score test")  # fmt: skip
+        for key, value in zip(rows, values, strict=True):
+            rows[key].append(str(value))
+    models.append(table(rows, 420))
+    hint = "Normalised excess MSE: mean square of the simulation error over the floor of the sensors' noise, less one."
+    return [Part("What would each candidate have changed?", models, hint)]
+
+
+def _number(value: Any) -> str:
+    return style.number(float(value)) if isinstance(value, (int, float)) else "–"

@@ -1,0 +1,186 @@
+"""What the pages of traces, fits, checks, pairs and points of a design are made of, without a browser."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bokeh.document import Document
+
+from harness.common.errors import UserError
+from harness.common.series import packed
+from harness.study.report import analyse
+from harness.study.report.analysis import Analysis
+from harness.study.view import check_page, fit_page, folder_page, pair_page, trace_page
+from harness.study.view.boxes import expected
+from harness.study.view.factors import points_of, shares, varied
+from harness.study.view.pages import kind_of, pages
+
+NASTY = "<script>window.hit=1</script>"
+TIME = np.arange(500) / 50
+OUTPUT = {
+    "measured yaw_rate": np.sin(TIME),
+    "before yaw_rate": 0.7 * np.sin(TIME),
+    "after yaw_rate": 0.99 * np.sin(TIME),
+}
+DRIVES = {
+    "log1": {"time": TIME, **OUTPUT},
+    f"log2 {NASTY}": {"time": TIME, **OUTPUT, "x": 10 * TIME, "y": TIME**2},
+}
+TRACE = {
+    "verdict": "amended",
+    "answer": f"The model lacks {NASTY}.",
+    "held_out": [f"log2 {NASTY}"],
+    "error": {"yaw_rate": {"unit": "rad/s", "before": 0.1, "after": 0.01}},
+    "posterior": {
+        "none_of_these": 0.1,
+        "hypotheses": [{"name": "steering_lag", "kind": "effect", "probability": 0.9}],
+        "models": [{"added": [[{"name": "steering_lag", "kind": "effect"}]], "probability": 0.9}],
+    },
+    "vehicle": {
+        "bodies": {"": {"back": -2.0, "front": 2.0, "width": 1.5, "stated": False}},
+        "axles": {"front": {"x": 1.2, "y": 0.0}, "rear": {"x": -1.3, "y": 0.0}},
+        "coupling": None,
+    },
+    "pinpoint": [
+        {"channel": name, "kind": kind, "ports": [name], "unit": "N", "log_likelihood_gain": gain,
+         "log_likelihood_gain_after": 1.0, "ahead_of_first_cog": 1.2}
+        for name, kind, gain in (("road_wheel_angle", "port", 900.0), ("yaw_rate", "sensor", 30.0))
+    ],
+    "rounds": [{"held_out_excess_by_output": {"yaw_rate": 170.0}, "added": "steering_lag", "reason": "best"}],
+    "candidates": [
+        {"round": 1, "name": "steering_lag", "kind": "effect", "bic_gain": 4000.0, "fitted": True,
+         "held_out_excess": 0.4, "held_out_excess_by_output": {"yaw_rate": 0.3}},
+        {"round": 1, "name": "mass", "kind": "parameter", "bic_gain": None, "fitted": False, "held_out_excess": None,
+         "held_out_excess_by_output": None},
+    ],
+}  # fmt: skip
+FIT = {
+    "method": "likelihood", "model": "car+linear", "objective": {"name": "log-likelihood", "before": 1.0, "after": 2.0},
+    "estimates": [
+        {"name": n, "unit": "kg", "start": 2.0, "value": 3.0, "interval_95": [2.5, 3.5], "verdict": "determined"}
+        for n in ("mass", NASTY)
+    ],
+    "correlation": [[1.0, -0.4], [-0.4, 1.0]], "notes": [],
+}  # fmt: skip
+CHECK = {
+    "title": NASTY, "read": "2 signals", "answer": ["1 disagrees."], "warnings": [],
+    "findings": [{"kind": "sign", "signals": ["yaw_rate"], "words": "the sign is wrong", "evidence": "slope -1"}],
+    "comparisons": [{"signal": "yaw_rate", "name": "yaw rate from speed", "verdict": "disagrees", "reasons": ["sign"]}],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """A folder of a trace, a fit and a check."""
+    folder = tmp_path_factory.mktemp("results")
+    gappy = np.where((TIME > 2) & (TIME < 3), np.nan, np.sin(TIME))
+    series = {"recording": {"time": TIME, "speed": 5 + TIME, "yaw_rate": gappy},
+              "comparison 0": {"time": TIME, "measured": gappy, "computed": -gappy}}  # fmt: skip
+    for name, record, file, content in (
+        ("trace", TRACE, "drives.npz", DRIVES),
+        ("identify", FIT, "drives.npz", DRIVES),
+        ("check", CHECK, "signals.npz", series),
+    ):
+        (folder / name).mkdir()
+        (folder / name / f"{name}.json").write_text(json.dumps(record))
+        (folder / name / file).write_bytes(packed(content))
+    return folder
+
+
+def built(put):
+    document = Document()
+    put(document)
+    document.validate()
+    return document
+
+
+def titles(document):
+    return [m.title.text for m in document.models if type(m).__name__ == "figure" and m.title.text]
+
+
+def test_a_trace_shows_what_is_likely_where_and_what_was_tried(results):
+    document = built(trace_page.build(results / "trace"))
+    drawn = titles(document)
+    assert "Yaw rate: measured and simulated" in drawn
+    assert "Residual over the path, before" in drawn  # the held-out recording comes first, and it has a path
+    columns = [set(m.data) for m in document.models if type(m).__name__ == "ColumnDataSource"]
+    assert {"x", "y", "size", "name", "before", "after", "rank"} in columns
+    assert document.title == "What does the model lack? trace"
+    texts = [m.text for m in document.models if type(m).__name__ == "Div" and m.render_as_text]
+    assert any(NASTY in text for text in texts)
+
+
+def test_a_trace_of_an_older_version_says_what_it_lacks(results, tmp_path):
+    (tmp_path / "trace.json").write_text(json.dumps({"answer": "old", "posterior": None, "candidates": []}))
+    texts = [m.text for m in built(trace_page.build(tmp_path)).models if type(m).__name__ == "Div"]
+    assert any("kept no drives over time" in text for text in texts)
+
+
+def test_a_fit_and_a_check_have_their_figures(results):
+    assert {"Value over that at the start", "Correlation of the errors"} <= set(
+        titles(built(fit_page.build(results / "identify")))
+    )
+    document = built(check_page.build(results / "check"))
+    select = next(m for m in document.models if type(m).__name__ == "Select")
+    select.value = "1"
+    gaps = [
+        (m.left, m.right) for m in document.models if type(m).__name__ == "BoxAnnotation" and m.fill_color == "#bbbbbb"
+    ]
+    assert gaps == [pytest.approx((2.0, 3.0), abs=0.03)]
+    assert "yaw rate from speed: disagrees: sign" in titles(document)
+
+
+def test_a_folder_leads_to_each_result(results):
+    found = pages([results])
+    assert list(found) == ["/", "/1", "/2", "/3"]
+    text = next(m.text for m in built(found["/"]).models if type(m).__name__ == "Div" and "<ul" in m.text)
+    assert "&lt;script&gt;" in text
+    assert "<script>" not in text
+    assert "Correlation of the errors" in titles(built(found["/2"]))
+    assert [kind_of(results / name) for name in ("check", "identify", "trace")] == ["check", "identification", "trace"]
+
+
+def test_what_is_no_result_is_refused(results, tmp_path):
+    with pytest.raises(UserError, match=r"no result to show: there is none of scores\.zarr"):
+        pages([tmp_path])
+    with pytest.raises(UserError, match="no study"):
+        pages([results / "trace", results / "check"])
+    (tmp_path / "trace.json").write_text("[]")
+    with pytest.raises(UserError, match="no record"):
+        pages([tmp_path])
+    document = built(folder_page.refused(tmp_path, "cannot be read"))
+    assert "cannot be read" in [m.text for m in document.models if type(m).__name__ == "Div"]
+
+
+def test_the_same_runs_differ_by_nothing_and_other_seeds_are_refused(folder):
+    study = analyse(folder)
+    (pair,) = pair_page.pairs_of(study, study)
+    assert pair.numbers == (0, 0)
+    for score in ("rmse", "nis"):
+        assert np.array_equal(pair.differences(score, 0, 1), np.zeros((2, 2, 1, 6)))
+    other = Analysis(replace(study.store, attributes=study.store.attributes | {"seed": 12}))
+    with pytest.raises(UserError, match="seed 11 and 12"):
+        pair_page.pairs_of(study, other)
+
+
+def test_points_of_a_design_have_their_factors_score_and_worst_run(folder):
+    design = analyse(folder).store.designs[0]
+    assert varied(design) == [0]
+    found = points_of(design, "rmse", 0, 0, None)
+    assert found.values.ravel() == pytest.approx([1.5, 1.9])
+    runs = design.rmse[0, :, 0, :, 0]  # band, drive, repeat
+    assert found.scores == pytest.approx(np.sqrt(np.mean(runs**2, axis=(1, 2))))
+    for band, (drive, repeat) in enumerate(found.worst):
+        assert runs[band, drive, repeat] == runs[band].max()
+    alone = points_of(design, "max_error", 0, 0, 1)
+    assert set(alone.worst[:, 0]) == {1}
+    assert shares(design.factors[0], np.array([1.5, 1.7, 1.9])) == pytest.approx([0, 0.5, 1])
+
+
+def test_consistency_has_an_expected_value_and_a_band(folder):
+    design = analyse(folder).store.designs[0]
+    lines = sorted(expected(design, "nis"))
+    assert lines[1] == design.output_dimension
+    assert lines[0] < lines[1] < lines[2]
+    assert expected(design, "rmse") == {}
