@@ -57,7 +57,7 @@ def measure(page: Any, address: str) -> dict[str, float]:
         page.wait_for_timeout(1000)
     found["first click, with compilation"] = clicks[0]
     found["click (median)"], found["click (slowest)"] = float(np.median(clicks[1:])), max(clicks[1:])
-    handle, steps = page.locator(".noUi-handle").first, []
+    handle, steps = page.locator("#what-if .noUi-handle").first, []
     handle.focus()
     for k in range(STEPS):
         before = page.evaluate(SEARCH)

@@ -77,7 +77,7 @@ def test_by_keyboard_a_run_is_chosen_and_a_slider_moved(opened):
     page = opened()
     page.get_by_label("Its run").select_option("largest")
     said(page, SAME)
-    handle = page.locator(".noUi-handle").first
+    handle = page.locator("#what-if .noUi-handle").first
     handle.focus()
     for _ in range(3):
         handle.press("ArrowRight")

@@ -12,6 +12,7 @@ from harness.common.series import packed
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.view import check_page, fit_page, folder_page, pair_page, trace_page
+from harness.study.view.bars import bars
 from harness.study.view.boxes import expected
 from harness.study.view.factors import points_of, shares, varied
 from harness.study.view.pages import kind_of, pages
@@ -184,3 +185,10 @@ def test_consistency_has_an_expected_value_and_a_band(folder):
     assert lines[1] == design.output_dimension
     assert lines[0] < lines[1] < lines[2]
     assert expected(design, "rmse") == {}
+
+
+def test_a_bar_is_as_long_as_its_value():
+    plot = bars(["all", "none"], [("probability", [1.0, 0.0])], "probability", log=False)
+    (drawn,) = (r for r in plot.renderers if type(r.glyph).__name__ == "HBar")
+    assert list(drawn.data_source.data["right"]) == [1.0, 0.0]
+    assert drawn.glyph.left == 0.0
