@@ -89,9 +89,9 @@ class FactorsPanel:
         label = SCORES[score] + style.in_unit(unit_of(score, design.targets[target]))
         self.layout.children = [said(_HINT), self._estimator, *self._brushed(design, label)]
         if score == "rmse" and drive is None:
-            self._document.add_next_tick_callback(partial(self._explain, self._shown, estimator))
+            self._document.add_next_tick_callback(partial(self.explain, self._shown, estimator))
 
-    def _explain(self, shown: tuple[int, str, int, int | None], estimator: int) -> None:
+    def explain(self, shown: tuple[int, str, int, int | None], estimator: int) -> None:
         """Add what the factors explain, which takes longer, behind the points."""
         if shown == self._shown and self._estimator.value == str(estimator):
             self.layout.children = [*self.layout.children[:4], *self._explained(shown[0], shown[2], estimator)]
@@ -124,11 +124,12 @@ class FactorsPanel:
         parallel = looks.plot("Parallel coordinates: each line is a point of the design", 360, tools=_TOOLS,
                               x_range=(-0.3, len(factors) + 0.3), y_range=(-0.06, 1.06),
                               name="parallel coordinates")  # fmt: skip
-        drawn = parallel.multi_line("xs", "ys", source=source, line_color=colour, line_width=1.2, line_alpha=0.6)
-        drawn.nonselection_glyph.line_alpha, drawn.selection_glyph.line_width = 0.04, 2.0
+        parallel.multi_line(
+            "xs", "ys", source=source, line_color=colour, line_width=1.2, line_alpha=0.6, nonselection_line_alpha=0.04,
+            selection_line_alpha=1.0, selection_line_width=2.0,
+        )  # fmt: skip
         for k in range(lines.shape[1]):
-            dots = parallel.scatter(k, f"share {k}", source=source, size=5, color=colour, alpha=0.8)
-            dots.nonselection_glyph.fill_alpha = dots.nonselection_glyph.line_alpha = 0.05
+            parallel.scatter(k, f"share {k}", source=source, size=5, color=colour, alpha=0.8, nonselection_alpha=0.05)
             parallel.add_layout(Span(location=k, dimension="height", line_color="#888888", level="underlay"))
         ends = [design.factors[i] for i in factors]
         names = [
@@ -147,10 +148,9 @@ class FactorsPanel:
             factor = design.factors[i]
             plot = looks.plot("", 270, tools=_TOOLS, y_axis_type="log" if log else "linear",
                               x_axis_type="log" if factor.log else "linear", name=f"scatter {i}")  # fmt: skip
-            dots = plot.scatter(
-                f"factor {i}", "score", source=source, size=6, color=colour, line_color=None, alpha=0.85
+            plot.scatter(
+                f"factor {i}", "score", source=source, size=6, color=colour, alpha=0.85, nonselection_alpha=0.06
             )
-            dots.nonselection_glyph.fill_alpha = 0.06
             plot.xaxis.axis_label, plot.yaxis.axis_label = f"{factor.words}{style.in_unit(factor.unit)}", label
             plots.append(plot)
         wide = gridplot(plots, ncols=min(3, len(plots)), sizing_mode="stretch_width", toolbar_location="right")

@@ -25,7 +25,18 @@ STUDY = {
         {"name": "fast", "kind": "sine", "duration": 4, "amplitude": "30 deg", "speed": "30 m/s"},
     ],
     "estimator": [{"name": "EKF", "kind": "ekf"}, {"name": NASTY, "kind": "ukf", "alpha": 0.5}],
-    "design": [{"name": "mass", "repeats": 6, "factor": [{"parameter": "mass", "levels": ["1.5 t", "1.9 t"]}]}],
+    "design": [
+        {"name": "mass", "repeats": 6, "factor": [{"parameter": "mass", "levels": ["1.5 t", "1.9 t"]}]},
+        {
+            "name": "all",
+            "sampling": "saltelli",
+            "samples": 16,
+            "factor": [
+                {"parameter": "mass", "range": ["1.4 t", "1.9 t"]},
+                {"parameter": "process_noise_scale", "range": [0.1, 10], "scale": "log"},
+            ],
+        },
+    ],
 }
 
 

@@ -15,6 +15,7 @@ from harness.study.view import check_page, fit_page, folder_page, pair_page, tra
 from harness.study.view.bars import bars
 from harness.study.view.boxes import expected
 from harness.study.view.factors import points_of, shares, varied
+from harness.study.view.factors_panel import FactorsPanel
 from harness.study.view.pages import kind_of, pages
 
 NASTY = "<script>window.hit=1</script>"
@@ -156,7 +157,8 @@ def test_what_is_no_result_is_refused(results, tmp_path):
 
 def test_the_same_runs_differ_by_nothing_and_other_seeds_are_refused(folder):
     study = analyse(folder)
-    (pair,) = pair_page.pairs_of(study, study)
+    pair, points = pair_page.pairs_of(study, study)
+    assert points.numbers == (1, 1)
     assert pair.numbers == (0, 0)
     for score in ("rmse", "nis"):
         assert np.array_equal(pair.differences(score, 0, 1), np.zeros((2, 2, 1, 6)))
@@ -192,3 +194,31 @@ def test_a_bar_is_as_long_as_its_value():
     (drawn,) = (r for r in plot.renderers if type(r.glyph).__name__ == "HBar")
     assert list(drawn.data_source.data["right"]) == [1.0, 0.0]
     assert drawn.glyph.left == 0.0
+
+
+def test_all_figures_of_a_design_share_one_selection_that_leads_to_a_run(folder):
+    chosen = []
+    panel = FactorsPanel(Document(), analyse(folder), lambda run, estimator: chosen.append((run, estimator)))
+    panel.show(0, "rmse", 0, None)
+    assert panel.layout.children == []  # one factor: there is nothing to brush
+    panel.show(1, "rmse", 0, None)
+    document = Document()
+    document.add_root(panel.layout)
+    panel.explain((1, "rmse", 0, None), 0)
+    document.validate()
+    assert {
+        "Parallel coordinates: each line is a point of the design",
+        "Sobol indices of the error, with 95 % intervals",
+    } <= set(titles(document))
+    shared = {
+        r.data_source.id
+        for f in document.models
+        if type(f).__name__ == "figure" and (f.name or "")[:7] in ("paralle", "scatter")
+        for r in f.renderers
+    }
+    assert len(shared) == 1
+    source = document.get_model_by_id(shared.pop())
+    assert len(source.data["score"]) == 64
+    source.selected.indices = [5]
+    found = points_of(analyse(folder).store.designs[1], "rmse", 0, 0, None)
+    assert chosen == [((0, found.worst[5][0], 5, found.worst[5][1]), 0)]
