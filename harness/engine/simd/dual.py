@@ -17,11 +17,12 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba import types
+from numba.core.typing.templates import infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 from harness.engine.simd import lanes
+from harness.engine.simd.inner import inner
 from harness.engine.simd.lanes import lane, mask
 
 LANES = 2 * lanes.LANES
@@ -74,7 +75,7 @@ _OPERANDS = [(dual, dual)] + [
 
 def _arithmetic(op: Callable[..., Any], rule: Callable[[Any, Parts, Parts], Parts]) -> None:
     @infer_global(op)
-    class _Template(AbstractTemplate):
+    class _Template(lanes.FirstTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             return signature(dual, *args) if len(args) == 2 and _mixes(args) else None
 
@@ -122,7 +123,7 @@ _arithmetic(operator.truediv, _quotient)
 
 def _comparison(op: Callable[..., Any], relation: str) -> None:
     @infer_global(op)
-    class _Template(AbstractTemplate):
+    class _Template(lanes.FirstTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             return signature(mask, *args) if len(args) == 2 and _mixes(args) else None
 
@@ -140,7 +141,7 @@ _comparison(operator.eq, "==")
 
 
 @infer_global(operator.neg)
-class _Negative(AbstractTemplate):
+class _Negative(lanes.FirstTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         return signature(dual, dual) if tuple(args) == (dual,) else None
 
@@ -242,25 +243,24 @@ def put(typingctx: Any, number: Any, array: Any, *indices: Any) -> Any:
     return (types.none(number, array, types.StarArgTuple(indices)) if lanes.fits(array, indices) else None), generate
 
 
-_jit = njit(error_model="numpy", cache=False)
 _sqrt, _floor, _absolute, _choose = lanes.sqrt, lanes.floor, lanes.absolute, lanes.select
 
 
-@_jit
+@inner
 def sqrt(x):
     """Return the square root; at 0, where it has no slope, the derivative is 0."""
     root = _sqrt(value_of(x))
     return with_tangent(root, _choose(root > 0.0, 0.5 * tangent_of(x) / root, 0.0))
 
 
-@_jit
+@inner
 def floor(x):
     """Return the largest whole number not above x, which does not change with x."""
     v = _floor(value_of(x))
     return with_tangent(v, 0.0 * v)
 
 
-@_jit
+@inner
 def absolute(x):
     """Return the magnitude; its slope at 0 is 0."""
     v = value_of(x)

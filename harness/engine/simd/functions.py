@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from math import inf, nan, pi
 
-from numba import njit
-
+from harness.engine.simd.inner import inner
 from harness.engine.simd.lanes import (
     absolute,
     copysign,
@@ -22,8 +21,6 @@ from harness.engine.simd.lanes import (
     select,
 )
 
-_jit = njit(error_model="numpy", cache=False)
-
 _HALF_PI = 1.5707963267948966
 _HALF_PI_REST = 6.123233995736766e-17  # pi/2 minus its double
 _PI_REST = 1.2246467991473532e-16
@@ -31,7 +28,7 @@ _LN2 = 0.6931471805599453
 _LN2_HIGH, _LN2_REST = 6.93145751953125e-1, 1.42860682030941723212e-6
 
 
-@_jit
+@inner
 def _reduce(x):
     """Return the quadrant (0 to 3) and the rest of an angle, |rest| <= pi/4."""
     k = floor(x * (1.0 / _HALF_PI) + 0.5)
@@ -39,7 +36,7 @@ def _reduce(x):
     return k - 4.0 * floor(0.25 * k), rest
 
 
-@_jit
+@inner
 def _sin_near_zero(r):
     z = r * r
     p = (((((1.58962301576546568060e-10 * z - 2.50507477628578072866e-8) * z + 2.75573136213857245213e-6) * z
@@ -47,7 +44,7 @@ def _sin_near_zero(r):
     return r + r * z * p
 
 
-@_jit
+@inner
 def _cos_near_zero(r):
     z = r * r
     p = (((((-1.13585365213876817300e-11 * z + 2.08757008419747316778e-9) * z - 2.75573141792967388112e-7) * z
@@ -55,7 +52,7 @@ def _cos_near_zero(r):
     return 1.0 - 0.5 * z + z * z * p
 
 
-@_jit
+@inner
 def _sin_half_turn(r):
     z = r * r
     z2 = z * z  # in pairs (Estrin), half as deep as Horner's scheme
@@ -67,7 +64,7 @@ def _sin_half_turn(r):
     return fma(r * z, p, r)
 
 
-@_jit
+@inner
 def sin(x):
     """Return the sine."""
     k = floor(x * (1.0 / pi) + 0.5)
@@ -77,7 +74,7 @@ def sin(x):
     return select(half > floor(half), -value, value)
 
 
-@_jit
+@inner
 def cos(x):
     """Return the cosine."""
     k = floor(x * (1.0 / pi))
@@ -88,7 +85,7 @@ def cos(x):
     return select(half > floor(half), value, -value)
 
 
-@_jit
+@inner
 def tan(x):
     """Return the tangent."""
     q, r = _reduce(x)
@@ -97,7 +94,7 @@ def tan(x):
     return select(odd, -c, s) / select(odd, s, c)
 
 
-@_jit
+@inner
 def atan(x):
     """Return the arc tangent; the only division is that of the argument's reduction."""
     a = absolute(x)
@@ -118,7 +115,7 @@ def atan(x):
     return copysign(offset + fma(t * z, p, t), x)
 
 
-@_jit
+@inner
 def exp(x):
     """Return e to the power x; 0 below -708 and infinity above 709."""
     inside = select(x > 709.0, 709.0, select(x < -708.0, -708.0, x))
@@ -132,7 +129,7 @@ def exp(x):
     return select(x == x, value, nan)
 
 
-@_jit
+@inner
 def log(x):
     """Return the natural logarithm of positive normal numbers, NaN for negative ones, -infinity at zero."""
     e = exponent_of(x)
@@ -149,7 +146,7 @@ def log(x):
     return select(x > 0.0, value, select(x == 0.0, -inf, nan))
 
 
-@_jit
+@inner
 def tanh(x):
     """Return the hyperbolic tangent."""
     a = absolute(x)
@@ -161,19 +158,19 @@ def tanh(x):
     return select(a < 0.625, small, large)
 
 
-@_jit
+@inner
 def sign(x):
     """Return -1, 0 or 1."""
     return select(x > 0.0, 1.0, select(x < 0.0, -1.0, 0.0 * x))
 
 
-@_jit
+@inner
 def maximum(a, b):
     """Return the larger of two lanes or numbers; NaN in ``a`` stays NaN."""
     return select(a < b, b, a)
 
 
-@_jit
+@inner
 def minimum(a, b):
     """Return the smaller of two lanes or numbers; NaN in ``a`` stays NaN."""
     return select(a > b, b, a)

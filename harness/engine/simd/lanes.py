@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from llvmlite import ir
 from numba import types
@@ -68,9 +68,15 @@ def is_number(ty: Any) -> bool:
     return isinstance(ty, types.Float | types.Integer | types.IntegerLiteral)
 
 
+class FirstTemplate(AbstractTemplate):
+    """Types of an operator, asked before numba's own, each of which writes an error message about lanes."""
+
+    metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # more specific than "generic"
+
+
 def _binary(op: Callable[..., Any], emit: Callable[[Any, Any, Any], Any], result: LaneType) -> None:
     @infer_global(op)
-    class _Template(AbstractTemplate):
+    class _Template(FirstTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             if len(args) == 2 and lane in args and all(a == lane or is_number(a) for a in args):
                 return signature(result, *args)
@@ -103,7 +109,7 @@ _binary(operator.eq, lambda b, x, y: b.fcmp_ordered("==", x, y), mask)
 
 def _mask_operation(op: Callable[..., Any], emit: Callable[..., Any], count: int) -> None:
     @infer_global(op)
-    class _Template(AbstractTemplate):
+    class _Template(FirstTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             return signature(mask, *args) if tuple(args) == (mask,) * count else None
 
@@ -116,7 +122,7 @@ _mask_operation(operator.invert, lambda b, x: b.not_(x), 1)
 
 
 @infer_global(operator.neg)
-class _Negative(AbstractTemplate):
+class _Negative(FirstTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         return signature(lane, lane) if tuple(args) == (lane,) else None
 
@@ -215,13 +221,14 @@ def address(
     context: Any, builder: Any, array_type: Any, array: Any, index_types: Any, packed: Any, width: int = LANES
 ) -> Any:
     """Return the pointer to the first vector at the given leading indices of a C-contiguous ``(..., width)`` array."""
-    struct = context.make_array(array_type)(context, builder, array)
-    shape = cgutils.unpack_tuple(builder, struct.shape, array_type.ndim)
+    model = context.data_model_manager[array_type]  # its fields directly: a struct proxy is ten times the instructions
+    data, shape = model.get(builder, array, "data"), model.get(builder, array, "shape")
     indices = cgutils.unpack_tuple(builder, packed, len(index_types))
     offset = ir.Constant(_I64, 0)
     for axis, (value, ty) in enumerate(zip(indices, index_types, strict=True)):
-        offset = builder.add(builder.mul(offset, shape[axis]), context.cast(builder, value, ty, types.intp))
-    first = builder.gep(struct.data, [builder.mul(offset, ir.Constant(_I64, width))])
+        index = context.cast(builder, value, ty, types.intp)
+        offset = builder.add(builder.mul(offset, builder.extract_value(shape, axis)), index) if axis else index
+    first = builder.gep(data, [builder.mul(offset, ir.Constant(_I64, width))])
     return builder.bitcast(first, VECTOR.as_pointer())
 
 

@@ -7,7 +7,7 @@ from numba import njit
 from harness.engine.simd.functions import log
 from harness.engine.simd.lanes import get, put, select, splat, sqrt
 
-_jit = njit(error_model="numpy", cache=False)
+_jit = njit(error_model="numpy", cache=False, no_cfunc_wrapper=True)
 
 RELATIVE_FLOOR = 1e-13
 """A Cholesky pivot below this share of its diagonal entry is replaced by that share, and the repair counted."""

@@ -19,14 +19,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from harness.engine.simd.lanes import LANES, lane
-
-_jit = njit(error_model="numpy", cache=False)
 
 WORDS = 2
 """Rows of memory that a generator takes."""
