@@ -13,6 +13,7 @@ import builtins
 import dis
 import inspect
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite
 from types import CodeType, FunctionType, ModuleType
@@ -25,8 +26,14 @@ from harness.engine.simd import lanes
 
 Kernel = Callable[..., Any]
 
-JIT = 'jit = njit(cache=True, nogil=True, error_model="numpy")'
-"""How every generated module compiles; behind ``from numba import njit``."""
+JIT = """\
+jit = njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+inlined = njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, inline="always")"""
+"""How every generated module compiles, behind ``from numba import njit``.
+
+What is called at one place is compiled there: as a function of its own it would be optimised and written out at every
+level of calls again.
+"""
 
 
 def kernel_source(
@@ -49,12 +56,17 @@ def kernel_source(
     return module.source(title)
 
 
+_OWN = ("inlined", "jit", "njit")
+"""Names that every generated module defines."""
+
+
 class _Module:
     """A module in the making: its functions, each behind those it calls, and all they use."""
 
     def __init__(self, kernels: ModuleType | None, given: Mapping[Any, Any]) -> None:
         self._kernels, self._given = kernels, {id(k): v for k, v in given.items()}
-        self._meanings: dict[str, tuple[Any, str]] = {"jit": (None, "the module"), "njit": (None, "the module")}
+        self._meanings: dict[str, tuple[Any, str]] = dict.fromkeys(_OWN, (None, "the module"))
+        self._calls: Counter[FunctionType] = Counter()
         self._functions: list[FunctionType] = []
         self._imports: dict[str, set[str]] = {}
         self._modules: dict[str, str] = {}
@@ -82,7 +94,8 @@ class _Module:
         lines += [f"import {home} as {name}" for name, home in sorted(self._modules.items())]
         lines += [f"from {home} import {', '.join(sorted(names))}" for home, names in sorted(self._imports.items())]
         lines += ["", JIT, *(f"{name} = {number}" for name, number in self._numbers.items())]
-        bodies = ["@jit\n" + inspect.getsource(f).rstrip() for f in self._functions]
+        manner = {f: "@inlined" if self._calls[f] == 1 else "@jit" for f in self._functions}
+        bodies = [f"{manner[f]}\n{inspect.getsource(f).rstrip()}" for f in self._functions]
         other_names = [f"{name} = {function}" for name, function in self._other_names.items()]
         return "\n\n\n".join(["\n".join(lines), *bodies, *other_names]) + "\n"
 
@@ -97,6 +110,7 @@ class _Module:
                 self._import(name, self._kernels, meaning.name)
         elif isinstance(meaning, FunctionType):
             self.add(meaning)
+            self._calls[meaning] += 1
             if name != meaning.__name__ and not self._settle(name, meaning, user):
                 self._other_names[name] = meaning.__name__
         elif isinstance(meaning, ModuleType):
