@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/scale"))
     parser.add_argument("--keep", action="store_true", help="use the store that is there")
     given = parser.parse_args()
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, width=200)
     if given.run or given.dask:
         given.out.mkdir(parents=True, exist_ok=True)
         (given.out / "scale.toml").write_text(STUDY.format(samples=given.runs // 20), encoding="utf-8")

@@ -135,7 +135,10 @@ class Replays:
     def run(self, place: Place, estimators: Sequence[str] | None = None, changes: Sequence[Change] = ()) -> Replay:
         """Compute a run again and compare it with the store."""
         names = [e.name for e in self.study.estimators]
-        chosen = None if estimators is None else [_index("estimator", name, names) for name in estimators]
+        wanted = [estimators] if isinstance(estimators, str) else estimators
+        if wanted is not None and not list(wanted):
+            raise UserError(f"name at least one estimator; there are: {', '.join(names)}")
+        chosen = None if wanted is None else [_index("estimator", name, names) for name in wanted]
         found = self.replayer.run(place, chosen, changes)
         return Replay(found, None if changes else self.comparison(found), changes)
 
@@ -145,7 +148,14 @@ class Replays:
 
     @staticmethod
     def changes(plant: Mapping[str, Any] | None, belief: Mapping[str, Any] | None) -> list[Change]:
-        """Return the values that are asked for."""
+        """Return the values that are asked for.
+
+        Raises:
+            UserError: If one side is no table.
+        """
+        for side, given in (("plant", plant), ("belief", belief)):
+            if given is not None and not isinstance(given, Mapping):
+                raise UserError(f"{side}: expected a dictionary such as {{'mass': '1.5 t'}}, got {given!r}")
         of_plant = [Change(name, value, "plant") for name, value in (plant or {}).items()]
         return of_plant + [Change(name, value, "belief") for name, value in (belief or {}).items()]
 
@@ -158,7 +168,7 @@ def _index(what: str, given: str | int, names: list[str]) -> int:
     """
     if isinstance(given, str) and given in names:
         return list(names).index(given)
-    if isinstance(given, int) and 0 <= given < len(names):
+    if isinstance(given, int) and not isinstance(given, bool) and 0 <= given < len(names):
         return given
     near = closest(str(given), names) if isinstance(given, str) else f"; there are {len(names)}, counted from 0"
     raise UserError(f"there is no {what} {given!r}{near}")

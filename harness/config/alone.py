@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import ValidationError
+
+from harness.common.errors import UserError
 from harness.common.files import parse_toml
 from harness.config.load import build_study, whole_paths
 from harness.config.schema import (
@@ -62,7 +65,7 @@ def alone(
     raw = StudyFile.model_validate(parse_toml(study.text, str(study.path)))
     spec = study.drive(drive)
     factors = {(f.parameter, f.of): float(v) for f, v in zip(design.factors, values, strict=True)}
-    tables = [FactorTable(parameter=p, of=of, levels=[v]) for (p, of), v in _changed(factors, changes).items()]
+    tables = [_table(parameter, of, value) for (parameter, of), value in _changed(factors, changes).items()]
     said = "; ".join(f"{c.parameter} of the {c.of} {c.value}" for c in changes)
     update: dict[str, Any] = {
         "title": f"{study.title or study.name} (one run on {drive}{f', but {said}' if said else ''})",
@@ -98,3 +101,12 @@ def _with_whole_paths(table: EstimatorTable, study: Study) -> EstimatorTable:
 
 def _drawn(study: Study) -> list[str]:
     return list(dict.fromkeys(name for history in study.history for name in history.signals))
+
+
+def _table(parameter: str, of: Side, value: Any) -> FactorTable:
+    """Return a factor with one level."""
+    try:
+        return FactorTable(parameter=parameter, of=of, levels=[value])
+    except ValidationError as error:
+        said = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise UserError(f"{parameter} of the {of} cannot be {value!r}: {said}") from None

@@ -157,8 +157,10 @@ def _ended(gone: np.ndarray, run: OverTime) -> np.ndarray:
 def _nees(errors: Floats, covariances: Floats) -> Floats:
     """Return errors squared, weighed with their covariance, at every sample; NaN where that has no inverse."""
     scale = np.sqrt(np.maximum(np.einsum("kii->ki", covariances), 1e-300))
-    unit = covariances / scale[:, :, None] / scale[:, None, :]
-    whole = errors / scale
+    with np.errstate(over="ignore", invalid="ignore"):
+        unit, whole = covariances / scale[:, :, None] / scale[:, None, :], errors / scale
+    lost = ~(np.isfinite(unit).all(axis=(1, 2)) & np.isfinite(whole).all(axis=1))
+    unit[lost], whole[lost] = np.eye(unit.shape[1]), np.nan
     try:
         solved = np.linalg.solve(unit, whole[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:

@@ -82,11 +82,22 @@ class Comparison:
 
 
 def stored_scores(folder: Path, study: Study, run: Replayed) -> dict[str, np.ndarray]:
-    """Return the stored scores of a run by name, ``(estimator,)`` or ``(estimator, target)``."""
+    """Return the stored scores of a run by name, ``(estimator,)`` or ``(estimator, target)``.
+
+    Raises:
+        UserError: If they cannot be read.
+    """
     place: Place = run.place
-    group: Any = zarr.open_group(zarr_store(store_of(folder)), path=study.designs[place.design].name, mode="r")
     at, chosen = (place.band, place.sample, place.drive, place.repeat), list(run.estimators)
-    return {name: np.asarray(group[name][at])[chosen] for name in run.scores if name != OVER_TIME}
+    store = zarr_store(store_of(folder))
+    try:
+        group: Any = zarr.open_group(store, path=study.designs[place.design].name, mode="r")
+        return {name: np.asarray(group[name][at])[chosen] for name in run.scores if name != OVER_TIME}
+    except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last where a chunk cannot be unpacked
+        why = f"{type(error).__name__}: {error}"
+        raise UserError(
+            f"{folder}: its scores cannot be read ({why}); 'harness verify' says what is damaged"
+        ) from error
 
 
 def compare(

@@ -1,6 +1,7 @@
 """A run computed again has the bits of the store, and as a study of its own it has them too."""
 
 import io
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -218,3 +219,31 @@ def test_in_python(stores, tmp_path):
         results.replay("mass", drive="fats")
     with pytest.raises(UserError, match="no repeat 3; there are 3"):
         results.replay("mass", repeat=3)
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"band": True}, "there is no band True"),
+        ({"estimators": []}, "name at least one estimator; there are: EKF, UKF, PF"),
+        ({"plant": "mass = 3"}, "plant: expected a dictionary"),
+        ({"plant": {"mass": np.nan}}, "mass of the plant cannot be nan: expected a finite number"),
+        ({"belief": {"mass": None}}, "mass of the belief cannot be None: expected a number in SI units or text"),
+    ],
+)
+def test_in_python_what_makes_no_sense_is_refused_in_words(stores, asked, said):
+    with pytest.raises(UserError, match=said):
+        h.open_results(stores[0] / "car").replay("mass", **asked)
+
+
+def test_scores_that_are_deleted_meanwhile_are_missed_in_words(stores, tmp_path):
+    results = h.open_results(shutil.copytree(stores[0] / "car", tmp_path / "car"))
+    shutil.rmtree(tmp_path / "car" / "scores.zarr" / "mass" / "rmse")
+    with pytest.raises(UserError, match=r"its scores cannot be read .* 'harness verify' says what is damaged"):
+        results.replay("mass")
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_covariance_beyond_all_numbers_has_no_nees(stores):
+    found = h.open_results(stores[0] / "car").replay("mass", belief={"process_noise_scale": 1e300}, estimators="EKF")
+    assert not np.isinf(found.data.nees).any()
