@@ -44,7 +44,7 @@ g.estimators.forEach((e, k) => {
 });
 const wheels = {xs: [], ys: [], use: [], axle: []}, slips = arrows(), planes = arrows(), forces = arrows(), moving = arrows();
 const size = g.wheel, reach = g.reach;
-const rows = {axle: [], slip: [], force: [], load: [], use: []};
+const rows = [], told = [];
 const shown = (value, scale, digits) => (Number.isFinite(value) ? (scale * value).toFixed(digits).replace('-', '−') : '–');
 g.axles.forEach((a, k) => {
     const slip = d[`slip ${k}`][i], force = d[`force ${k}`][i], load = d[`load ${k}`][i], use = d[`use ${k}`][i];
@@ -60,13 +60,10 @@ g.axles.forEach((a, k) => {
     add(planes, centre, Number.isFinite(slip) ? direction : NaN, reach, '#777777', a.name);
     add(slips, centre, direction - g.magnified * slip, reach, '#0072B2', a.name);
     add(forces, centre, direction + Math.PI / 2, reach * 1.6 * force / g.force, '#B04A00', a.name);
-    rows.axle.push(a.name); rows.slip.push(shown(slip, 180 / Math.PI, 2)); rows.force.push(shown(force, 1e-3, 2));
-    rows.load.push(shown(load, 1e-3, 1)); rows.use.push(shown(use, 100, 0));
+    rows.push([a.name, shown(slip, 180 / Math.PI, 2), shown(force, 1e-3, 2), shown(load, 1e-3, 1), shown(use, 100, 0)]);
 });
-const told = {what: [], who: [], value: []};
 const tell = (what, who, value) => {
-    if (!Number.isFinite(value)) return;
-    told.what.push(what); told.who.push(who); told.value.push(shown(value, 180 / Math.PI, 2));
+    if (Number.isFinite(value)) told.push([what, who, shown(value, 180 / Math.PI, 2)]);
 };
 if (g.coupling) {
     tell('articulation angle', 'truth', articulation);
@@ -88,7 +85,17 @@ for (let k = 0; k < n; k++) {
     const [x, y] = turned(d.x[k] - here_x, d.y[k] - here_y, -here_angle);
     track.x.push(x); track.y.push(y);
 }
+// Names come out of a study or a vehicle: they are text, never code.
+const text = (value) => String(value).replace(/[&<>"']/g, (c) => `&#${c.charCodeAt(0)};`);
+const table = (name, head, lines) => `<table class="${name}" style="border-collapse: collapse; margin: 4px 24px 4px 0; font-size: 13px">` +
+    [head, ...lines].map((line, k) => '<tr>' + line.map((cell, j) => {
+        const tag = k === 0 ? 'th' : 'td', side = j === 0 || k === 0 && j === 0 ? 'left' : 'right';
+        return `<${tag} style="padding: 2px 10px 2px 0; text-align: ${side}; border-bottom: 1px solid #ccc">${text(cell)}</${tag}>`;
+    }).join('') + '</tr>').join('') + '</table>';
+numbers.text = '<div style="display: flex; flex-wrap: wrap; align-items: start">' +
+    table('axles', ['axle', 'slip angle in °', 'lateral force in kN', 'vertical load in kN', 'friction use in %'], rows) +
+    table('angles', ['angle', 'of', 'in °'], told) + '</div>';
 for (const [source, data] of [[sources.shapes, shapes], [sources.seen, seen], [sources.ghosts, ghosts], [sources.wheels, wheels],
     [sources.slips, slips], [sources.planes, planes], [sources.forces, forces], [sources.moving, moving],
-    [sources.track, track], [sources.rows, rows], [sources.told, told],
+    [sources.track, track],
     [sources.here, {x: [here_x], y: [here_y], t: [d.time[i]]}], [cursor, {t: [d.time[i]]}]]) { source.data = data; source.change.emit(); }

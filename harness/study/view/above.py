@@ -18,13 +18,10 @@ from bokeh.models import (
     CustomJS,
     CustomJSTickFormatter,
     DataRange1d,
-    DataTable,
     Div,
     FixedTicker,
     Select,
     Slider,
-    StringFormatter,
-    TableColumn,
     Toggle,
 )
 from bokeh.palettes import Cividis256
@@ -57,8 +54,6 @@ _EMPTY: dict[str, dict[str, list[Any]]] = {
     "forces": _ARROWS,
     "moving": _ARROWS,
     "track": {"x": [], "y": []},
-    "rows": {"axle": [], "slip": [], "force": [], "load": [], "use": []},
-    "told": {"what": [], "who": [], "value": []},
     "here": {"x": [], "y": [], "t": []},
 }
 _PLAY = """
@@ -103,10 +98,11 @@ class AboveFigure:
         self._by = Select(title="Path coloured by", width=330, tags=["{}"])
         self._note = Div(render_as_text=True, sizing_mode="stretch_width", stylesheets=[looks.WRAPPED])
         self._said = Div(text="", render_as_text=True, sizing_mode="stretch_width")
+        self._numbers = Div(text="", sizing_mode="stretch_width")  # filled by the browser, names as text
         code = (Path(__file__).parent / "above.js").read_text(encoding="utf-8")
         draw = CustomJS(
             args={"frames": self._frames, "geometry": self._geometry, "slider": self._slider, "cursor": self.cursor,
-                  "sources": self._sources},
+                  "sources": self._sources, "numbers": self._numbers},
             code=code,
         )  # fmt: skip
         self._slider.js_on_change("value", draw)
@@ -119,25 +115,9 @@ class AboveFigure:
         self._map, self._near = self._make_map(), self._make_near()
         self._whole = column(
             row(self._play, self._by, sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "align-items": "end"}),
-            self._slider, self._near, self._note, self._tables(), self._map, sizing_mode="stretch_width",
+            self._slider, self._near, self._note, self._numbers, self._map, sizing_mode="stretch_width",
         )  # fmt: skip
         self.layout = column(self._said, sizing_mode="stretch_width")
-
-    def _tables(self) -> Any:
-        plain = StringFormatter()
-
-        def table(source: str, height: int, columns: list[tuple[str, str]]) -> DataTable:
-            return DataTable(
-                source=self._sources[source], index_position=None, height=height, sizing_mode="stretch_width",
-                reorderable=False, fit_columns=True, min_width=280,
-                columns=[TableColumn(field=f, title=t, formatter=plain) for f, t in columns],
-            )  # fmt: skip
-
-        of_axles = [("axle", "axle"), ("slip", "slip angle in °"), ("force", "lateral force in kN")]
-        of_axles += [("load", "vertical load in kN"), ("use", "friction use in %")]
-        self._of_axles = table("rows", 160, of_axles)
-        of_bodies = table("told", 160, [("what", "angle"), ("who", "of"), ("value", "in °")])
-        return row(self._of_axles, of_bodies, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"})
 
     def _make_map(self) -> Any:
         mapper = linear_cmap("value", list(Cividis256), 0.0, 1.0, nan_color="#bbbbbb")
@@ -223,7 +203,6 @@ class AboveFigure:
         self._slider.end = max(self._slider.start + 0.01, float(moves["time"].values[begins[-1]]))
         self._slider.value = min(self._slider.value, self._slider.end)
         self._frames.data = frames
-        self._of_axles.height = 40 + 26 * len(run.plan.axles)
         guessed = [words(b) or "vehicle" for b, o in run.plan.outlines.items() if not o.stated]
         ends = f" The ends of the {' and the '.join(guessed)} are guessed (dashed)." if guessed else ""
         others = (
