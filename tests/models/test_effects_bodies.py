@@ -98,7 +98,16 @@ def test_a_leaning_accelerometer_reads_more_in_a_bend_and_settles_in_time():
     assert moved["leaning_rate_lateral_acceleration"] == pytest.approx(0.0, abs=1e-9)
 
 
-EVEN = {"time", "speed", "pitch_speed", "drive_speed", "longitudinal_velocity", "friction_coefficient"}
+EVEN = {
+    "time",
+    "speed",
+    "pitch_speed",
+    "drive_speed",
+    "longitudinal_velocity",
+    "friction_coefficient",
+    "speed_delayed",
+    "speed_delayed_rate",
+}
 LEANS_TO_ONE_SIDE = {
     "crosswind",
     "road_bank",

@@ -69,4 +69,4 @@ def test_without_bokeh_it_says_how_to_get_it(monkeypatch, tmp_path):
 def test_without_a_result_it_says_so(tmp_path):
     result = CliRunner().invoke(app, ["view", str(tmp_path), "--no-browser"])
     assert result.exit_code == 2
-    assert "no finished study here" in result.output
+    assert "no result to show" in result.output
