@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from harness.campaign import evidence
 from harness.campaign.evidence import Evidence
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
@@ -130,7 +131,13 @@ def test_a_margin_is_positive_inside_and_counts_the_worst_number():
     assert analysis.margin([one(1.0), one(2.0)]) == pytest.approx(np.log2(1.25 / 2.0))
 
 
-def test_what_decides_a_finding_is_found(monkeypatch):
+@pytest.fixture
+def few_resamples(monkeypatch):
+    """Where many points are told of and no interval of a point matters."""
+    monkeypatch.setattr(evidence, "RESAMPLES", 100)
+
+
+def test_what_decides_a_finding_is_found(monkeypatch, few_resamples):
     monkeypatch.setattr(analysis, "total_indices", lambda *_: None)  # of fourteen findings; tested below
     places = sequence(64)
     points = [point(k, p, {("mass", "8 t"): 1 + 4 * p[7], ("mass", "32 t"): 4.0}) for k, p in enumerate(places)]
@@ -182,7 +189,7 @@ def test_no_factor_is_named_where_the_surrogate_explains_little():
         assert analysis.Hinge(np.zeros(5), np.zeros(5), found).strongest_in_total() == named
 
 
-def test_findings_that_never_hold_together_are_named_and_the_richest_point_is_found():
+def test_findings_that_never_hold_together_are_named_and_the_richest_point_is_found(few_resamples):
     steep = {("mass", "8 t"): 3.0, ("mass", "32 t"): 3.0}
     points = [point(k, CENTRE, steep if k % 2 else None) for k in range(40)]
     says = [told(p) for p in points]
