@@ -31,6 +31,13 @@ def test_what_is_saved_is_read_with_its_origin(folder):
     assert origin.made == stamp["made"][:10]
 
 
+@pytest.mark.parametrize("out", ["--out /home/me/em", "--out='/home/me/my em'", "--out results/em"])
+def test_the_command_is_that_of_a_reader(folder, out):
+    save(folder / NAME, NAME, f"python -m it {out} --repeats 3", {"truth": np.arange(3.0)})
+    between = "=" if "=" in out else " "
+    assert Stored(folder, folder).origin(NAME).command == f"python -m it --out{between}results/{NAME} --repeats 3"
+
+
 def test_another_code_makes_it_old(folder, monkeypatch):
     fewer = dataclasses.replace(LONG[NAME], methods=LONG[NAME].methods[:1])
     assert fewer.code() != LONG[NAME].code()

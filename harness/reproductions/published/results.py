@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import tomllib
 from collections.abc import Callable, Mapping
@@ -154,7 +155,7 @@ class Stored(Results):
         if not stamp:
             return Origin(name, long.command, _day(self.folder / name / long.file), "its code was not kept")
         state = "current" if stamp["code"] == long.code() else "older than the code that decides it"
-        return Origin(name, stamp.get("command", long.command), stamp["made"][:10], state)
+        return Origin(name, _in_place(stamp.get("command", long.command), name), stamp["made"][:10], state)
 
     def _study(self, name: str) -> Origin:
         command = f"make study-{name}"
@@ -217,3 +218,8 @@ def _run(study: Study, folder: Path) -> StudyResults:
     if not (folder / STORE).is_dir() or any(d.count(PENDING) for d in read(folder).designs):
         run_study(study, folder)
     return read(folder)
+
+
+def _in_place(command: str, name: str) -> str:
+    """Return a command as it is for a reader, whose results stand where results stand."""
+    return re.sub(r"(--out[ =])('[^']*'|\S+)", rf"\1results/{name}", command)
