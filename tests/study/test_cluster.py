@@ -8,6 +8,7 @@ import threading
 from contextlib import contextmanager
 
 import dask
+import distributed  # noqa: F401  (its settings must be there before one of them is set for a while)
 import pytest
 import xarray as xr
 from rich.console import Console

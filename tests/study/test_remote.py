@@ -203,6 +203,7 @@ def test_a_place_that_does_not_answer_is_one_line(study, monkeypatch, request):
 
 def test_workers_of_a_cluster_write_their_own_chunks(study, bucket, local_bits, monkeypatch, tmp_path):
     import dask
+    import distributed  # noqa: F401  (its settings must be there before one of them is set for a while)
 
     from harness.study import cluster
 
