@@ -12,11 +12,10 @@ from harness.api import _show
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config.alone import Change
-from harness.study.layout import root_attributes
-from harness.study.replay import Place, Replayed, Replayer
+from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
 from harness.study.scores import FLAGS, PER_RUN, PER_TARGET, STATUS
-from harness.study.stored import Comparison, attributes_of, compare, stored_scores, study_of
+from harness.study.stored import Comparison, StoredRuns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,18 +101,8 @@ class Replay:
         return _show.html("Run computed again", self._facts(), self.scores, "scores")
 
 
-class Replays:
-    """What computes runs of a result folder again (internal).
-
-    Args:
-        folder: Result folder.
-        beside: Folder of the study file.
-    """
-
-    def __init__(self, folder: Path, beside: Path | None = None) -> None:
-        self.folder, self.study = folder, study_of(folder, beside)
-        self.replayer = Replayer(self.study)
-        self._stored, self._now = attributes_of(folder), root_attributes(self.study)
+class Replays(StoredRuns):
+    """What computes runs of a result folder again for ``results.replay`` (internal)."""
 
     def place(self, design: str | None, band: str | int, drive: str | int, sample: int, repeat: int) -> Place:
         """Return which run it is.
@@ -141,10 +130,6 @@ class Replays:
         chosen = None if wanted is None else [_index("estimator", name, names) for name in wanted]
         found = self.replayer.run(place, chosen, changes)
         return Replay(found, None if changes else self.comparison(found), changes)
-
-    def comparison(self, run: Replayed) -> Comparison:
-        """Return whether the scores of a run are those of the store."""
-        return compare(run, stored_scores(self.folder, self.study, run), self._stored, self._now, self.study)
 
     @staticmethod
     def changes(plant: Mapping[str, Any] | None, belief: Mapping[str, Any] | None) -> list[Change]:

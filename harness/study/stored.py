@@ -17,7 +17,7 @@ from harness.common.places import zarr_store
 from harness.config import Study, build_study
 from harness.study.differences import differences
 from harness.study.layout import root_attributes
-from harness.study.replay import Place, Replayed
+from harness.study.replay import Place, Replayed, Replayer
 from harness.study.scores import OVER_TIME, PENDING, STATUS
 from harness.study.verify import store_of
 
@@ -140,3 +140,29 @@ def _difference(values: np.ndarray, stored: np.ndarray) -> float:
     with np.errstate(invalid="ignore"):
         shares = np.abs(one - other) / np.where(size > 0, size, 1.0)
     return float(np.nanmax(shares, initial=0.0))
+
+
+class StoredRuns:
+    """The runs of a result folder, which can be computed again.
+
+    Args:
+        folder: Result folder.
+        beside: Folder of the study file; files that the study names are looked for there first.
+
+    Attributes:
+        folder: The same.
+        study: That the result is of.
+        replayer: What computes its runs.
+
+    Raises:
+        UserError: If there is no store, or what the study names is not what it was.
+    """
+
+    def __init__(self, folder: Path, beside: Path | None = None) -> None:
+        self.folder, self.study = folder, study_of(folder, beside)
+        self.replayer = Replayer(self.study)
+        self._stored, self._now = attributes_of(folder), root_attributes(self.study)
+
+    def comparison(self, run: Replayed) -> Comparison:
+        """Return whether the scores of a run are those of the store."""
+        return compare(run, stored_scores(self.folder, self.study, run), self._stored, self._now, self.study)

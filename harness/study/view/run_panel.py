@@ -33,12 +33,11 @@ from harness.config.alone import Change
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.style import Look
-from harness.study.layout import root_attributes
 from harness.study.motion import published
-from harness.study.replay import Place, Replayed, Replayer
+from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
 from harness.study.scores import FLAGS, STATUS
-from harness.study.stored import attributes_of, compare, stored_scores, study_of
+from harness.study.stored import StoredRuns, stored_scores
 from harness.study.view import looks
 from harness.study.view.above import AboveFigure
 from harness.study.view.run_figure import RunFigure
@@ -69,7 +68,7 @@ class Parameter:
     upper: float
 
 
-class Runs:
+class Runs(StoredRuns):
     """What computes the runs of a result folder again; for all readers, one run at a time.
 
     Args:
@@ -78,14 +77,8 @@ class Runs:
     """
 
     def __init__(self, folder: Path, beside: Path | None = None) -> None:
-        self.folder, self.study = folder, study_of(folder, beside)
-        self.replayer = Replayer(self.study)
+        super().__init__(folder, beside)
         self.pool = ThreadPoolExecutor(1)
-        self._stored, self._now = attributes_of(folder), root_attributes(self.study)
-
-    def verdict(self, run: Replayed) -> str:
-        """Say whether a run is the stored one."""
-        return compare(run, stored_scores(self.folder, self.study, run), self._stored, self._now, self.study).words
 
 
 def parameters_of(study: Study) -> dict[str, Parameter]:
@@ -241,7 +234,7 @@ class RunPanel:
             try:
                 run: Any = self._runs.replayer.run(place, compared, changes, innovations=not fast, everything=True)
                 stored = stored_scores(self._runs.folder, self._runs.study, run)
-                words_ = self._runs.verdict(run) if not changes else ""
+                words_ = self._runs.comparison(run).words if not changes else ""
                 done = partial(self._done, wanted, run, stored, words_)
             except (UserError, ModelError) as error:
                 done = partial(self._failed, str(error))
