@@ -80,6 +80,15 @@ def _axle_states(axle: str, where: str) -> list[Signal]:
     ]
 
 
+def _tyre_states(tyre: str) -> list[Signal]:
+    """Return what effects have at the axles that share a tyre."""
+    of, a = f"as the roll follows it, for tyre {tyre}", "lateral acceleration"
+    return [
+        Signal(f"roll_steer_leaning_{tyre}", "a_R", "m/s^2", "m/s^2", "axle", f"{a} {of}"),
+        Signal(f"roll_steer_leaning_rate_{tyre}", r"\dot a_R", "m/s^3", "m/s^3", "axle", f"rate of the {a} {of}"),
+    ]
+
+
 def _body_forces(body: str, index: str) -> list[Signal]:
     """Return the forces from outside on one of several bodies."""
     return [
@@ -257,6 +266,7 @@ _ROWS += [  # states and inputs of effects
     Signal("lateral_velocity_reference", "v_{y,R}", "m/s", "m/s", "vehicle", "lateral velocity at the reference point"),
 ]
 _ROWS += [row for _axle, _where in _AXLES.items() for row in _axle_states(_axle, _where)]
+_ROWS += [row for _tyre in ("11", "12", "2", "front", "rear") for row in _tyre_states(_tyre)]
 
 _MEASURED = ("yaw_rate", "heading", "articulation_angle", "sideslip_angle", "roll", "acceleration", "velocity")
 _ROWS += [
@@ -375,6 +385,7 @@ def _of_layout(module: ModuleType) -> list[Signal]:
     bodies = [body for body in getattr(module, "BODIES", {}) if body]
     rows = [row for body in bodies for row in (*_body_forces(body, body), *_body_motion(f"_{body}", body))]
     rows += [row for axle, where in axles.items() for row in (*_axle_forces(axle, where), *_axle_states(axle, where))]
+    rows += [row for tyre in dict.fromkeys(getattr(module, "AXLES", {}).values()) for row in _tyre_states(tyre)]
     return rows + [row for s in rows if s.name.startswith("lateral_force_axle") for row in _of_sensor(s)]
 
 

@@ -11,10 +11,7 @@ import sympy as sp
 
 from harness.models.assembly.assemble import EffectContext
 from harness.models.contracts import Parameter
-from harness.models.effects import _gravity
-
-ROLL_DAMPING = 0.4
-"""Damping ratio of the roll."""
+from harness.models.effects import _body_roll, _gravity
 
 PORT = "sensor_lateral_acceleration{body}"
 PLACE = "body"
@@ -25,15 +22,11 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "roll_gain", "k_R", "rad*s^2/m", -0.05, 0.05, "roll angle per lateral acceleration, outwards", neutral=0.0
     ),
-    Parameter("roll_frequency", r"\omega_R", "rad/s", 2.0, 40.0, "frequency of the roll", grid=(5.0, 9.0, 15.0)),
+    _body_roll.roll_frequency("roll_frequency"),
 )
 
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Add the part of gravity that the sensor measures."""
-    leant, rate = (e.state(name) for name in STATES)
-    omega = e.p("roll_frequency")
-    e.derivative(STATES[0], rate)
-    e.derivative(STATES[1], omega**2 * (e.at_body("lateral_acceleration") - leant) - 2 * ROLL_DAMPING * omega * rate)
-    lean = e.p("roll_gain") * leant
+    lean = e.p("roll_gain") * _body_roll.leaning(e, STATES, "roll_frequency")
     return value * sp.cos(lean) + _gravity.GRAVITY * sp.sin(lean)

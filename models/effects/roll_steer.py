@@ -1,7 +1,7 @@
-"""Body roll steers an axle through its suspension: a steer angle in proportion to the lateral acceleration.
+"""Body roll steers an axle through its suspension: a steer angle in proportion to how far the body leans.
 
-Pacejka 2012, 1.2.2. Roll is taken as quasi-steady, so the angle follows yaw rate times speed. Positive steers into the
-bend.
+Pacejka 2012, 1.2.2, there quasi-steady; here the body leans behind its lateral acceleration as its springs and dampers
+let it. Positive steers into the bend.
 """
 
 from __future__ import annotations
@@ -10,17 +10,19 @@ import sympy as sp
 
 from harness.models.assembly.assemble import EffectContext
 from harness.models.contracts import Parameter
+from harness.models.effects import _body_roll
 
 PORT = "slip_angle_axle_{axle}"
 PLACE = "tyre"
-READS: tuple[str, ...] = ()
-STATES: tuple[str, ...] = ()
+READS: tuple[str, ...] = ("lateral_acceleration{body}",)
+STATES: tuple[str, ...] = ("roll_steer_leaning", "roll_steer_leaning_rate")
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter("roll_steer", r"\varepsilon_R", "rad*s^2/m", -0.02, 0.02, "steer angle per lateral acceleration", 0.0),
+    _body_roll.roll_frequency("roll_steer_frequency"),
 )
 
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Turn the axle's wheels into the bend."""
-    return value + e.p("roll_steer") * e.body.centripetal_acceleration
+    return value + e.p("roll_steer") * _body_roll.leaning(e, STATES, "roll_steer_frequency")

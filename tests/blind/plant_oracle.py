@@ -22,6 +22,9 @@ SIMILAR = (
 )
 """Effects whose equation differs in form from the library's."""
 
+QUICK_ROLL = 30.0
+"""rad/s; the library's body rolls behind its acceleration, the plant's at once."""
+
 _SENSORS = {
     "bias": "sensor_bias",
     "gain_error": "sensor_gain_error",
@@ -90,6 +93,7 @@ def library_values(effect: Drawn, p: Semitrailer | Car) -> dict[str, float]:
             found["tyre_force_offset_" + name.removeprefix("force_offset_")] = value
         elif name.startswith("roll_steer"):
             found[f"roll_steer_{ends[-1]}"] = -value  # the library's is positive into the bend
+            found[f"roll_steer_frequency_{ends[-1]}"] = QUICK_ROLL
         elif name == "side_force_slope":
             found["aerodynamic_side_force" + ("_trailer" if isinstance(p, Semitrailer) else "")] = value
         elif name == "slosh_mass" and isinstance(p, Semitrailer):

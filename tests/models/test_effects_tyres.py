@@ -7,8 +7,10 @@ import pytest
 
 from harness.models.assembly.assemble import assemble
 from harness.models.roles import VEHICLES
-from support.effects import VALUES, G, built, look, point, values
+from support.effects import VALUES, G, built, look, point, rates, values
 from support.numeric import evaluator
+
+ROLL = {f"roll_steer_frequency_{tyre}": 9.0 for tyre in ("11", "12", "2")}
 
 
 def loads(vehicle: str, effects: tuple[str, ...], own: dict, **at) -> np.ndarray:
@@ -94,9 +96,18 @@ def test_an_axle_that_steers_itself_loses_slip_and_one_that_rolls_steers_into_th
     at = {"lateral_velocity_trailer": 0.4, "yaw_rate_trailer": 0.1}
     (plain,) = look("semitrailer", ("self_steering_axle",), name, {}, **at)
     (half,) = look("semitrailer", ("self_steering_axle",), name, {"self_steering_23": 0.5}, **at)
-    (rolled,) = look("semitrailer", ("roll_steer",), name, {"roll_steer_2": 0.002}, **at)
+    leaning = {**at, "roll_steer_leaning_2": 1.5}
+    (rolled,) = look("semitrailer", ("roll_steer",), name, {**ROLL, "roll_steer_2": 0.002}, **leaning)
     assert half == pytest.approx(plain / 2)
-    assert rolled == pytest.approx(plain + 0.002 * 0.1 * 20.0)
+    assert rolled == pytest.approx(plain + 0.002 * 1.5)
+
+
+def test_what_steers_by_roll_follows_the_lateral_acceleration_of_its_own_body():
+    own = {**ROLL, "roll_steer_2": 0.002}
+    at = {"lateral_velocity_trailer": 0.4, "yaw_rate_trailer": 0.1}
+    (a_y,) = look("semitrailer", ("roll_steer",), ("lateral_acceleration_trailer",), own, **at)
+    moved = rates("semitrailer", ("roll_steer",), own, **at)
+    assert moved["roll_steer_leaning_rate_2"] == pytest.approx(81.0 * a_y)
 
 
 def test_a_forced_axle_turns_to_the_side_to_which_the_trailer_stands():

@@ -197,24 +197,25 @@ def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added
         rest = tuple(k for k in added if k != h)
         base = _without(fits, best.point, h, rest)
         choices = {rest: base}
-        for c in _stand_ins(rounds, h, rest):
-            choices[*rest, c.hypothesis] = fits.start(base, c.score)
+        for likes in _stand_ins(rounds, h, rest):
+            untried = [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models]
+            choices |= {(*rest, c.hypothesis): fits.start(base, c.score) for c in untried[:TRIED]}
         open_ |= {frozenset(a): (a, p) for a, p in choices.items() if frozenset(a) not in fits.models}
     if open_:
         fits.say("fitting what may stand in the place of what was found")
         fits.augmented.share(lambda choice: fits.fit(*choice), open_.values())
 
 
-def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added) -> list[Candidate]:
-    """Return what may stand in the place of an addition.
+def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added) -> list[list[Candidate]]:
+    """Return what may stand in the place of an addition: what acts like it, and like another that is wrong beside it.
 
     Of several wrong parameters none alone reaches an effect that resembles their sum, and what that leaves is then
     taken for one of them: so what acts like that one may stand in the place of the effect.
     """
-    found = [] if (own := _tried(h, rounds)) is None else _like(*own, rest)[:TRIED]
+    found = [] if (own := _tried(h, rounds)) is None else [_like(*own, rest)]
     for p in rest if h.kind == "effect" else ():
         if p.kind == "parameter" and (its := _tried(p, rounds)) is not None:
-            found += [c for c in _like(*its, rest) if c.hypothesis.kind == "parameter"][:TRIED]
+            found.append([c for c in _like(*its, rest) if c.hypothesis.kind == "parameter"])
     return found
 
 

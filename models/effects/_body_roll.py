@@ -1,0 +1,43 @@
+"""How a body leans in bends, for the effects of a body that rolls: the second-order motion of its springs and dampers.
+
+What leans is the lateral acceleration, in m/s^2, as the springs have followed it; what it does (an angle that a sensor
+reads, one that steers an axle) is an effect's own parameter times that.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from harness.models.assembly.assemble import EffectContext
+from harness.models.contracts import Parameter
+
+ROLL_DAMPING = 0.4
+"""Damping ratio of the roll."""
+
+CONSTANTS: dict[str, str] = {"ROLL_DAMPING": "1"}
+
+FREQUENCIES = (2.0, 40.0)
+"""rad/s; bounds of the frequency of the roll."""
+
+GRID = (4.5, 9.0, 18.0, 36.0)
+"""rad/s; octaves: a tall load on soft springs, a truck, a car, a body that hardly leans."""
+
+
+def roll_frequency(name: str) -> Parameter:
+    """Return the frequency of the roll as a parameter of an effect."""
+    return Parameter(name, r"\omega_R", "rad/s", *FREQUENCIES, "frequency of the roll", grid=GRID)
+
+
+def leaning(e: EffectContext, states: tuple[str, ...], frequency: str) -> sp.Symbol:
+    """Return the lateral acceleration of the site's body as its roll has followed it.
+
+    Args:
+        e: Of the effect.
+        states: The effect's two states for it: what leans, and its rate.
+        frequency: Name of the effect's parameter.
+    """
+    leant, rate = (e.state(name) for name in states)
+    omega = e.p(frequency)
+    e.derivative(states[0], rate)
+    e.derivative(states[1], omega**2 * (e.at_body("lateral_acceleration") - leant) - 2 * ROLL_DAMPING * omega * rate)
+    return leant
