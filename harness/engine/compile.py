@@ -106,6 +106,12 @@ def cache_folder() -> Path:
     return Path(os.environ.get("HARNESS_CACHE", default))
 
 
+def is_on_disk(function: Dispatcher) -> bool:
+    """Return whether numba's cache has machine code of a function (of any processor); yes without a cache."""
+    names, folder = f"{function.py_func.__module__}.{function.py_func.__name__}-*.nbi", function.stats.cache_path
+    return folder is None or any(Path(folder).glob(names))
+
+
 def load_source(stem: str, source: str) -> ModuleType:
     """Write generated source to the cache under ``<stem>_<hash>.py`` and import it.
 

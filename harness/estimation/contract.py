@@ -50,6 +50,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy import stats
@@ -212,6 +213,11 @@ class Estimator:
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
         self._rows: dict[tuple[str, ...], tuple[NDArray[np.int64], bool]] = {}
+
+    @property
+    def loop(self) -> Dispatcher:
+        """The compiled loop over time, the same for all settings."""
+        return self._kernels.estimate
 
     def init(self, mean: Floats, variance: Floats, seeds: Sequence[np.random.SeedSequence] | None = None) -> State:
         """Return the first state.

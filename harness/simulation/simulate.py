@@ -54,7 +54,7 @@ class Simulator:
         self.compiled = compiled
         self._needed = np.array([name in needed for name in compiled.signal_names], dtype=np.int64)
         source = paste(compiled, "simulate", [time_loops.simulate])
-        self._run = load_source("simulate", source).simulate
+        self.loop = load_source("simulate", source).simulate
         valid = compiled.model.valid
         self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
 
@@ -81,7 +81,7 @@ class Simulator:
         truth = np.empty((samples, len(self.compiled.signal_names), LANES))
         y = np.empty((samples, self.compiled.ny, LANES))
         left = np.empty((1, LANES))
-        self._run(
+        self.loop(
             inputs,
             constants,
             np.sqrt(variance_x),

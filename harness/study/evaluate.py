@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
@@ -74,7 +75,12 @@ class StudyEvaluator:
     @property
     def kernels(self) -> int:
         """Number of kernels that ``warm_up`` compiles."""
-        return 1 + len(self.compiled.estimators)
+        return len(self.loops)
+
+    @property
+    def loops(self) -> list[Dispatcher]:
+        """The compiled loops over time that ``warm_up`` calls; estimators that differ in settings alone share one."""
+        return [self.compiled.simulator.loop, *(e.loop for e in self.compiled.estimators)]
 
     def time_of_batch(self, unit: Unit) -> float:
         """Return how long the first batch of a unit takes, simulation and all estimators, in s."""

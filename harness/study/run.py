@@ -38,6 +38,7 @@ from harness.common.process import peak_memory_mib
 from harness.config import Study
 from harness.study import bound, plan
 from harness.study.checksums import described
+from harness.study.compiling import compile_kernels
 from harness.study.design import Unit, planned_runs, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
@@ -172,9 +173,9 @@ def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console
     if plan.is_too_large_to_time(study):
         found = plan.of(study, None, todo, workers)
         _ask(found, console, agree)
-        _warm_up(evaluator, console)
+        _warm_up(evaluator, workers, console)
         return
-    _warm_up(evaluator, console)
+    _warm_up(evaluator, workers, console)
     with console.status("timing the first runs"):
         found = plan.of(study, evaluator, todo, workers)
     _ask(found, console, agree)
@@ -190,10 +191,9 @@ def _say(console: Console, words: str, style: str = "") -> None:
     console.print(Text(words, style=style), soft_wrap=True)
 
 
-def _warm_up(evaluator: StudyEvaluator, console: Console) -> None:
+def _warm_up(evaluator: StudyEvaluator, workers: int, console: Console) -> None:
     with console.status("compiling kernels (only the first start takes long)") as status:
-        for i in range(evaluator.kernels):
-            status.update(f"compiled {evaluator.warm_up(i)}; {evaluator.kernels - 1 - i} to go")
+        compile_kernels(evaluator, min(workers, joblib.cpu_count()), status.update)
 
 
 def _evaluate(
