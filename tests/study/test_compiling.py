@@ -23,7 +23,7 @@ def cold(tmp_path, monkeypatch):
     name = f"scalar_{hashlib.sha256(str(tmp_path).encode()).hexdigest()[:8]}"
     for role, module in (("vehicles", scalar_example), ("parameters", kit_2015a)):
         file = tmp_path / f"{name}.{role}.py"
-        file.write_text(Path(module.__file__).read_text().replace('"scalar_example"', f'"{name}"'))
+        file.write_text(Path(module.__file__).read_text("utf-8").replace('"scalar_example"', f'"{name}"'), "utf-8")
         components.register(role, file, name)
     table = {
         "name": "cold",
