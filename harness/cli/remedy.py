@@ -34,7 +34,7 @@ def remedy(
 ) -> None:
     """Try what helps where a parameter is not as believed, and say which remedy is worth it.
 
-    Estimate the parameters that drive the error, consider them, measure more, and both together: on the very same
+    Estimate the parameters that drive the error, consider them, other noise, measure more, and together: on the very same
     points, drives and noise. What is finished is kept. Writes a report, belief.toml for studies and harness estimate,
     and study.toml.
     """

@@ -54,6 +54,21 @@ def tune(
         list[str] | None,
         typer.Option("--only", help="Estimator of a study, by name; repeatable; all if absent."),
     ] = None,
+    objective: Annotated[
+        Literal["likelihood", "worst-case"],
+        typer.Option(
+            "--objective",
+            help="Of a study: the likelihood of the innovations at the nominal plant, or the error of the worst "
+            "twentieth of the runs in the box of a design.",
+        ),
+    ] = "likelihood",
+    design: Annotated[
+        str | None,
+        typer.Option("--design", help="Design whose box the worst case is sought in; the study's first if absent."),
+    ] = None,
+    points: Annotated[
+        int, typer.Option("--points", min=8, help="Points of that box; powers of two fill it best.")
+    ] = 32,
     data: Annotated[
         list[Path] | None, typer.Option("--data", "-d", help="Recording; repeatable. Tunes without a truth.")
     ] = None,
@@ -83,7 +98,9 @@ def tune(
     """Tune the noise that estimators believe: of a study on its training drives, or with --data on recordings.
 
     A study: factors on process noise, random walk of the unknown inputs and measurement noise of every estimator
-    maximise the likelihood of the innovations on drives simulated at the nominal plant, within one budget.
+    maximise the likelihood of the innovations on drives simulated at the nominal plant, within one budget. With
+    --objective worst-case they minimise the mean error of the worst twentieth of the runs in the box of a design
+    (conditional value at risk); a report shows the front between nominal and worst-case error.
 
     Recordings, without a truth: the variances of process and measurement noise maximise the likelihood of the
     innovations. Those that the recordings do not determine stay as stated.
@@ -93,10 +110,15 @@ def tune(
             raise UserError(
                 "tune a study (harness tune STUDY --drives ...) or recordings (harness tune --data ... --model ...)"
             )
+        if objective == "worst-case":
+            _worst_case(study, drives, budget, design, points, only or (), jobs, out)
+            return
+        if design is not None:
+            raise UserError("--design belongs to --objective worst-case: the likelihood is that of the nominal plant")
         _study(study, drives, budget, repeats, only or (), out)
         return
-    if study is not None or drives is not None or only:
-        raise UserError("--data tunes on recordings; leave out the study, --drives and --only")
+    if study is not None or drives is not None or only or design is not None or objective != "likelihood":
+        raise UserError("--data tunes on recordings; leave out the study, --drives, --only, --objective and --design")
     if model is None:
         raise UserError("--data needs --model: the vehicle of the recordings")
     given = RecordedOptions(
@@ -132,6 +154,45 @@ def _study(study: str, drives: str, budget: int, repeats: int, only: Sequence[st
         for group in tuning.at_the_edge:
             console.print(f"{name}: the factor on {group} lies at the end of the search; state that noise anew")
     typer.echo(out)
+
+
+def _worst_case(
+    study: str,
+    drives: str,
+    budget: int,
+    design: str | None,
+    points: int,
+    only: Sequence[str],
+    jobs: int | None,
+    out: Path,
+) -> None:
+    """Tune the estimators of a study for the worst case in the box of a design, and write file and report."""
+    import dataclasses
+
+    from harness.common.registry import closest
+    from harness.config import load_drives, load_study
+    from harness.reporting.document import write
+    from harness.study import worst_case, worst_case_report
+
+    if out.suffix != ".toml":
+        raise UserError(f"--out {out}: name a TOML file, such as tuned.toml")
+    loaded = load_study(study_path(study), tuned=False)
+    names = [d.name for d in loaded.designs]
+    if design is not None and design not in names:
+        raise UserError(f"--design {design}: study '{loaded.name}' has no such design{closest(design, names)}")
+    box = loaded.design(design or names[0])
+    training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
+    console = Console(stderr=True)
+    with console.status("simulating the training runs") as status:
+        found = worst_case.tune_for_worst_case(
+            training, box, budget, points, only, jobs=jobs, progress=lambda name: status.update(f"tuning {name}")
+        )
+        worst_case.write_worst_case(out, training, box, budget, points, found, command())
+        status.update("report")
+        files = write(worst_case_report.document(training, box, found, command()), out.parent, out.stem)
+    Console().print(Text(worst_case_report.answer(found), style="bold"), soft_wrap=True)
+    for path in (out, *files):
+        typer.echo(path)
 
 
 def _recordings(given: RecordedOptions, by: Literal["state", "unit"], out: Path) -> None:

@@ -302,3 +302,20 @@ def average_bounds(dimension: float, count: float, level: float = 0.95) -> tuple
     freedom = count * dimension
     lower, upper = (float(stats.chi2.ppf(p, freedom)) / count for p in (tail, 1.0 - tail))
     return lower, upper
+
+
+def tail_mean(values: ArrayLike, share: float = 0.05) -> float:
+    """Return the mean of the largest ``share`` of values: their conditional value at risk at level ``1 - share``.
+
+    A value at the edge of the tail counts with the part of its weight that lies in it (Rockafellar and Uryasev 2002,
+    Proposition 8), so that the result does not jump where ``share`` times their number is no whole number.
+
+    Args:
+        values: Any number of them; one that is infinite makes the result so if it is in the tail.
+        share: Above 0, at most 1.
+    """
+    largest = np.sort(np.ravel(np.asarray(values, dtype=float)))[::-1]
+    left = share * largest.size - np.arange(largest.size)
+    weights = np.clip(left, 0.0, 1.0)
+    counted = weights > 0
+    return float(np.sum(largest[counted] * weights[counted]) / np.sum(weights))

@@ -11,7 +11,7 @@ candidates run at a time, one per lane).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ DECADES = 4.0
 _EDGE = 0.05
 """Decades from an end of the search within which a factor counts as at it."""
 
-_TRAINING_REPEAT = 1_000_000
+TRAINING_REPEAT = 1_000_000
 """Repeats of training runs are counted from here, so that no scored run shares their noise."""
 
 
@@ -80,7 +80,7 @@ def tune(
     population = 3 * LANES
     if budget < 2 * population:
         raise UserError(f"a budget of {budget} candidates is too small to search three factors; give {2 * population}")
-    chosen = _chosen(study, only)
+    chosen = chosen_estimators(study, only)
     study = dataclasses.replace(study, estimators=chosen)
     nominal = DesignSpec("tuning", (), repeats=repeats)
     bare = tuple(dataclasses.replace(e, noise={}) for e in chosen)
@@ -91,7 +91,7 @@ def tune(
     if len(without) == len(chosen):
         raise UserError(f"{study.path}: no estimator of this study states a likelihood, so there is nothing to tune")
     runs = [
-        (drive, evaluator.simulate(Unit(0, 0, drive, 0, 1), [Case(0, _TRAINING_REPEAT + r)]))
+        (drive, evaluator.simulate(Unit(0, 0, drive, 0, 1), [Case(0, TRAINING_REPEAT + r)]))
         for drive in range(len(study.drives))
         for r in range(repeats)
     ]
@@ -105,25 +105,41 @@ def tune(
             return np.array(_losses(evaluator, index, runs, np.atleast_2d(exponents.T)))
 
         before = -float(loss(np.zeros((len(NOISE_GROUPS), 1)))[0])
-        answer = optimize.differential_evolution(
-            loss,
-            [(-DECADES, DECADES)] * len(NOISE_GROUPS),
-            popsize=population // len(NOISE_GROUPS),
-            maxiter=budget // population - 1,
-            x0=np.zeros(len(NOISE_GROUPS)),
-            rng=np.random.default_rng(study.seed),
-            tol=0.0,  # of the size of the losses, which says nothing of a likelihood: all candidates are tried
-            polish=False,
-            updating="deferred",
-            vectorized=True,
-            init="sobol",
-        )
-        factors = {g: float(10.0**e) for g, e in zip(NOISE_GROUPS, answer.x, strict=True)}
-        found[spec.name] = Tuning(factors, before, -float(answer.fun))
+        best, lowest = evolve(loss, np.zeros(len(NOISE_GROUPS)), population, budget, study.seed)
+        factors = {g: float(10.0**e) for g, e in zip(NOISE_GROUPS, best, strict=True)}
+        found[spec.name] = Tuning(factors, before, -lowest)
     return found
 
 
-def _chosen(study: Study, only: Sequence[str]) -> tuple[EstimatorSpec, ...]:
+def evolve(
+    loss: Callable[[Floats], Floats], first: Floats, population: int, budget: int, seed: int
+) -> tuple[Floats, float]:
+    """Return the exponents of the smallest loss, and that loss, by differential evolution.
+
+    Args:
+        loss: Takes exponents ``(groups, candidates)`` to losses ``(candidates,)``.
+        first: Exponents that are among the first candidates ``(groups,)``.
+        population: Candidates of a generation.
+        budget: Candidates of all generations.
+        seed: Of the candidates.
+    """
+    answer = optimize.differential_evolution(
+        loss,
+        [(-DECADES, DECADES)] * len(first),
+        popsize=population // len(first),
+        maxiter=budget // population - 1,
+        x0=first,
+        rng=np.random.default_rng(seed),
+        tol=0.0,  # of the size of the losses, which says nothing of a likelihood: all candidates are tried
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+        init="sobol",
+    )
+    return answer.x, float(answer.fun)
+
+
+def chosen_estimators(study: Study, only: Sequence[str]) -> tuple[EstimatorSpec, ...]:
     """Return the estimators of these names, all without any name, in the order of the study."""
     names = [e.name for e in study.estimators]
     for name in only:
@@ -168,16 +184,38 @@ def write_tuning(path: Path, study: Study, budget: int, repeats: int, found: dic
     Raises:
         UserError: If it cannot be written.
     """
+    rule = "largest likelihood of the innovations on the training drives"
+    how = {"budget": budget, "repeats": repeats}
+    factors = {name: tuning.factors for name, tuning in found.items()}
+    gains = {
+        name: f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after" for name, tuning in found.items()
+    }
+    write_files(path.parent, {path.name: tuning_text(study, rule, how, factors, gains, command)})
+
+
+def tuning_text(
+    study: Study,
+    rule: str,
+    how: Mapping[str, Any],
+    factors: Mapping[str, Mapping[str, float]],
+    gains: Mapping[str, str],
+    command: str,
+) -> str:
+    """Return the text of a tuning file.
+
+    Args:
+        study: What was tuned; its drives are the training drives.
+        rule: By which, in words.
+        how: What else decides the result.
+        factors: Of every estimator by group; one that is absent is 1.
+        gains: What came of it by estimator, in words.
+        command: That found it.
+    """
     content = {
-        "rule": "largest likelihood of the innovations on the training drives",
+        "rule": rule,
         "drives": [d.name for d in study.drives],
-        "budget": budget,
-        "repeats": repeats,
+        **how,
         "seed": study.seed,
-        "estimator": {name: {g: tuning.factors[g] for g in NOISE_GROUPS} for name, tuning in found.items()},
+        "estimator": {name: {g: found.get(g, 1.0) for g in NOISE_GROUPS} for name, found in factors.items()},
     }
-    gains: dict[tuple[str, ...], str] = {
-        ("estimator", name): f"log-likelihood {tuning.before:.1f} before, {tuning.after:.1f} after"
-        for name, tuning in found.items()
-    }
-    write_files(path.parent, {path.name: toml_text(content, f"Written by: {command}", gains)})
+    return toml_text(content, f"Written by: {command}", {("estimator", name): said for name, said in gains.items()})

@@ -1,6 +1,7 @@
 """``harness remedy``: what is tried, how it is judged, and that what is written can be used."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +10,13 @@ from harness.campaign.remedy import choices
 from harness.campaign.remedy.answer import headline
 from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
 from harness.campaign.remedy.judge import Outcome, best, harm, helps
-from harness.campaign.remedy.report import write_report
+from harness.campaign.remedy.report import belief_text, believed, write_report
 from harness.campaign.remedy.run import try_remedies
 from harness.common.errors import UserError
 from harness.config import build_study
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+from harness.study.run_noise import Case
 
 CONTENT = {
     "name": "small",
@@ -75,9 +79,9 @@ def test_a_bank_is_spread_over_what_the_study_varies():
 
 def test_over_more_than_three_parameters_no_bank_is_tried():
     drivers = list("abcd")
-    assert not [r for r in choices.singles(drivers, True) if r.banked]
-    assert [r for r in choices.singles(drivers[:3], True) if r.banked]
-    assert not [r for r in choices.singles(drivers[:3], False) if r.banked]
+    assert not [r for r in choices.singles(drivers, True, True) if r.banked]
+    assert [r for r in choices.singles(drivers[:3], True, True) if r.banked]
+    assert not [r for r in choices.singles(drivers[:3], False, True) if r.banked]
 
 
 def test_of_what_promises_most_nothing_with_as_many_signals_tells_more():
@@ -85,6 +89,26 @@ def test_of_what_promises_most_nothing_with_as_many_signals_tells_more():
     promise = {one: 0.5, two: 0.4, other: 0.2, three: 0.19}
     assert choices.promising(promise, 9) == [one, other]
     assert choices.promising(promise, 1) == [one]
+
+
+def test_the_written_belief_has_the_noise_that_the_estimator_is_tuned_to(tmp_path):
+    """A study that takes it scores as the one whose estimator is tuned by the file."""
+    factors = "process = 0.3\nunknown_inputs = 40.0\nmeasurement = 2.5"
+    (tmp_path / "noise.toml").write_text(f'rule = "r"\ndrives = []\nbudget = 1\n[estimator.EKF]\n{factors}\n')
+    remedy = Remedy(tuned=True)
+    assert (remedy.words, remedy.slug) == ("tune for the worst case", "tune-for-the-worst-case")
+    tuned = choices.applied(study(), remedy, "EKF", tmp_path / "noise.toml")
+    best = SimpleNamespace(study=tuned, remedy=remedy)
+    (tmp_path / "belief.toml").write_text(belief_text(SimpleNamespace(best=best, study=study())))
+    taken = build_study({**CONTENT, "belief": {"parameters": "belief.toml"}}, tmp_path / "s")
+    found = []
+    for some in (tuned, taken):
+        evaluator, unit, cases = StudyEvaluator(some), Unit(0, 0, 0, 0, 1), [Case(0, 0)]
+        batch, held = evaluator.simulate(unit, cases, 500), evaluator.parameters(unit, cases, "belief")
+        found.append(evaluator.estimate(0, unit, cases, batch, held).log_likelihood)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
+    assert tuned.estimators[0].noise
+    assert not taken.estimators[0].noise
 
 
 def outcome(remedy, medians, nominal=1.0, boxes=None):
@@ -152,5 +176,5 @@ def test_the_belief_that_is_written_is_that_of_the_remedy(tried):
     assert not (folder / "errors.txt").exists()
     plant = CONTENT["plant"] | {"sensors": found.best.study.plant.sensors}
     taken = build_study(CONTENT | {"plant": plant, "belief": {"parameters": "belief.toml"}}, folder / "s").belief
-    wanted = found.best.study.belief
+    wanted = believed(found.best.study)
     assert dataclasses.replace(taken, parameters="") == dataclasses.replace(wanted, parameters="")

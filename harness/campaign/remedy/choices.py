@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ class Remedy:
         banked: Parameters over whose values a bank of filters runs (estimator ``imm``).
         equipment: What is measured, ``None`` for what the study has.
         known: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
+        tuned: Whether the noise believed is tuned for the worst case.
     """
 
     estimated: tuple[str, ...] = ()
@@ -57,6 +59,7 @@ class Remedy:
     banked: tuple[str, ...] = ()
     equipment: Equipment | None = None
     known: tuple[str, ...] = ()
+    tuned: bool = False
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -78,6 +81,7 @@ class Remedy:
             "know": self.known,
         }
         parts = [f"{verb} the {listed([words(n) for n in names])}" for verb, names in named.items() if names]
+        parts += ["tune for the worst case"] if self.tuned else []
         return "; ".join(parts) or "as it is"
 
     @property
@@ -87,6 +91,7 @@ class Remedy:
         parts += [f"consider-{'-'.join(self.considered)}"] if self.considered else []
         parts += [f"bank-{'-'.join(self.banked)}"] if self.banked else []
         parts += [f"know-{'-'.join(self.known)}"] if self.known else []
+        parts += ["tune-for-the-worst-case"] if self.tuned else []
         parts += [f"with-{'-'.join(self.equipment.sources)}"] if self.equipment else []
         return "-and-".join(parts) or "as-it-is"
 
@@ -155,8 +160,14 @@ def equipments(study: Study) -> list[Equipment]:
     return found
 
 
-def applied(study: Study, remedy: Remedy, estimator: str) -> Study:
+def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = None) -> Study:
     """Return a study with a remedy: the same points, drives and noise, one estimator, and what the report needs.
+
+    Args:
+        study: The study as it is.
+        remedy: What is done.
+        estimator: Name of the estimator.
+        tuning: File with the noise that the estimator is tuned to; by default that of the study, if it is tuned there.
 
     Raises:
         UserError: If the remedy is not possible, such as a sensor whose noise nobody knows.
@@ -189,6 +200,8 @@ def applied(study: Study, remedy: Remedy, estimator: str) -> Study:
     is_tuned = any(e.noise for e in study.estimators if e.name == estimator)
     for key in ("history", "report", *(() if is_tuned else ("tuning",))):
         content.pop(key, None)
+    if tuning is not None:
+        content["tuning"] = str(tuning)
     return build_study(content, study.path.parent / content["name"])
 
 
@@ -197,13 +210,16 @@ def name_of(table: EstimatorTable) -> str:
     return table.name or table.kind
 
 
-def singles(drivers: Sequence[str], considers: bool) -> Iterator[Remedy]:
-    """Return what can be done without a sensor: each driver alone and all together.
+def singles(drivers: Sequence[str], considers: bool, tunable: bool) -> Iterator[Remedy]:
+    """Return what can be done without a sensor: other noise, each driver alone and all together.
 
     Args:
         drivers: Parameters that drive the error, the strongest first.
         considers: Whether the estimator can consider parameters; only then a bank of such filters is tried.
+        tunable: Whether the estimator believes noise, which can be tuned for the worst case.
     """
+    if tunable:
+        yield Remedy(tuned=True)
     for name in drivers:
         yield Remedy(estimated=(name,))
     if len(drivers) > 1:

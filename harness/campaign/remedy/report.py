@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from harness.campaign.remedy.choices import parameters as parameters_of
 from harness.campaign.remedy.judge import Outcome, harm, nominal_cost
 from harness.campaign.remedy.run import Tried
 from harness.common.files import write_files
+from harness.config import ModelSpec, Study
 from harness.config.parameter_set import UNSURE, set_text
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
@@ -63,7 +65,7 @@ def write_report(tried: Tried, out: Path, command: str) -> list[Path]:
 
 def belief_text(tried: Tried) -> str:
     """Return the parameter file that states the belief of the remedy to take."""
-    spec = tried.best.study.belief
+    spec = believed(tried.best.study)
     keys = {
         "sensors": spec.sensors,
         "unknown_inputs": list(spec.unknown_inputs),
@@ -78,6 +80,20 @@ def belief_text(tried: Tried) -> str:
     }
     source = f"harness remedy on the study '{tried.study.name}': {tried.best.remedy.words}"
     return set_text(spec, source, {}, further={k: v for k, v in keys.items() if v})
+
+
+def believed(study: Study) -> ModelSpec:
+    """Return the belief of a study of one estimator, with the noise that this is tuned to."""
+    spec, factors = study.belief, study.estimators[0].noise
+    groups = {s: "unknown_inputs" if s in spec.unknown_inputs else "process" for s in spec.process_noise}
+    return replace(
+        spec,
+        process_noise={s: v * factors.get(groups[s], 1.0) for s, v in spec.process_noise.items()},
+        measurement_noise={o: v * factors.get("measurement", 1.0) for o, v in spec.measurement_noise.items()},
+        parameter_states=tuple(
+            replace(s, walk=s.walk * factors.get("process", 1.0) ** 0.5) for s in spec.parameter_states
+        ),
+    )
 
 
 def _drivers(tried: Tried) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +29,10 @@ from harness.study.report.ranking import Ranking
 from harness.study.results import Design, read
 from harness.study.run import Agree, run_study
 from harness.study.run_noise import Case
+from harness.study.worst_case import POINTS, tune_for_worst_case, write_worst_case
+
+CANDIDATES = 64
+"""Candidates of noise when an estimator is tuned for the worst case."""
 
 DRIVES_THE_ERROR = 0.1
 """Total Sobol index from which on a factor drives the error."""
@@ -112,10 +116,13 @@ def try_remedies(
         with console.status("what could be known of the parameters at best"):
             promise, impossible = _promises(study, name, drivers, equipments)
         shares = {e: _share(promise[e]) for e in equipments if e in promise}
-        knows = load_estimator(next(e.kind for e in study.estimators if e.name == name)).KALMAN_TYPE
-        chosen = choices.promising(shares, most)
-        further = [*choices.singles(drivers, knows), *choices.pairs(drivers, chosen, knows)]
+        file = load_estimator(next(e.kind for e in study.estimators if e.name == name))
+        chosen, knows = choices.promising(shares, most), file.KALMAN_TYPE
+        further = [*choices.singles(drivers, knows, file.HAS_COVARIANCE), *choices.pairs(drivers, chosen, knows)]
         outcomes = [first, *_all(attempt, further, console, impossible)]
+        one = best(outcomes, first).remedy
+        if file.HAS_COVARIANCE and not one.banked and replace(one, tuned=True) not in further:
+            outcomes += _all(attempt, [replace(one, tuned=True)], console, impossible)
         chosen_one = best(outcomes, first)
         known = _all(attempt, [Remedy(known=tuple(drivers), equipment=chosen_one.remedy.equipment)], console, {})
         with console.status("timing single steps"):
@@ -161,9 +168,24 @@ def _attempt(
     remedy: Remedy,
 ) -> Outcome:
     """Run one remedy, or go on with it, and return what came of it."""
-    changed, folder = choices.applied(study, remedy, estimator), out / remedy.slug
+    folder = out / remedy.slug
+    tuning = _tuned(study, estimator, out, jobs, restart, console, remedy) if remedy.tuned else None
+    changed = choices.applied(study, remedy, estimator, tuning)
     run_study(changed, folder, jobs, console, agree=agree, restart=restart)
     return judged(remedy, changed, read(folder), time_of_step(changed))
+
+
+def _tuned(
+    study: Study, estimator: str, out: Path, jobs: int | None, restart: bool, console: Console, remedy: Remedy
+) -> Path:
+    """Return the file of the noise for the worst case, found on points and noise that the study does not score."""
+    path = out / f"{remedy.slug}.toml"
+    if restart or not path.is_file():
+        bare = choices.applied(study, replace(remedy, tuned=False), estimator)
+        with console.status("tuning for the worst case"):
+            found = tune_for_worst_case(bare, bare.designs[0], CANDIDATES, weights=(1.0,), jobs=jobs)
+        write_worst_case(path, bare, bare.designs[0], CANDIDATES, POINTS, found, "harness remedy")
+    return path
 
 
 def time_of_step(study: Study, rounds: int = 10) -> float:
