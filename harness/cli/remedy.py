@@ -34,9 +34,9 @@ def remedy(
 ) -> None:
     """Try what helps where a parameter is not as believed, and say which remedy is worth it.
 
-    Estimate the parameters that drive the error, consider them, other noise, measure more, and together: on the very same
-    points, drives and noise. What is finished is kept. Writes a report, belief.toml for studies and harness estimate,
-    and study.toml.
+    Estimate the parameters that drive the error, consider them, other noise, measure more, and together: on the very
+    same points, drives and noise. What is finished is kept. Writes a report, belief.toml for studies and harness
+    estimate, and study.toml.
     """
     from harness.campaign.remedy.answer import headline
     from harness.campaign.remedy.report import write_report
