@@ -35,6 +35,21 @@ from harness.cli.recorded_options import (
 from harness.common.errors import UserError
 
 
+ObjectiveOption = Annotated[
+    Literal["likelihood", "worst-case"],
+    typer.Option(
+        "--objective",
+        help="Of a study: the likelihood of the innovations at the nominal plant, or the error of the worst twentieth of "
+        "the runs in the box of a design.",
+    ),
+]
+DesignOption = Annotated[
+    str | None,
+    typer.Option("--design", help="Design whose box the worst case is sought in; the study's first if absent."),
+]
+PointsOption = Annotated[int, typer.Option("--points", min=8, help="Points of that box; powers of two fill it best.")]
+
+
 def tune(
     out: Annotated[
         Path,
@@ -54,21 +69,9 @@ def tune(
         list[str] | None,
         typer.Option("--only", help="Estimator of a study, by name; repeatable; all if absent."),
     ] = None,
-    objective: Annotated[
-        Literal["likelihood", "worst-case"],
-        typer.Option(
-            "--objective",
-            help="Of a study: the likelihood of the innovations at the nominal plant, or the error of the worst "
-            "twentieth of the runs in the box of a design.",
-        ),
-    ] = "likelihood",
-    design: Annotated[
-        str | None,
-        typer.Option("--design", help="Design whose box the worst case is sought in; the study's first if absent."),
-    ] = None,
-    points: Annotated[
-        int, typer.Option("--points", min=8, help="Points of that box; powers of two fill it best.")
-    ] = 32,
+    objective: ObjectiveOption = "likelihood",
+    design: DesignOption = None,
+    points: PointsOption = 32,
     data: Annotated[
         list[Path] | None, typer.Option("--data", "-d", help="Recording; repeatable. Tunes without a truth.")
     ] = None,
@@ -112,10 +115,10 @@ def tune(
             )
         if objective == "worst-case":
             _worst_case(study, drives, budget, design, points, only or (), jobs, out)
-            return
-        if design is not None:
+        elif design is not None:
             raise UserError("--design belongs to --objective worst-case: the likelihood is that of the nominal plant")
-        _study(study, drives, budget, repeats, only or (), out)
+        else:
+            _study(study, drives, budget, repeats, only or (), out)
         return
     if study is not None or drives is not None or only or design is not None or objective != "likelihood":
         raise UserError("--data tunes on recordings; leave out the study, --drives, --only, --objective and --design")
