@@ -34,13 +34,12 @@ from harness.cli.recorded_options import (
 )
 from harness.common.errors import UserError
 
-
 ObjectiveOption = Annotated[
     Literal["likelihood", "worst-case"],
     typer.Option(
         "--objective",
-        help="Of a study: the likelihood of the innovations at the nominal plant, or the error of the worst twentieth of "
-        "the runs in the box of a design.",
+        help="Of a study: the likelihood of the innovations at the nominal plant, or the error of the worst twentieth "
+        "of the runs in the box of a design.",
     ),
 ]
 DesignOption = Annotated[
