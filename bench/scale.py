@@ -75,7 +75,7 @@ def make(folder: Path, runs: int) -> Path:
     (folder / "scale.toml").write_text(STUDY.format(samples=runs // 20), encoding="utf-8")
     study = load_study(folder / "scale.toml")
     evaluator = StudyEvaluator(study)
-    store = Store(study, evaluator, folder)
+    store = Store(study, lambda: evaluator, folder)
     root, design = folder / STORE, study.designs[0]
     about = dict(zarr.open_group(str(root), path=checksums.GROUP, mode="r")[design.name].attrs)
     done: list[list[Path]] = []

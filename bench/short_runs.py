@@ -24,7 +24,7 @@ from rich.table import Table
 
 from harness.config import Study, load_study
 from harness.engine import standard_normal
-from harness.study import checksums, run
+from harness.study import checksums, evaluate, run
 from harness.study.cluster import connected
 from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
@@ -92,18 +92,18 @@ class _Clock:
         standard_normal._compiled = lambda: drawn
         real: Any = made.evaluate
 
-        def evaluate(unit: Unit) -> Any:
+        def begun(unit: Unit) -> Any:
             self.start = self.start or time.process_time()
             return real(unit)
 
-        made.evaluate = evaluate  # type: ignore[method-assign]
+        made.evaluate = begun  # type: ignore[method-assign]
         return made
 
 
 def one_session(folder: Path, jobs: int) -> None:
     """Run the study of a folder to its end and write what the kernels took; runs in a process of its own."""
     clock = _Clock()
-    run.StudyEvaluator = clock.evaluator  # type: ignore[assignment, misc]
+    evaluate.StudyEvaluator = clock.evaluator  # type: ignore[assignment, misc]
     run.run_study(load_study(folder / "scale.toml"), folder, jobs, Console(stderr=True))
     found = {name: EVERY * sum(times) for name, times in clock.times.items()}
     (folder / "kernels.json").write_text(
@@ -117,8 +117,10 @@ def session(folder: Path, jobs: int, stop_at: int | None = None) -> Session:
     before = _done(folder)
     command = [sys.executable, "-c", "import sys; from pathlib import Path; from bench.short_runs import one_session; "
                "one_session(Path(sys.argv[1]), int(sys.argv[2]))", str(folder), str(jobs)]  # fmt: skip
+    # As a user has it: modules are compiled once and kept.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     begin = time.perf_counter()
-    process = subprocess.Popen(command)
+    process = subprocess.Popen(command, env=environment)
     while stop_at is not None and _done(folder) < stop_at:
         time.sleep(1.0)
     if stop_at is not None:

@@ -50,10 +50,10 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy import stats
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
@@ -379,6 +379,6 @@ def chi_square_bounds(count: int, coverage: float = COVERAGE) -> Floats:
     """Return two-sided chi-square bounds by degrees of freedom, ``(count, 2)``; row 0 is empty."""
     bounds = np.zeros((count, 2))
     tail = (1 - coverage) / 2
-    for degrees in range(1, count):
-        bounds[degrees] = stats.chi2.ppf([tail, 1 - tail], degrees)
+    for degrees in range(1, count):  # as scipy.stats, whose import takes longer than to compile a small model
+        bounds[degrees] = 2.0 * scipy.special.gammaincinv(degrees / 2.0, [tail, 1 - tail])
     return bounds

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
@@ -178,6 +178,6 @@ def _in_si(values: Floats, channel: Channel) -> Floats:
                 f"{channel.where}.curve: the channel reaches {worst:g}, the curve goes from {known[0]:g} to "
                 f"{known[-1]:g}; extend the curve"
             )
-        values = np.asarray(PchipInterpolator(known, given)(values))
+        values = np.asarray(scipy.interpolate.PchipInterpolator(known, given)(values))
     values = channel.scale * values + channel.offset
     return np.unwrap(values) if channel.signal == "heading" else values

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
@@ -121,7 +121,7 @@ def spikes(values: Floats) -> Mask:
     x = values[place]
     if len(x) < 9:
         return found
-    away = np.abs(x - median_filter(x, 5, mode="nearest"))
+    away = np.abs(x - scipy.ndimage.median_filter(x, 5, mode="nearest"))
     usual = 1.4826 * np.median(away[away > 0]) if (away > 0).any() else 0.0
     if usual == 0:
         return found

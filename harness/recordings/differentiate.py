@@ -7,7 +7,7 @@ and no bias for signals that are cubic over the window. The noise of a slope fal
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import savgol_coeffs
+import scipy
 
 from harness.common.arrays import Floats
 
@@ -30,6 +30,6 @@ def local_polynomial(values: Floats, step: float, window: float, derivative: int
     half = max(round(window / step / 2), 2)
     result = np.full(len(values), np.nan)
     if len(values) > 2 * half:
-        weights = savgol_coeffs(2 * half + 1, _DEGREE, deriv=derivative, delta=step, use="conv")
+        weights = scipy.signal.savgol_coeffs(2 * half + 1, _DEGREE, deriv=derivative, delta=step, use="conv")
         result[half : len(values) - half] = np.convolve(values, weights, mode="valid")
     return result

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from harness.common.arrays import Floats, Mask
 from harness.engine.compile import load_source
@@ -187,7 +187,9 @@ class _Search:
         values = [at(r)[1] for r in grid]
         i = int(np.argmax(values))
         inside = grid[max(i - 1, 0)], grid[min(i + 1, count - 1)]
-        found = minimize_scalar(lambda r: -at(r)[1], bounds=inside, method="bounded", options={"xatol": _REFINED})
+        found = scipy.optimize.minimize_scalar(
+            lambda r: -at(r)[1], bounds=inside, method="bounded", options={"xatol": _REFINED}
+        )
         noise, likelihood = at(found.x)
         return noise, noise * float(np.exp(found.x)), likelihood
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import correlate
 
 from harness.common.arrays import Floats
 from harness.recordings.redundancy import Relation
@@ -191,7 +191,7 @@ def correlation_peak(measured: Floats, computed: Floats, step: float) -> float:
     """Return the delay in s at which both are most alike, turned round or not, on the grid of samples."""
     reach = min(int(LONGEST_DELAY / step), len(measured) - 1)
     m, c = (np.where(np.isfinite(x), x - np.nanmean(x), 0.0) for x in (measured, computed))
-    likeness = np.abs(correlate(m, c, mode="full", method="fft")[len(c) - 1 - reach : len(c) + reach])
+    likeness = np.abs(scipy.signal.correlate(m, c, mode="full", method="fft")[len(c) - 1 - reach : len(c) + reach])
     return (int(np.argmax(likeness)) - reach) * step
 
 

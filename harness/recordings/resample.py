@@ -5,8 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
-from scipy.signal import firwin, kaiserord
+import scipy
 
 from harness.common.arrays import Floats, Mask
 
@@ -102,9 +101,9 @@ def _low_pass(time: Floats, values: Floats, usual: float, step: float) -> tuple[
     fine = np.linspace(time[0], time[-1], count)
     rate = 1 / (fine[1] - fine[0])
     nyquist = 0.5 / step
-    taps, beta = kaiserord(_STOP_BAND, (1 - _PASS_BAND) * nyquist / (0.5 * rate))
+    taps, beta = scipy.signal.kaiserord(_STOP_BAND, (1 - _PASS_BAND) * nyquist / (0.5 * rate))
     taps |= 1
-    weights = firwin(taps, (1 + _PASS_BAND) / 2 * nyquist, window=("kaiser", beta), fs=rate)
+    weights = scipy.signal.firwin(taps, (1 + _PASS_BAND) / 2 * nyquist, window=("kaiser", beta), fs=rate)
     padded = np.pad(_join(time, values, fine), taps // 2, mode="reflect", reflect_type="odd")
     return fine, np.convolve(padded, weights, mode="valid")
 
@@ -113,4 +112,4 @@ def _join(time: Floats, values: Floats, wanted: Floats) -> Floats:
     """Interpolate inside a stretch."""
     if len(time) < 3:
         return np.interp(wanted, time, values)
-    return np.asarray(Akima1DInterpolator(time, values, method="makima")(wanted))
+    return np.asarray(scipy.interpolate.Akima1DInterpolator(time, values, method="makima")(wanted))

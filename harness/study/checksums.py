@@ -26,6 +26,9 @@ from harness.study.scores import STATUS
 GROUP = "checksums"
 HISTORY = "history"
 
+SEPARATOR = "."
+"""Between the numbers in the name of a file of scores."""
+
 _AT_ONCE = 32
 """Units whose files are read at once."""
 
@@ -102,6 +105,7 @@ def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: t
         attributes={
             "arrays": {name: list(d) for name, d in dims.items()},
             "repeat_chunks": repeats,
+            "separator": SEPARATOR,
             "files": {own: _hex((root / own).read_bytes()), **of_files(root, design)},
         },
     )
@@ -111,9 +115,9 @@ def chunk_files(about: Mapping[str, Any], unit: Place) -> dict[str, str]:
     """Return the file of a unit's chunk of each array, within the store; ``about`` are the attributes of the design."""
     design, band, chunk, drive = unit
     sample, repeat = divmod(chunk, int(about.get("repeat_chunks", 1)))  # earlier stores did not cut repeats
-    at = {"band": band, "sample": sample, "drive": drive, "repeat": repeat}
+    at, between = {"band": band, "sample": sample, "drive": drive, "repeat": repeat}, about.get("separator", "/")
     return {
-        name: "/".join([design, name, "c", *(str(at.get(d, 0)) for d in dims)])
+        name: f"{design}/{name}/" + between.join(["c", *(str(at.get(d, 0)) for d in dims)])
         for name, dims in about["arrays"].items()
     }
 

@@ -244,5 +244,5 @@ def _open(study: Study, there: _There) -> tuple[StudyEvaluator, Store]:
             while len(_opened) >= _OPENED_AT_ONCE:
                 _opened.pop(next(iter(_opened)))
             evaluator = StudyEvaluator(study)
-            _opened[key] = evaluator, Store(study, evaluator, folder)
+            _opened[key] = evaluator, Store(study, lambda: evaluator, folder)
         return _opened[key]

@@ -10,7 +10,7 @@ import json
 import platform
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -22,9 +22,11 @@ from harness.config.bounds import loading_parameters
 from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
-from harness.study.evaluate import StudyEvaluator
 from harness.study.provenance import code_state, commit, processor
 from harness.study.scores import FLAGS, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
+
+if TYPE_CHECKING:
+    from harness.study.evaluate import StudyEvaluator
 
 _RUN = ("band", "sample", "drive", "repeat", "estimator")
 
@@ -70,6 +72,8 @@ def _declare_scores(
             f"{design.name}/{name}",
             shape=shape,
             chunks=[min(own.get(d, size), size) for d, size in zip(dims, shape, strict=True)],
+            # All chunks in one folder: a folder for each dimension takes longer to make than the files in it.
+            chunk_key_encoding={"name": "default", "separator": checksums.SEPARATOR},
             dtype=dtype,
             fill_value=PENDING if name == STATUS else np.nan,  # a chunk that holds nothing else takes no file
             dimension_names=dims,

@@ -2,7 +2,8 @@
 
 Units run in threads, because the kernels release the GIL, or on the workers of a cluster (``harness.study.cluster``).
 Whoever evaluates a unit writes its scores, each unit to chunks of its own, so neither the number of workers nor an
-interruption changes a bit of the store.
+interruption changes a bit of the store. Models are built, and what builds them is imported, when the first unit needs
+them: a finished study does not.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,17 +37,17 @@ from harness.common.lock import Lock, locked
 from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.config import Study
-from harness.study import bound, plan
 from harness.study.checksums import described
 from harness.study.compiling import compile_kernels
 from harness.study.design import Unit, planned_runs, units
-from harness.study.evaluate import StudyEvaluator
-from harness.study.histories import histories
 from harness.study.sealed_root import is_there
 from harness.study.store import STORE, Store, discard
 
 if TYPE_CHECKING:
     from distributed import Client
+
+    from harness.study.evaluate import StudyEvaluator
+    from harness.study.plan import Plan
 
 RUN_FILE = "run.json"
 
@@ -127,8 +128,15 @@ def _run(
 ) -> None:
     started = datetime.now(UTC)
     begin = time.perf_counter()
-    with console.status("building models and drives"):
-        evaluator = StudyEvaluator(study)
+
+    @cache
+    def evaluator() -> StudyEvaluator:
+        from harness.study.evaluate import StudyEvaluator
+
+        with console.status("building models and drives"):
+            return StudyEvaluator(study)
+
+    with console.status("looking at what is there"):
         store = Store(study, evaluator, out, mend=True) if is_there(out / STORE) else None
     if store is not None and store.mended:
         _say(console, f"{store.path}: {described(store.mended)}; what is lost is computed again", "yellow")
@@ -140,10 +148,10 @@ def _run(
     if store is not None and left < total:
         console.print(f"{total - left:,} of {total:,} runs are in {store.path} already")
     if todo:
-        _plan(evaluator, todo, workers, console, agree)
+        _plan(evaluator(), todo, workers, console, agree)
         compiled = time.perf_counter()
         store = store or Store(study, evaluator, out)
-        _evaluate(evaluator, store, todo, total, workers, console, client, lock)
+        _evaluate(evaluator(), store, todo, total, workers, console, client, lock)
         seconds = time.perf_counter() - compiled
         record = {
             "started": started.isoformat(timespec="seconds"),
@@ -159,16 +167,22 @@ def _run(
         write_files(out, {RUN_FILE: json.dumps(record, indent=1) + "\n"})
     assert store is not None
     if todo or not store.has_histories:
-        store.write_histories(histories(evaluator))
+        from harness.study.histories import histories
+
+        store.write_histories(histories(evaluator()))
     lock.check()
     store.consolidate()
     if study.bound:
+        from harness.study import bound
+
         with console.status("computing the smallest errors possible"):
-            bound.write(evaluator, out)
+            bound.write(evaluator(), out)
 
 
 def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console: Console, agree: Agree | None) -> None:
     """Compile, say what is left to do and what it takes, and ask where that is much."""
+    from harness.study import plan
+
     study = evaluator.study
     if plan.is_too_large_to_time(study):
         found = plan.of(study, None, todo, workers)
@@ -181,7 +195,7 @@ def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console
     _ask(found, console, agree)
 
 
-def _ask(found: plan.Plan, console: Console, agree: Agree | None) -> None:
+def _ask(found: Plan, console: Console, agree: Agree | None) -> None:
     _say(console, str(found))
     if found.is_large and agree is not None:
         agree(str(found))

@@ -15,9 +15,9 @@ import contextlib
 import json
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -33,9 +33,11 @@ from harness.study.checksums import HISTORY, Fault
 from harness.study.chunks import ChunkEncoder
 from harness.study.design import Unit, unit_counts, unit_shape
 from harness.study.differences import differences
-from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import as_text, create, root_attributes, words
 from harness.study.scores import OVER_TIME, PENDING, STATUS
+
+if TYPE_CHECKING:
+    from harness.study.evaluate import StudyEvaluator
 
 STORE = "scores.zarr"
 
@@ -45,7 +47,7 @@ class Store:
 
     Args:
         study: The study.
-        evaluator: Its compiled models (for the dimensions of state and output).
+        evaluator: Returns its compiled models; asked for what an empty store says of them, if there is need of it.
         folder: Result folder; created if need be.
         mend: Whether to look for files that are missing or damaged, and to forget the units that they belong to. Not
             while others write.
@@ -57,7 +59,7 @@ class Store:
         UserError: If the folder holds another study's result, or this study's computed by other code.
     """
 
-    def __init__(self, study: Study, evaluator: StudyEvaluator, folder: Path, mend: bool = False) -> None:
+    def __init__(self, study: Study, evaluator: Callable[[], StudyEvaluator], folder: Path, mend: bool = False) -> None:
         self.study, self.folder, self.path = study, folder, folder / STORE
         self._attributes = root_attributes(study)
         self.mended: list[Fault] = []
@@ -75,7 +77,7 @@ class Store:
             except OSError as error:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
             with places.whole(self.path, sealed_root.LAST) as unfinished:  # half of a store would look like a whole one
-                self._create(evaluator, unfinished)
+                self._create(evaluator(), unfinished)
         groups: list[Any] = [zarr.open_group(zarr_store(self.path), path=d.name, mode="r+") for d in study.designs]
         sums: Any = zarr.open_group(zarr_store(self.path), path=checksums.GROUP, mode="r+")
         self._sums: list[dict[str, Any]] = [dict(sums[d.name].attrs) for d in study.designs]
@@ -122,17 +124,17 @@ class Store:
             warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
             zarr.consolidate_metadata(zarr_store(self.path), zarr_format=3)
 
-    def _mend(self, evaluator: StudyEvaluator) -> None:
+    def _mend(self, evaluator: Callable[[], StudyEvaluator]) -> None:
         """Put back what an empty store has, and make the units pending that have lost something else."""
         places.remove_unfinished(self.path)
         self.mended = sealed_root.faults(self.path)
         if not self.mended:
             return
         try:
-            self._restore_skeleton(evaluator)
+            self._restore_skeleton(evaluator())
             lost = checksums.faults(self.path)
             for unit in dict.fromkeys(fault.unit for fault in lost if fault.unit is not None):
-                self._forget(evaluator, unit)
+                self._forget(evaluator(), unit)
             if any(fault.unit is None for fault in lost):
                 with contextlib.suppress(FileNotFoundError):
                     places.remove(self.path / HISTORY)

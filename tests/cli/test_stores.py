@@ -32,15 +32,15 @@ def test_verify_and_status_say_what_they_find(probe):
     assert status == 0
     assert "study 'probe': 28 of 28 runs done, 0 missing" in said
     assert said.endswith("nobody is at work")
-    lost = probe / "out" / STORE / "level" / "rmse" / "c" / "1" / "0" / "0" / "0" / "0" / "0"
+    lost = probe / "out" / STORE / "level" / "rmse" / "c.1.0.0.0.0.0"
     lost.unlink()
     status, said = harness("verify", probe / "out")
     assert status == 1
-    assert said.startswith("failed: level/rmse/c/1/0/0/0/0/0 is missing 'harness run' with its study computes what is")
+    assert said.startswith("failed: level/rmse/c.1.0.0.0.0.0 is missing 'harness run' with its study computes what is")
     status, said = harness("status", probe / "out")
     assert status == 0
     assert "23 of 28 runs done, 5 missing" in said
-    assert "level/rmse/c/1/0/0/0/0/0 is missing" in said
+    assert "level/rmse/c.1.0.0.0.0.0 is missing" in said
 
 
 def test_a_folder_without_a_result(tmp_path):

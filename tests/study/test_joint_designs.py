@@ -190,9 +190,9 @@ def test_errors_over_time_are_those_of_one_drive_when_something_is_lost(joint, t
     real, seen = StudyEvaluator.evaluate, []
     monkeypatch.setattr(StudyEvaluator, "evaluate", lambda self, unit: seen.append(unit.drive) or real(self, unit))
     copy = shutil.copytree(folder, tmp_path / "copy")
-    (copy / STORE / "joint" / "rmse" / "c" / "0" / "0" / "1" / "0" / "0" / "0").unlink()
+    (copy / STORE / "joint" / "rmse" / "c.0.0.1.0.0.0").unlink()
     run_study(study, copy, jobs=1)
-    (copy / STORE / "joint" / OVER_TIME / "c" / "0" / "0" / "0" / "0" / "0" / "0").unlink()
+    (copy / STORE / "joint" / OVER_TIME / "c.0.0.0.0.0.0").unlink()
     run_study(study, copy, jobs=1)
     assert seen == [1, 0]
     assert bits(copy) == bits(folder)

@@ -55,7 +55,7 @@ def test_a_result_of_other_code_is_refused_with_the_difference(study, finished, 
 
 def test_restart_says_what_it_throws_away(study, finished, copy, console):
     (copy / "mine.txt").write_text("kept")
-    (copy / STORE / "level" / "rmse" / "c" / "0" / "0" / "0" / "0" / "0" / "0").unlink()
+    (copy / STORE / "level" / "rmse" / "c.0.0.0.0.0.0").unlink()
     run_study(study, copy, jobs=1, console=console, restart=True)
     said = console.file.getvalue()
     assert f"thrown away: the result of study 'probe' in {copy}, 6 finished units, computed by commit this one" in said

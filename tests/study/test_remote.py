@@ -21,9 +21,9 @@ from harness.study.store import STORE
 from harness.study.verify import verify
 from support import object_store, probe_study
 
-CHUNK = "level/rmse/c/1/0/0/0/0/0"
+CHUNK = "level/rmse/c.1.0.0.0.0.0"
 
-FILES = [CHUNK, "level/status/c/0/0/1/0/0", "band/zarr.json", "zarr.json"]
+FILES = [CHUNK, "level/status/c.0.0.1.0.0", "band/zarr.json", "zarr.json"]
 
 pytestmark = pytest.mark.proof
 

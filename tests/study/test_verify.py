@@ -22,7 +22,7 @@ from support.probe_study import bits
 
 pytestmark = pytest.mark.usefixtures("same_checkout")
 
-RMSE = "level/rmse/c/1/0/0/0/0/0"
+RMSE = "level/rmse/c.1.0.0.0.0.0"
 
 
 def test_a_whole_store_holds_and_computes_to_the_same_bits(study, finished):
@@ -48,9 +48,9 @@ def test_a_score_that_was_changed_with_its_checksum_is_found_by_computing_it_aga
 
 def test_every_lost_file_is_named(study, copy):
     (copy / STORE / RMSE).unlink()
-    (copy / STORE / "band" / "nis" / "c" / "0" / "0" / "1" / "0" / "0").write_bytes(b"")
+    (copy / STORE / "band" / "nis" / "c.0.0.1.0.0").write_bytes(b"")
     found = verify(copy, lambda name: pytest.fail("nothing to compute"))
-    assert [str(f) for f in found.lost] == [f"{RMSE} is missing", "band/nis/c/0/0/1/0/0 is damaged"]
+    assert [str(f) for f in found.lost] == [f"{RMSE} is missing", "band/nis/c.0.0.1.0.0 is damaged"]
     assert not found.holds
 
 
@@ -136,8 +136,8 @@ def test_status_of_one_that_has_lost_and_lacks_something(study, finished, tmp_pa
         at_work = progress(tmp_path / "cut")
     assert at_work.writer.startswith("a test, process")
     assert at_work.left == pytest.approx(13 / at_work.rate)
-    (tmp_path / "cut" / STORE / "level" / "rmse" / "c" / "0" / "0" / "0" / "0" / "0" / "0").write_bytes(b"x")
-    (tmp_path / "cut" / STORE / "level" / "status" / "c" / "0" / "0" / "1" / "0" / "0").write_bytes(b"x")
+    (tmp_path / "cut" / STORE / "level" / "rmse" / "c.0.0.0.0.0.0").write_bytes(b"x")
+    (tmp_path / "cut" / STORE / "level" / "status" / "c.0.0.1.0.0").write_bytes(b"x")
     damaged = progress(tmp_path / "cut")
     assert (damaged.done, len(damaged.lost)) == (5, 2)
 
@@ -153,7 +153,7 @@ def test_status_without_the_metadata_of_a_design(copy):
 
 
 def test_chunks_of_a_killed_writer_go(study, finished, copy):
-    (copy / STORE / "level" / "rmse" / "c" / "0.abc.partial").write_bytes(b"half")
+    (copy / STORE / "level" / "rmse" / "c.0.abc.partial").write_bytes(b"half")
     run_study(study, copy, jobs=1)
     assert bits(copy) == bits(finished)
     assert faults(copy / STORE) == []
