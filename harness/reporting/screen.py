@@ -27,7 +27,7 @@ def page(text: str) -> bytes:
     """
     here = Path(__file__).parent
     css = (here / "page.css").read_text(encoding="utf-8")
-    script = (here / "page.js").read_text(encoding="utf-8")
+    script = '"use strict";\n' + "".join((here / name).read_text(encoding="utf-8") for name in ("tables.js", "page.js"))
     head, mark, rest = text.partition("</head>")
     if not mark:
         raise RuntimeError("typst wrote HTML without a head")

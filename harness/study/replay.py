@@ -23,7 +23,7 @@ from harness.config import Study
 from harness.config.alone import Change, alone
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import UncertainInputs, kernels_of, load_estimator
+from harness.estimation.contract import Scores, UncertainInputs, kernels_of, load_estimator
 from harness.models.assembly.plan import Plan, Planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import signal_attributes
@@ -155,11 +155,13 @@ class Replayer:
             run_parameters(own.belief, factors, "belief", row),
         )
         batch = self.evaluator.simulate(unit, case, plant=plant, believed=believed)
-        jobs = [self._pool.submit(self._one, e, place, batch, believed, innovations) for e in chosen]
-        found = [job.result() for job in jobs]
+        scored = [self._pool.submit(self._scores, e, place, batch, believed) for e in chosen]
+        kept_ = [self._pool.submit(self._follow, e, place, batch, believed) for e in chosen] if innovations else []
+        over_time = [job.result() for job in kept_] or [()] * len(chosen)
+        found = [OverTime(job.result(), *kept) for job, kept in zip(scored, over_time, strict=True)]
         result = self.evaluator.pending(unit)
-        for e, over_time in zip(chosen, found, strict=True):
-            self.evaluator.enter(result, unit, e, batch.left_at[:1], over_time.scores)
+        for e, run in zip(chosen, found, strict=True):
+            self.evaluator.enter(result, unit, e, batch.left_at[:1], run.scores)
         scores = {name: values[0, 0, list(chosen)] for name, values in result.items()}
         data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, found, strict=True)))
         held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[0]), strict=True))
@@ -191,18 +193,20 @@ class Replayer:
             self.evaluator.simulate(unit, case, samples=3),
             self.evaluator.parameters(unit, case, "belief"),
         )
-        self._one(estimator, Place(0, 0, 0), batch, believed, True)
+        self._scores(estimator, Place(0, 0, 0), batch, believed)
+        self._follow(estimator, Place(0, 0, 0), batch, believed)
 
-    def _one(self, index: int, place: Place, batch: Batch, believed: RunParameters, innovations: bool) -> OverTime:
-        """Run one estimator: its scores, and what it holds over time."""
-        unit, case = place.unit, [Case(place.sample, place.repeat)]
-        estimator = self.evaluator.compiled.estimators[index]
-        belief, start = self.evaluator.begin(index, unit, case, believed)
-        sums = self.evaluator.sums(index, unit.drive, (belief, start), batch, believed, keep=True)
-        first = replace(sums, errors=sums.errors[..., :1], per_run=sums.per_run[:, :1])
-        scores = estimator.scores(first)
-        if not innovations:
-            return OverTime(scores)
+    def _scores(self, index: int, place: Place, batch: Batch, believed: RunParameters) -> Scores:
+        """Return the scores of one estimator."""
+        unit, estimator = place.unit, self.evaluator.compiled.estimators[index]
+        begin = self.evaluator.begin(index, unit, [Case(place.sample, place.repeat)], believed)
+        sums = self.evaluator.sums(index, unit.drive, begin, batch, believed, keep=True)
+        return estimator.scores(replace(sums, errors=sums.errors[..., :1], per_run=sums.per_run[:, :1]))
+
+    def _follow(self, index: int, place: Place, batch: Batch, believed: RunParameters) -> tuple[Floats, ...]:
+        """Return what one estimator holds over time, see ``harness.study.replayed.OverTime``."""
+        unit, estimator = place.unit, self.evaluator.compiled.estimators[index]
+        belief, start = self.evaluator.begin(index, unit, [Case(place.sample, place.repeat)], believed)
         loop, nx, ny, samples = self._loop(index), estimator.compiled.nx, estimator.compiled.ny, len(batch.truth)
         inputs, uncertain = self.evaluator.inputs(index, unit.drive, batch, believed)
         nothing = np.empty((1, inputs.shape[1], 0, LANES))
@@ -212,7 +216,7 @@ class Replayer:
         sizes: tuple[tuple[int, ...], ...] = (nx,), (nx, nx), (ny,), (ny,), (2,)
         kept: tuple[Floats, ...] = tuple(np.full((samples, *size), np.nan) for size in sizes)
         loop((inputs, *told), self.evaluator.compiled.measured(batch.measurements), belief, start, kept)
-        return OverTime(scores, *kept)
+        return kept
 
     def _loop(self, index: int) -> Any:
         """Return the compiled loop of an estimator."""

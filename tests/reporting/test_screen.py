@@ -97,7 +97,8 @@ def test_tables_are_sorted_by_numbers_with_the_rows_that_belong_together(page, t
 
 @in_a_browser
 def test_rows_are_found_by_what_they_hold(page, tmp_path):
-    doing = "const f = document.querySelector('[type=search]'); f.value = 'MORE'; f.dispatchEvent(new Event('input'))"
+    typed = "f.value = 'MORE'; f.dispatchEvent(new Event('input', {bubbles: true}))"
+    doing = f"const f = document.querySelector('[type=search]'); {typed}"
     seen = _after(page, tmp_path / "page.html", doing)
     body = seen[seen.index("<tbody") : seen.index("</tbody")]
     assert body.count('<tr hidden=""') == 6

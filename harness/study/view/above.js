@@ -87,7 +87,7 @@ for (let k = 0; k < n; k++) {
 }
 // Names come out of a study or a vehicle: they are text, never code.
 const text = (value) => String(value).replace(/[&<>"']/g, (c) => `&#${c.charCodeAt(0)};`);
-const table = (name, head, lines) => `<table class="${name}" style="border-collapse: collapse; margin: 4px 24px 4px 0; font-size: 13px">` +
+const table = (name, head, lines) => `<table class="${name}" style="border-collapse: collapse; margin: 4px 24px 4px 0; font-size: 13px; overflow-wrap: normal">` +
     [head, ...lines].map((line, k) => '<tr>' + line.map((cell, j) => {
         const tag = k === 0 ? 'th' : 'td', side = j === 0 || k === 0 && j === 0 ? 'left' : 'right';
         return `<${tag} style="padding: 2px 10px 2px 0; text-align: ${side}; border-bottom: 1px solid #ccc">${text(cell)}</${tag}>`;

@@ -82,6 +82,7 @@ class AboveFigure:
     Attributes:
         layout: What goes into the page.
         cursor: The time of the slider, ``t``, for figures over time.
+        draw: Draws the moment of the slider; for when the page is ready, if its numbers came with it.
         to_here: Moves the slider to where a figure over time is clicked.
     """
 
@@ -100,7 +101,7 @@ class AboveFigure:
         self._said = Div(text="", render_as_text=True, sizing_mode="stretch_width")
         self._numbers = Div(text="", sizing_mode="stretch_width")  # filled by the browser, names as text
         code = (Path(__file__).parent / "above.js").read_text(encoding="utf-8")
-        draw = CustomJS(
+        self.draw = draw = CustomJS(
             args={"frames": self._frames, "geometry": self._geometry, "slider": self._slider, "cursor": self.cursor,
                   "sources": self._sources, "numbers": self._numbers},
             code=code,

@@ -18,8 +18,8 @@ from harness.models.quantities import quantity, words
 from harness.models.signals import TRUTH
 from harness.reporting import style
 from harness.study.view import looks
-from harness.study.view.bars import table
 from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
+from harness.study.view.tables import table
 
 _GAPS = 200
 """Gaps that are shaded, the longest first."""
@@ -38,16 +38,18 @@ def build(folder: Path) -> Callable[[Document], None]:
 
     def put(document: Document) -> None:
         given, address = arguments_of(document), address_bar()
-        signals = _Signals(found, series, index_of(given.get("signal"), 10_000) or 0, address)
+        signals = _Signals(found, series, index_of(given.get("signal"), 10_000), address)
         rows = {"signals": [], "what": [], "evidence": []}  # type: dict[str, list[str]]
+        places: list[str] = []
         for f in found.get("findings") or []:
             for key, value in zip(rows, (", ".join(map(words, f["signals"])), f["words"], f["evidence"]), strict=True):
                 rows[key].append(str(value))
+            places.append(next((f"?signal={signals.names.index(s)}" for s in f["signals"] if s in signals.names), ""))
         parts = [
             Part("Signals over time", [signals.layout], "Grey: no sample. Below a signal stands what is said of it.")
         ]
         if rows["what"]:
-            parts.insert(0, Part("What was found?", [table(rows, 60 + 26 * min(12, len(rows["what"])))]))
+            parts.insert(0, Part("What was found?", [table(rows, {"signals": places})], "A name leads to its signal."))
         answer = [str(found.get("read", "")), *found.get("answer", []), *found.get("warnings", [])]
         put_parts(document, f"Check of {found.get('title', folder.name)}", list(map(str, answer)), parts, address)
 
@@ -55,18 +57,18 @@ def build(folder: Path) -> Callable[[Document], None]:
 
 
 class _Signals:
-    """One signal at a time, with the comparisons that it is in."""
+    """One signal at a time, with the comparisons that it is in; first one of which something is said."""
 
     def __init__(
-        self, found: Mapping[str, Any], series: Mapping[str, Mapping[str, Floats]], first: int, address: Any
+        self, found: Mapping[str, Any], series: Mapping[str, Mapping[str, Floats]], first: int | None, address: Any
     ) -> None:
         self._found, self._series, self._address = found, series, address
-        self._names = [n for n in series["recording"] if n != "time"]
+        self.names = [n for n in series["recording"] if n != "time"]
         self._flagged = {s for f in found.get("findings") or [] for s in f["signals"]}
-        options = [
-            (str(i), words(n) + (": see below" if n in self._flagged else "")) for i, n in enumerate(self._names)
-        ]
-        self._select = Select(title="Signal", options=options, value=str(min(first, len(self._names) - 1)), width=340)
+        options = [(str(i), words(n) + (": see below" if n in self._flagged else "")) for i, n in enumerate(self.names)]
+        if first is None:
+            first = next((i for i, n in enumerate(self.names) if n in self._flagged), 0)
+        self._select = Select(title="Signal", options=options, value=str(min(first, len(self.names) - 1)), width=340)
         self._holder = column(sizing_mode="stretch_width")
         self._select.on_change("value", lambda _a, _o, _n: self._draw())
         self.layout = column(row(self._select), self._holder, sizing_mode="stretch_width")
@@ -74,7 +76,7 @@ class _Signals:
 
     def _draw(self) -> None:
         number = int(self._select.value)
-        name, recording = self._names[number], self._series["recording"]
+        name, recording = self.names[number], self._series["recording"]
         time = recording["time"]
         shared = Range1d(float(time[0]), float(time[-1]), bounds="auto")
         q = quantity(name.removeprefix(TRUTH))
@@ -110,8 +112,7 @@ class _Signals:
         for side, dashes in (("measured", "solid"), ("computed", "dashed")):
             plot.line("time", side, source=source, color=looks.colour(chosen[side].line), line_dash=dashes,
                       line_width=1.5, legend_label=side)  # fmt: skip
-        plot.legend.orientation, plot.legend.location = "horizontal", "top_left"
-        plot.legend.background_fill_alpha, plot.legend.border_line_color = 0.7, None
+        looks.legend_above(plot)
         plot.yaxis.axis_label, plot.xaxis.axis_label = q.unit, "time in s"
         return plot
 

@@ -97,8 +97,7 @@ class DrivesFigure:
                 legend_label=legend,
             )
             found.add_tools(looks.hover([drawn], ("t", "@time s"), (legend, f"@{{{field}}}{{0.000 a}}")))
-        found.legend.orientation, found.legend.location = "horizontal", "top_left"
-        found.legend.background_fill_alpha, found.legend.border_line_color = 0.7, None
+        looks.legend_above(found)
         found.legend.click_policy = "hide"
         return found
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.document import Document
-from bokeh.layouts import column, gridplot
+from bokeh.layouts import column
 from bokeh.models import (
     BasicTicker,
     ColorBar,
@@ -121,7 +121,7 @@ class FactorsPanel:
         })  # fmt: skip
         source.selected.on_change("indices", lambda _a, _o, new: self._selected(list(new)))
         colour = {"field": "score", "transform": mapper}
-        parallel = looks.plot("Parallel coordinates: each line is a point of the design", 360, tools=_TOOLS,
+        parallel = looks.plot("Parallel coordinates", 360, tools=_TOOLS,
                               x_range=(-0.3, len(factors) + 0.3), y_range=(-0.06, 1.06),
                               name="parallel coordinates")  # fmt: skip
         parallel.multi_line(
@@ -153,9 +153,11 @@ class FactorsPanel:
             )
             plot.xaxis.axis_label, plot.yaxis.axis_label = f"{factor.words}{style.in_unit(factor.unit)}", label
             plots.append(plot)
-        wide = gridplot(plots, ncols=min(3, len(plots)), sizing_mode="stretch_width", toolbar_location="right")
-        wide.toolbar.logo = None
-        return [parallel, wide]
+        parallel.min_width = 110 * (len(factors) + 1) + 120  # so that names do not overlap: a phone rolls it
+        return [
+            column(parallel, sizing_mode="stretch_width", styles={"overflow-x": "auto"}),
+            column(*plots, sizing_mode="stretch_width", styles=_BESIDE),
+        ]
 
     def _selected(self, indices: list[int]) -> None:
         """Lead to the worst run of a point that was clicked alone."""
@@ -182,23 +184,17 @@ class FactorsPanel:
         return []
 
 
-def _rows(plot: Any, names: list[str]) -> None:
-    plot.yaxis.ticker = FixedTicker(ticks=list(range(len(names))))
-    plot.yaxis.major_label_overrides = {len(names) - 1 - i: name for i, name in enumerate(names)}
-    plot.ygrid.grid_line_color = None
-
-
 def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval, ...]) -> Any:
     """Return first-order and total indices with their 95 % intervals."""
     names = [f.words for f in design.factors]
-    plot = looks.plot("Sobol indices of the error, with 95 % intervals", 120 + 40 * len(names), tools="reset",
+    plot = looks.plot("Sobol indices, 95 % intervals", 120 + 56 * len(names), tools="reset",
                       x_range=(-0.05, max(1.05, *(t.upper for t in total))), y_range=(-0.6, len(names) - 0.4),
                       name="Sobol indices")  # fmt: skip
     items = []
     for (name, found, shift), look in zip(
-        (("total", total, 0.15), ("first order", first, -0.15)), style.looks(["total", "first"]).values(), strict=True
+        (("total", total, 0.1), ("first order", first, -0.1)), style.looks(["total", "first"]).values(), strict=True
     ):
-        y = np.arange(len(names))[::-1] + shift
+        y = np.arange(len(names))[::-1] - 0.25 + shift
         source = ColumnDataSource({
             "y": y, "value": [v.value for v in found], "lower": [v.lower for v in found],
             "upper": [v.upper for v in found], "name": names,
@@ -212,7 +208,7 @@ def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval,
         items.append(LegendItem(label={"value": name}, renderers=[dots]))
     plot.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None), "above")
     plot.xaxis.axis_label = "share of the variance"
-    _rows(plot, names)
+    looks.names_inside(plot, names, plot.x_range.start)
     return plot
 
 
@@ -233,8 +229,7 @@ def _along(found: AlongDrive) -> Any:
         plot.varea("t", "lower", "upper", source=source, color=line, alpha=0.15)
         plot.line("t", "value", source=source, color=line, line_dash=looks.dash(look), line_width=1.8,
                   legend_label=found.design.factors[i].words)  # fmt: skip
-    plot.legend.orientation, plot.legend.location = "horizontal", "top_left"
-    plot.legend.background_fill_alpha, plot.legend.border_line_color = 0.7, None
+    looks.legend_above(plot)
     plot.xaxis.axis_label, plot.yaxis.axis_label = "time in s", "total index"
     return plot
 
@@ -242,22 +237,23 @@ def _along(found: AlongDrive) -> Any:
 def _box(design: Design, lower: Any, upper: Any, box: float) -> Any:
     """Return how far each factor alone may go, and all at once, as shares of the box of the study."""
     names = [f.words for f in design.factors]
-    plot = looks.plot("Tolerated shares of the box: each factor alone, and all at once (dashed)", 110 + 34 * len(names),
+    plot = looks.plot("Tolerated shares of the box: alone; all at once: dashed", 110 + 44 * len(names),
                       tools="reset", x_range=(-1.05, 1.05), y_range=(-0.6, len(names) - 0.4),
                       name="tolerance box")  # fmt: skip
-    y, line = np.arange(len(names))[::-1], style.looks(["alone"])["alone"]
+    y, line = np.arange(len(names))[::-1] - 0.22, style.looks(["alone"])["alone"]
     source = ColumnDataSource({"y": y, "left": -np.asarray(lower), "right": np.asarray(upper), "name": names})
-    drawn = plot.hbar("y", left="left", right="right", height=0.6, source=source, fill_color=looks.colour(line.tint),
+    drawn = plot.hbar("y", left="left", right="right", height=0.36, source=source, fill_color=looks.colour(line.tint),
                       line_color=looks.colour(line.line))  # fmt: skip
     plot.add_tools(looks.hover([drawn], ("", "@name"), ("below", "@left{0.00}"), ("above", "@right{0.00}")))
     for at in (-box, box):
         plot.add_layout(Span(location=at, dimension="height", line_color="#000000", line_dash="dashed", line_width=2))
     plot.xaxis.axis_label = "share of the way from what is believed to the edge of the box"
-    _rows(plot, names)
+    looks.names_inside(plot, names, plot.x_range.start)
     return plot
 
 
+_BESIDE = {"display": "grid", "grid-template-columns": "repeat(auto-fit, minmax(min(300px, 100%), 1fr))"}
 _HINT = (
-    "Drag over a part of any figure: the same points stand out in all of them; reset shows all again. A click on one "
-    "point computes its worst run again."
+    "A line is a point of the design. Drag over a part of any figure: the same points stand out in all of them; reset "
+    "shows all again. A click on one point computes its worst run again."
 )

@@ -9,16 +9,15 @@ from urllib.parse import urlencode
 
 import numpy as np
 from bokeh.document import Document
-from bokeh.models import ColorBar, ColumnDataSource, FixedTicker, Span
-from bokeh.transform import linear_cmap
+from bokeh.models import ColumnDataSource, Span
 
 from harness.common.series import unpacked
 from harness.models.quantities import print_unit, words
 from harness.reporting import style
 from harness.study.view import looks
-from harness.study.view.bars import table
 from harness.study.view.drives_figure import DrivesFigure
 from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record
+from harness.study.view.tables import correlations, table
 
 
 def build(folder: Path) -> Callable[[Document], None]:
@@ -43,7 +42,7 @@ def build(folder: Path) -> Callable[[Document], None]:
         parts = [Part("Which values were found?", [_table(estimates), _intervals(estimates)], _INTERVALS)]
         if found.get("correlation") and len(found["correlation"]) == len(estimates):
             names = [words(e["name"]) for e in estimates]
-            parts.append(Part("Which depend on each other?", [_correlation(names, np.array(found["correlation"]))]))
+            parts.append(Part("Which depend on each other?", [correlations(names, found["correlation"])], _CORRELATION))
         if series:
             held = [str(d.get("name")) for d in found.get("drives") or [] if d.get("held_out")]
             chosen = index_of(given.get("drive"), len(series)) or 0, index_of(given.get("output"), 99) or 0
@@ -62,6 +61,7 @@ def build(folder: Path) -> Callable[[Document], None]:
     return put
 
 
+_CORRELATION = "Correlation of the errors: near 1 or −1, the recordings tell the two apart badly."
 _INTERVALS = "The figure has each value and its 95 % interval over where the fit began."
 
 
@@ -81,7 +81,7 @@ def _table(estimates: Sequence[Mapping[str, Any]]) -> Any:
         ],
         "verdict": [str(e.get("verdict", "")) for e in estimates],
     }
-    return table(rows, 60 + 26 * len(estimates))
+    return table(rows)
 
 
 def _intervals(estimates: Sequence[Mapping[str, Any]]) -> Any:
@@ -92,9 +92,9 @@ def _intervals(estimates: Sequence[Mapping[str, Any]]) -> Any:
             continue
         ends = [end / start if isinstance(end, (int, float)) else value / start for end in interval]
         rows.append((words(e["name"]), value / start, min(ends), max(ends)))
-    found = looks.plot("Value over that at the start", 110 + 30 * len(rows), tools="xpan,xwheel_zoom,reset",
-                       y_range=(-0.6, len(rows) - 0.4))  # fmt: skip
-    y = np.arange(len(rows))[::-1]
+    found = looks.plot("Value over that at the start", 110 + 40 * len(rows), tools="xpan,xwheel_zoom,reset",
+                       x_range=_ends(rows), y_range=(-0.55, len(rows) - 0.45))  # fmt: skip
+    y = np.arange(len(rows))[::-1] - 0.25
     source = ColumnDataSource(
         {k: [r[i] for r in rows] for i, k in enumerate(("name", "value", "low", "high"))} | {"y": y}
     )
@@ -105,31 +105,13 @@ def _intervals(estimates: Sequence[Mapping[str, Any]]) -> Any:
     found.add_tools(
         looks.hover([marks], ("", "@name"), ("ratio", "@value{0.0000}"), ("95 %", "@low{0.0000} to @high{0.0000}"))
     )
-    found.yaxis.ticker = FixedTicker(ticks=list(range(len(rows))))
-    found.yaxis.major_label_overrides = {len(rows) - 1 - i: r[0] for i, r in enumerate(rows)}
+    looks.names_inside(found, [r[0] for r in rows], found.x_range.start)
     found.xaxis.axis_label = "found over start"
     return found
 
 
-def _correlation(names: list[str], values: np.ndarray) -> Any:
-    count = len(names)
-    found = looks.plot("Correlation of the errors", 160 + 28 * count, tools="reset", x_range=(-0.5, count - 0.5),
-                       y_range=(count - 0.5, -0.5))  # fmt: skip
-    rows, columns = np.mgrid[:count, :count]
-    flat = values.astype(float).ravel()
-    source = ColumnDataSource({
-        "x": columns.ravel(), "y": rows.ravel(), "value": flat, "shown": [style.number(v, 2) for v in flat],
-        "one": [names[i] for i in rows.ravel()], "other": [names[j] for j in columns.ravel()],
-    })  # fmt: skip
-    mapper = linear_cmap("value", looks.DIVERGING, -1.0, 1.0, nan_color="#ffffff")
-    drawn = found.rect("x", "y", 0.98, 0.98, source=source, fill_color=mapper, line_color=None)
-    if count <= 14:
-        found.text("x", "y", "shown", source=source, text_align="center", text_baseline="middle", text_font_size="11px")
-    found.add_tools(looks.hover([drawn], ("", "@one"), ("and", "@other"), ("correlation", "@value{0.000}")))
-    found.add_layout(ColorBar(color_mapper=mapper["transform"], width=14), "right")
-    for axis, turned in ((found.xaxis, 0.7), (found.yaxis, 0.0)):
-        axis.ticker = FixedTicker(ticks=list(range(count)))
-        axis.major_label_overrides = dict(enumerate(names))
-        axis.major_label_orientation = turned
-    found.grid.grid_line_color = None
-    return found
+def _ends(rows: Sequence[tuple[str, float, float, float]]) -> tuple[float, float]:
+    """Return the ends of an axis that holds all intervals, and 1."""
+    low, high = min((r[2] for r in rows), default=1.0), max((r[3] for r in rows), default=1.0)
+    low, high = min(low, 1.0), max(high, 1.0)
+    return low - 0.05 * (high - low + 0.1), high + 0.05 * (high - low + 0.1)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from bokeh.document import Document
-from bokeh.models import Div
 
 from harness.common.errors import UserError
+from harness.models.quantities import print_unit, words
+from harness.reporting import style
 from harness.study.view.frame import Part, address_bar, put_parts, read_record, said
+from harness.study.view.tables import table
 
 
 def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Document], None]:
@@ -24,15 +25,14 @@ def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Docume
     listed = [(path.name, kind, *_told(path, kind)) for path, kind in results]
 
     def put(document: Document) -> None:
-        rows = [
-            f'<li><a href="{i}">{html.escape(title)}</a> ({html.escape(kind)}, {html.escape(name)})<br>'
-            f"{html.escape(answer)}</li>"
-            for i, (name, kind, title, answer) in enumerate(listed, 1)
-        ]
-        models = [Div(text=f'<ul class="links">{"".join(rows)}</ul>', sizing_mode="stretch_width")]
+        names, kinds_, titles, answers = zip(*listed, strict=True)
+        shown = table(
+            {"result": titles, "kind": kinds_, "folder": names, "answer": answers},
+            {"result": [str(i) for i in range(1, len(listed) + 1)]},
+        )
         kinds = [kind for _, kind, *_ in listed]
         count = ", ".join(f"{kinds.count(kind)} of kind {kind}" for kind in dict.fromkeys(kinds))
-        parts = [Part("Results", models, "A title opens the page of that result.")]
+        parts = [Part("Results", [shown], "A title opens the page of that result.")]
         put_parts(document, f"Results in {folder.name or folder}", [count], parts, address_bar())
 
     return put
@@ -60,7 +60,20 @@ def _told(folder: Path, kind: str) -> tuple[str, str]:
             return title, answer_in_short(found.main, found.store.designs)
         file = {"trace": "trace.json", "identification": "identify.json", "check": "check.json"}[kind]
         record: dict[str, Any] = read_record(folder / file)
-        answer = record.get("answer") or "; ".join(map(str, record.get("notes") or [])) or str(record.get("model", ""))
-        return folder.name, str(answer)
+        return folder.name, _answer(record)
     except UserError as error:
         return folder.name, f"cannot be read: {error}"
+
+
+def _answer(record: dict[str, Any]) -> str:
+    """Return what a record answers: a sentence, several, or the values that a fit found."""
+    answer = record.get("answer") or record.get("notes") or []
+    if answer:
+        return answer if isinstance(answer, str) else " ".join(map(str, answer))
+    found = [
+        e for e in record.get("estimates") or [] if isinstance(e, dict) and isinstance(e.get("value"), (int, float))
+    ]
+    values = (
+        f"{words(e['name'])} {style.with_unit(float(e['value']), print_unit(str(e.get('unit') or '')))}" for e in found
+    )
+    return f"{record.get('model', '')}: {', '.join(values)}"

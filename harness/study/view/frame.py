@@ -14,6 +14,7 @@ from bokeh.models import CustomJS, Div, TextInput
 from jinja2 import Environment
 
 from harness.common.errors import UserError
+from harness.study.view import tables
 
 _ADDRESS = "history.replaceState(null, '', cb_obj.value)"
 
@@ -35,7 +36,8 @@ class Part:
 
 def said(text: str, **further: Any) -> Div:
     """Return a text that is shown as it is, whatever characters it has."""
-    return Div(text=text, render_as_text=True, sizing_mode="stretch_width", **further)
+    styles = {"font-size": "15px", "line-height": "1.4", **further.pop("styles", {})}
+    return Div(text=text, render_as_text=True, sizing_mode="stretch_width", styles=styles, **further)
 
 
 def address_bar() -> TextInput:
@@ -73,7 +75,9 @@ def fill(document: Document, template: str, title: str, roots: dict[str, Any], *
         document.add_root(model)
     document.title = title
     document.template = Environment().from_string((folder / template).read_text(encoding="utf-8"))
-    document.template_variables.update(variables, style=(folder / "page.css").read_text(encoding="utf-8"))
+    document.template_variables.update(
+        variables, style=(folder / "page.css").read_text(encoding="utf-8"), script=tables.script()
+    )
 
 
 def put_parts(document: Document, title: str, answer: Sequence[str], parts: Sequence[Part], address: TextInput) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
-from bokeh.models import HoverTool
+import numpy as np
+from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.plotting import figure
 
 from harness.reporting.style import Look
@@ -16,6 +19,10 @@ WRAPPED = """
 .bk-btn { white-space: normal; overflow-wrap: anywhere; }
 """
 """Style of widgets that are no wider than a phone."""
+NAME = 0.5
+"""Share of a row that its name takes where names stand inside a figure."""
+
+_TITLE = 38  # characters of a title that fit on a phone
 HATCHES = {"/": "right_diagonal_line", "\\": "left_diagonal_line", ".": "dot", "-": "horizontal_line",
            "|": "vertical_line", "+": "cross", "x": "diagonal_cross", "o": "ring", "*": "criss_cross"}  # fmt: skip
 
@@ -23,7 +30,12 @@ HATCHES = {"/": "right_diagonal_line", "\\": "left_diagonal_line", ".": "dot", "
 def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset", **further: Any) -> Any:
     """Return an empty figure as wide as the page."""
     found = figure(
-        title=title, height=height, sizing_mode="stretch_width", tools=tools, toolbar_location="right", **further
+        title=textwrap.fill(title, _TITLE),
+        height=height,
+        sizing_mode="stretch_width",
+        tools=tools,
+        toolbar_location="right",
+        **further,
     )
     found.toolbar.logo = None
     found.toolbar.autohide = True
@@ -34,10 +46,36 @@ def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset
         axis.axis_label_text_font_size = axis.major_label_text_font_size = "13px"
         axis.minor_tick_line_color = None
         axis.axis_label_text_color = axis.major_label_text_color = "#111111"
-    found.title.text_font, found.title.text_font_size = FONT, "14px"
+    found.title.text_font, found.title.text_font_size = FONT, "13px"
+    found.title.text_color = "#111111"
     found.grid.grid_line_color = "#e4e4e4"
     found.outline_line_color = None
     return found
+
+
+def names_inside(plot: Any, names: Sequence[str], left: float) -> None:
+    """Write names above the rows of a figure, the first on top: beside them they would take a phone's width.
+
+    Args:
+        plot: With rows at 0, 1, … from below.
+        names: Of the rows.
+        left: End of its x-axis.
+    """
+    source = ColumnDataSource(
+        {"x": [left] * len(names), "y": np.arange(len(names))[::-1] + 0.5 - NAME, "name": list(names)}
+    )
+    plot.text("x", "y", "name", source=source, text_baseline="bottom", text_font={"value": FONT}, text_font_size="13px",
+              text_color="#111111", x_offset=4, y_offset=-1)  # fmt: skip
+    plot.yaxis.visible = False
+    plot.ygrid.grid_line_color = None
+
+
+def legend_above(plot: Any) -> None:
+    """Put the legend of a figure above it, in two columns, so that it covers no line and is no wider than a phone."""
+    legend = plot.legend[0]
+    legend.orientation, legend.ncols, legend.border_line_color, legend.padding = "horizontal", 2, None, 2
+    legend.label_text_font, legend.label_text_font_size, legend.label_text_color = FONT, "13px", "#111111"
+    plot.add_layout(legend, "above")
 
 
 def dash(look: Look) -> str | list[int]:

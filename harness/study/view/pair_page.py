@@ -20,10 +20,10 @@ from harness.reporting import style
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.results import Design
-from harness.study.view.bars import table
 from harness.study.view.box_figure import BoxFigure
 from harness.study.view.boxes import SCORES, Box, scores_of, sorted_box, unit_of
 from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, said
+from harness.study.view.tables import table
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class _PairPage:
             title="Score", options=list(SCORES.items()), value=score if score in SCORES else "rmse", width=190
         )
         self._holder, self._told = column(sizing_mode="stretch_width"), column(sizing_mode="stretch_width")
-        self._run = Div(text="", sizing_mode="stretch_width")
+        self._run = Div(text="", sizing_mode="stretch_width", styles={"font-size": "15px"})
         self._design.on_change("value", lambda _a, _o, new: self._on_design(int(new)))
         for select in (self._target, self._score):
             select.on_change("value", lambda _a, _o, _n: self._draw())
@@ -127,7 +127,9 @@ class _PairPage:
         widgets = row(
             self._design, self._target, self._score, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width"
         )
-        links = Div(text='<a href="1">The first study</a>, <a href="2">the second study</a>.')
+        links = Div(
+            text='<a href="1">The first study</a>, <a href="2">the second study</a>.', styles={"font-size": "15px"}
+        )
         parts = [
             Part("Difference, run by run", [widgets, self._holder, self._run, links], _HINT),
             Part("In numbers", [self._told]),
@@ -164,7 +166,7 @@ class _PairPage:
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
         told = f"Differences{style.in_unit(unit)}; share: median difference over the first study's median."
-        self._told.children = [said(told), table(rows, min(480, 60 + 26 * len(rows["runs"])))]
+        self._told.children = [said(told), table(rows)]
         self._run.text = ""
         self._address.value = "?" + urlencode({"design": self._design.value, "target": target, "score": score})
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from bokeh.events import RangesUpdate, Tap
 from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, CustomJS, Range1d
+from bokeh.models import ColumnDataSource, CustomJS, Legend, LegendItem, Range1d
 from scipy.stats import chi2
 
 from harness.common.arrays import Floats
@@ -24,8 +25,40 @@ _INPUTS = 4
 """Inputs that are drawn."""
 
 
+@dataclass
+class _Slot:
+    """What the figures draw of one estimator, whichever it is: making them anew would take a second.
+
+    Attributes:
+        areas: Bands.
+        lines: Lines that have its colour alone.
+        dashed: Lines that have its dashes as well.
+        labels: Its names in legends.
+    """
+
+    areas: list[Any] = field(default_factory=list)
+    lines: list[Any] = field(default_factory=list)
+    dashed: list[Any] = field(default_factory=list)
+    labels: list[Any] = field(default_factory=list)
+    _name: str = ""
+
+    def wear(self, name: str, look: Look) -> None:
+        """Show an estimator."""
+        if name == self._name:
+            return
+        self._name, colour = name, looks.colour(look.line)
+        for glyph in self.areas:
+            glyph.fill_color = colour
+        for glyph in (*self.lines, *self.dashed):
+            glyph.line_color = colour
+        for glyph in self.dashed:
+            glyph.line_dash = looks.dash(look)
+        for item in self.labels:
+            item.label = {"value": name}
+
+
 class RunFigure:
-    """A column of figures over one time axis, renewed in place as long as it shows the same things.
+    """A column of figures over one time axis, renewed in place as long as signals and number of estimators stay.
 
     Of a run the samples are sent that the pixels show (``harness.common.thinning``); a closer look sends others.
 
@@ -40,31 +73,41 @@ class RunFigure:
 
     def __init__(self, chosen: dict[str, Look], cursor: ColumnDataSource, to_here: CustomJS) -> None:
         self._looks, self._range, self._cursor, self._to_here = chosen, Range1d(0, 1), cursor, to_here
-        self._shown: tuple[tuple[str, ...], tuple[str, ...], bool] | None = None
+        self._made_for: tuple[Any, ...] | None = None
         self.layout = column(sizing_mode="stretch_width")
         self._sources: dict[str, ColumnDataSource] = {}
         self._columns: dict[str, dict[str, Floats]] = {}
+        self._slots: list[_Slot] = []
 
     def show(self, run: Replayed, signals: Sequence[str]) -> None:
-        """Draw a run; ``signals`` are those of its targets, and of what its plant publishes, that are wanted."""
+        """Draw a run; ``signals`` are those of its targets, and of what its plant publishes, that are wanted.
+
+        A run without innovations, as it is computed while a slider moves, leaves their figures empty.
+        """
         data, estimators = run.data, [str(e) for e in run.data["estimator"].values]
         beyond = set() if run.everything is None else set(map(str, run.everything))
-        wanted = [s for s in signals if s in data["target"].values or s in beyond]
-        key = (tuple(estimators), tuple(wanted), "nis" in data)
-        self._columns = _columns(run, estimators, wanted)
-        if key == self._shown:
-            self._send()
-            return
-        self._shown, time = key, data["time"].values
+        there = [s for s in signals if s in data["target"].values or s in beyond]
+        self._columns = _columns(run, estimators, there)
+        sought = len(estimators), tuple(signals)
+        if self._made_for is None or self._made_for[:2] != sought or ("nis" in data and not self._made_for[2]):
+            self._made_for = *sought, "nis" in data
+            self._make(run, len(estimators), there)
+        self._send()
+        for slot, name in zip(self._slots, estimators, strict=True):
+            slot.wear(name, self._looks[name])
+
+    def _make(self, run: Replayed, count: int, signals: Sequence[str]) -> None:
+        """Make the figures; which estimators they show is left open."""
+        data, time = run.data, run.data["time"].values
+        self._slots = [_Slot() for _ in range(count)]
         self._sources = {n: ColumnDataSource({k: [] for k in v}) for n, v in self._columns.items()}
         self._range = Range1d(float(time[0]), float(time[-1]), bounds="auto")
-        self._send()
-        plots = [self._signal(name, estimators, i == 0) for i, name in enumerate(wanted)]
+        plots = [self._signal(name, i == 0) for i, name in enumerate(signals)]
         if "nis" in data:
-            plots += [self._innovation(str(o), estimators) for o in data["output"].values]
-            plots.append(self._ratio("nis", "NIS, mean of a second", estimators))
+            plots += [self._innovation(str(o)) for o in data["output"].values]
+            plots.append(self._ratio("nis", "NIS, mean of a second"))
             if np.isfinite(data["nees"].values).any():
-                plots.append(self._ratio("nees", "NEES", estimators))
+                plots.append(self._ratio("nees", "NEES"))
         plots += [self._input(n) for n in list(self._sources) if n.startswith("input_")][:_INPUTS]
         plots[-1].xaxis.axis_label = "time in s"
         plots[-1].height += 30
@@ -73,14 +116,19 @@ class RunFigure:
 
     def _send(self) -> None:
         """Send what the figures need of the part of the time axis that they show."""
-        for name, columns in self._columns.items():
+        for name, source in self._sources.items():
+            columns = self._columns.get(name, {})
+            if columns.keys() != source.data.keys():
+                if len(source.data["time"]):
+                    source.data = {k: [] for k in source.data}
+                continue
             time = columns["time"]
             first, stop = np.searchsorted(time, [self._range.start, self._range.end], side="right")
             lines = [
                 v for k, v in columns.items() if k.startswith(("truth", "estimate", "innovation", "ni", "ne", "value"))
             ]
             rows = kept(lines, max(0, int(first) - 2), min(len(time), int(stop) + 1))
-            self._sources[name].data = {k: v[rows] for k, v in columns.items()}
+            source.data = {k: v[rows] for k, v in columns.items()}
 
     def _plot(self, title: str, height: int, **further: Any) -> Any:
         found = looks.plot(title, height, x_range=self._range, **further)
@@ -88,53 +136,47 @@ class RunFigure:
         found.js_on_event(Tap, self._to_here)
         return found
 
-    def _signal(self, name: str, estimators: Sequence[str], legend: bool) -> Any:
+    def _signal(self, name: str, legend: bool) -> Any:
         q, source = quantity(name), self._sources[f"signal {name}"]
         found = self._plot(q.words[:1].upper() + q.words[1:], 230)
         found.yaxis.axis_label = q.unit
-        for i, estimator in enumerate(estimators):
-            look = self._looks[estimator]
+        for i, slot in enumerate(self._slots):
             if f"low {i}" in source.data:
-                found.varea("time", f"low {i}", f"high {i}", source=source, color=looks.colour(look.line), alpha=0.18)
-        truth = found.line("time", "truth", source=source, color=style.TRUTH, line_width=2.4, legend_label="truth")
-        for i, estimator in enumerate(estimators):
+                slot.areas.append(found.varea("time", f"low {i}", f"high {i}", source=source, alpha=0.18).glyph)
+        truth = found.line("time", "truth", source=source, color=style.TRUTH, line_width=2.4)
+        items = [LegendItem(label={"value": "truth"}, renderers=[truth])]
+        for i, slot in enumerate(self._slots):
             if f"estimate {i}" not in source.data:
                 continue
-            look = self._looks[estimator]
-            drawn = found.line(
-                "time", f"estimate {i}", source=source, color=looks.colour(look.line), line_width=1.6,
-                line_dash=looks.dash(look), legend_label=estimator,
-            )  # fmt: skip
+            drawn = found.line("time", f"estimate {i}", source=source, line_width=1.6)
+            slot.dashed.append(drawn.glyph)
             found.add_tools(looks.hover([drawn], ("t", "@time s"), ("estimate", f"@{{estimate {i}}}{{0.000 a}}")))
+            items.append(LegendItem(label={"value": ""}, renderers=[drawn]))
+            slot.labels.append(items[-1])
         found.add_tools(looks.hover([truth], ("t", "@time s"), ("truth", "@truth{0.000 a}")))
-        found.legend.visible = legend
-        found.legend.orientation, found.legend.location = "horizontal", "top_left"
-        found.legend.background_fill_alpha, found.legend.border_line_color = 0.7, None
-        found.legend.padding = 2
+        if legend:
+            found.add_layout(Legend(items=items))
+            looks.legend_above(found)
         return found
 
-    def _innovation(self, output: str, estimators: Sequence[str]) -> Any:
+    def _innovation(self, output: str) -> Any:
         q, source = quantity(output), self._sources[f"innovation {output}"]
         found = self._plot(f"Innovation ± 2σ: {q.words}", 170)
         found.yaxis.axis_label = q.unit
-        for i, estimator in enumerate(estimators):
-            line = looks.colour(self._looks[estimator].line)
-            found.line("time", f"innovation {i}", source=source, color=line, alpha=0.7)
+        for i, slot in enumerate(self._slots):
+            slot.lines.append(found.line("time", f"innovation {i}", source=source, alpha=0.7).glyph)
             for side in ("low", "high"):
-                found.line("time", f"{side} {i}", source=source, color=line, line_dash="dashed", line_width=1.5)
+                bound = found.line("time", f"{side} {i}", source=source, line_dash="dashed", line_width=1.5)
+                slot.lines.append(bound.glyph)
         return found
 
-    def _ratio(self, name: str, words_: str, estimators: Sequence[str]) -> Any:
-        found, source = (
-            self._plot(f"{words_}; expected value and 95 % band", 190, y_axis_type="log"),
-            self._sources[name],
-        )
+    def _ratio(self, name: str, words_: str) -> Any:
+        source = self._sources[name]
+        found = self._plot(f"{words_} (black: expected, 95 %)", 190, y_axis_type="log")
         found.yaxis.axis_label = name.upper()
-        for i, estimator in enumerate(estimators):
-            look = self._looks[estimator]
-            drawn = found.line(
-                "time", f"{name} {i}", source=source, color=looks.colour(look.line), line_dash=looks.dash(look)
-            )
+        for i, slot in enumerate(self._slots):
+            drawn = found.line("time", f"{name} {i}", source=source)
+            slot.dashed.append(drawn.glyph)
             found.add_tools(looks.hover([drawn], ("t", "@time s"), (name.upper(), f"@{{{name} {i}}}{{0.00}}")))
         for line, dashes in (("expected", "solid"), ("lower", "dashed"), ("upper", "dashed")):
             found.line("time", line, source=source, color=style.TRUTH, line_dash=dashes, line_width=1.6)

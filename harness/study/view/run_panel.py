@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,18 +12,15 @@ from typing import Any
 
 import numpy as np
 from bokeh.document import Document
+from bokeh.events import DocumentReady
 from bokeh.layouts import column
 from bokeh.models import (
     Button,
     CheckboxButtonGroup,
-    ColumnDataSource,
     CustomJS,
-    DataTable,
     Div,
     MultiChoice,
     Slider,
-    StringFormatter,
-    TableColumn,
     TextInput,
 )
 
@@ -38,7 +36,7 @@ from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
 from harness.study.scores import FLAGS, STATUS
 from harness.study.stored import StoredRuns, stored_scores
-from harness.study.view import looks
+from harness.study.view import looks, tables
 from harness.study.view.above import AboveFigure
 from harness.study.view.run_figure import RunFigure
 
@@ -143,9 +141,6 @@ class RunPanel:
         self._beyond = [s for s in published(study.plant.model()) if s not in {*compiled.signals, *states}]
         signals = list(dict.fromkeys([*compiled.signals, *states, *self._beyond]))
         factors = {f.parameter for d in study.designs for f in d.factors}
-        self._source = ColumnDataSource({"what": [], "now": [], "stored": []})
-        columns = [("what", "score", 230), ("now", "this run", 70), ("stored", "as stored", 70)]
-        plain = StringFormatter()
         self.roots: dict[str, Any] = {
             "chosen": _text("No run is chosen yet."),
             "verdict": _text("", **{"font-weight": "bold"}),
@@ -169,16 +164,13 @@ class RunPanel:
             ),
             "sliders": column(sizing_mode="stretch_width"),
             "reset": Button(label="As it was", disabled=True, width=110),
-            "scores": DataTable(
-                source=self._source, index_position=None, height=320, sizing_mode="stretch_width",
-                reorderable=False, fit_columns=True,
-                columns=[TableColumn(field=f, title=t, formatter=plain, width=w) for f, t, w in columns],
-            ),
-        }  # fmt: skip
+            "scores": tables.table({"score": [], "this run": [], "as stored": []}, still=True),
+        }
         self._connect()
 
     def _connect(self) -> None:
         roots = self.roots
+        self._document.js_on_event(DocumentReady, self._above.draw)
         roots["compared"].on_change("active", lambda _a, _o, new: self._again(compared=tuple(sorted(new))))
         roots["signals"].on_change("value", lambda _a, _o, _n: self._draw())
         roots["parameters"].on_change("value", lambda _a, _o, _n: self._make_sliders())
@@ -208,7 +200,7 @@ class RunPanel:
             place: Which run.
             compared: Estimators.
             changes: Other values, SI.
-            fast: Without innovations, while a slider moves.
+            fast: Without innovations and the view from above, while a slider moves.
         """
         if not compared:
             return
@@ -229,10 +221,12 @@ class RunPanel:
             self.roots["verdict"].text = "Computing … (the first run of an estimator compiles it, half a minute)"
         place, compared, values, fast = wanted
 
+        everything = not fast or any(s in self._beyond for s in self.roots["signals"].value)
+
         def work() -> None:
             changes = [Change(name, value) for name, value in values.items()]
             try:
-                run: Any = self._runs.replayer.run(place, compared, changes, innovations=not fast, everything=True)
+                run: Any = self._runs.replayer.run(place, compared, changes, not fast, everything)
                 stored = stored_scores(self._runs.folder, self._runs.study, run)
                 words_ = self._runs.comparison(run).words if not changes else ""
                 done = partial(self._done, wanted, run, stored, words_)
@@ -274,7 +268,7 @@ class RunPanel:
             roots[name].disabled = fast
         roots["reset"].disabled = not values
         self._fill_table()
-        self._draw()
+        self._draw(fast)
         self._ran(place, compared, values)
         self._next()
 
@@ -284,10 +278,12 @@ class RunPanel:
             return f"{words(name)} {value:g}"
         return f"{parameter.words} {style.number(value / parameter.unit, 4)}"
 
-    def _draw(self) -> None:
+    def _draw(self, fast: bool = False) -> None:
+        """Draw the run; the view from above, which takes most of the time, when the slider rests."""
         if self._run is not None:
             self._figure.show(self._run, self.roots["signals"].value)
-            self._above.show(self._run)
+            if not fast:
+                self._above.show(self._run)
 
     def _fill_table(self) -> None:
         run, words_of = self._run, {code: w.replace("_", " ") for w, code in FLAGS.items()}
@@ -305,7 +301,8 @@ class RunPanel:
                 rows.append((f"{self._names[e]}: {name.upper()}", *pair))
             pair = [words_of[int(s[STATUS][i])] for s in (run.scores, self._stored_scores)]
             rows.append((f"{self._names[e]}: status", *pair))
-        self._source.data = {key: [row[i] for row in rows] for i, key in enumerate(("what", "now", "stored"))}
+        columns = {key: [row[i] for row in rows] for i, key in enumerate(("score", "this run", "as stored"))}
+        self.roots["scores"].text = tables.rows_of(columns, still=True)
 
     def _make_sliders(self) -> None:
         """Put a slider for each chosen parameter, at what the run has."""
@@ -320,7 +317,7 @@ class RunPanel:
             low, high = min(parameter.lower, value), max(parameter.upper, value)
             slider = Slider(
                 title=parameter.words, start=low, end=high, value=value, step=(high - low) / 200,
-                format="0[.]00a", sizing_mode="stretch_width",
+                format=_format(high - low), sizing_mode="stretch_width",
             )  # fmt: skip
             slider.on_change("value", self._sliding(name, parameter.unit, fast=True))
             slider.on_change("value_throttled", self._sliding(name, parameter.unit, fast=False))
@@ -336,6 +333,12 @@ class RunPanel:
             self.show(place, compared, {**changes, name: new * unit}, fast)
 
         return moved
+
+
+def _format(span: float) -> str:
+    """Return how a slider says its value: with the decimals that its steps have, never as 2.2k."""
+    decimals = max(0, min(6, 2 - math.floor(math.log10(span))))
+    return f"0[.]{'0' * decimals}" if decimals else "0"
 
 
 def _text(words_: str, **styles: str) -> Div:

@@ -15,9 +15,10 @@ from harness.common.series import unpacked
 from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.study.view import looks
-from harness.study.view.bars import bars, table
+from harness.study.view.bars import bars
 from harness.study.view.drives_figure import DrivesFigure, Series
 from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
+from harness.study.view.tables import table
 
 SHOWN = 20
 """Hypotheses and candidates that are drawn; the table has all."""
@@ -44,7 +45,7 @@ def build(folder: Path) -> Callable[[Document], None]:
         def told(drive: int, output: int) -> None:
             address.value = "?" + urlencode({"drive": drive, "output": output})
 
-        parts = _likely(found) + _drives(found, series, given, told) + _where(found) + _candidates(found)
+        parts = _drives(found, series, given, told) + _where(found) + _likely(found) + _candidates(found)
         answer = [str(found.get("answer", "")), *_errors(found)]
         put_parts(document, f"What does the model lack? {folder.name}", answer, parts, address)
 
@@ -88,7 +89,7 @@ def _likely(found: Mapping[str, Any]) -> list[Part]:
             "How likely is each?",
             [
                 plot,
-                table({"model": [a for a, _ in listed], "probability": [b for _, b in listed]}, 60 + 26 * len(listed)),
+                table({"model": [a for a, _ in listed], "probability": [b for _, b in listed]}),
             ],
             "Posterior probability that a hypothesis is part of the model, over all models that were fitted.",
         )
@@ -113,7 +114,7 @@ def _where(found: Mapping[str, Any]) -> list[Part]:
     placed = [r for r in ranked if r.get("ahead_of_first_cog") is not None and (r["log_likelihood_gain"] or 0) > 0]
     if not ranked:
         return []
-    shown = ranked[:SHOWN]
+    shown = [r for r in ranked if max(r["log_likelihood_gain"] or 0, r["log_likelihood_gain_after"] or 0) > 0][:SHOWN]
     pair = [("before", [r["log_likelihood_gain"] or 0.0 for r in shown]),
             ("after", [r["log_likelihood_gain_after"] or 0.0 for r in shown])]  # fmt: skip
     names = [words(r["channel"]) for r in shown]
@@ -191,7 +192,7 @@ def _candidates(found: Mapping[str, Any]) -> list[Part]:
         for output in outputs:
             pair = [(said_, [max(row.get(output) or 0.0, 1e-4) for row in rows]) for said_, rows in start]
             models.append(
-                bars(names, pair, f"normalised excess of the {quantity(output).words}, held-out drives", log=True)
+                bars(names, pair, "normalised excess MSE", True, f"{quantity(output).words}, held-out drives")
             )
     rows: dict[str, list[str]] = {
         k: [] for k in ("round", "candidate", "kind", "gain in BIC", "held-out excess", "fitted")
@@ -201,7 +202,7 @@ def _candidates(found: Mapping[str, Any]) -> list[Part]:
                   "yes" if c["fitted"] else "predicted by the score test")  # fmt: skip
         for key, value in zip(rows, values, strict=True):
             rows[key].append(str(value))
-    models.append(table(rows, 420))
+    models.append(table(rows))
     hint = "Normalised excess MSE: mean square of the simulation error over the floor of the sensors' noise, less one."
     return [Part("What would each candidate have changed?", models, hint)]
 

@@ -1,8 +1,10 @@
 """A finished study with names that no page may take for code, and its page."""
 
 import contextlib
+import copy
 import io
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,8 +14,8 @@ from rich.console import Console
 
 from harness.config import build_study
 from harness.study.run import run_study
+from support.stored_results import NASTY, write_results
 
-NASTY = "\"><img src=x onerror='window.hit=1'><script>window.hit=1</script>"
 STUDY = {
     "name": "car",
     "title": f"How heavy may it be? {NASTY}",
@@ -40,17 +42,37 @@ STUDY = {
 }
 
 
-@pytest.fixture(scope="package")
-def folder(tmp_path_factory):
-    out = tmp_path_factory.mktemp("view") / "car"
-    run_study(build_study(STUDY), out, jobs=1, console=Console(file=io.StringIO()))
+def _run(out, study):
+    run_study(build_study(study), out, jobs=1, console=Console(file=io.StringIO()))
     return out
 
 
+@pytest.fixture(scope="package")
+def folder(tmp_path_factory):
+    return _run(tmp_path_factory.mktemp("view") / "car", STUDY)
+
+
+@pytest.fixture(scope="package")
+def other(tmp_path_factory):
+    """The same runs with another UKF, as its spread of sigma points makes it."""
+    study = copy.deepcopy(STUDY)
+    study["estimator"][1]["alpha"] = 0.05
+    study["design"] = study["design"][:1]
+    return _run(tmp_path_factory.mktemp("other") / "car-other", study)
+
+
+@pytest.fixture(scope="package")
+def results(tmp_path_factory):
+    """A folder of a trace, a fit and a check."""
+    folder = tmp_path_factory.mktemp("results")
+    write_results(folder)
+    return folder
+
+
 @contextlib.contextmanager
-def served(folder):
-    """Serve the page of a result folder as a user does, and give its address."""
-    command = [sys.executable, "-m", "harness", "view", str(folder), "--no-browser"]
+def served(*folders):
+    """Serve the page of result folders as a user does, and give its address."""
+    command = [sys.executable, "-m", "harness", "view", *map(str, folders), "--no-browser"]
     root = str(Path(__file__).parents[3])
     environment = os.environ | {"PYTHONPATH": root}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
@@ -65,3 +87,58 @@ def address(folder):
     with served(folder) as found:
         assert found.startswith("http://127.0.0.1:")
         yield found
+
+
+@pytest.fixture(scope="package")
+def address_of_results(tmp_path_factory, folder):
+    """Of a folder with a study, a trace, a fit and a check."""
+    results = tmp_path_factory.mktemp("everything")
+    write_results(results)
+    shutil.copytree(folder, results / "study")
+    with served(results) as found:
+        yield found
+
+
+@pytest.fixture(scope="package")
+def address_of_pair(folder, other):
+    with served(folder, other) as found:
+        yield found
+
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+QUIET = [
+    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if BROWSER is None:
+        pytest.skip("needs Chromium on the PATH")
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=BROWSER, args=QUIET)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def visit(browser):
+    """Open an address; at the end nothing may have gone wrong, nothing come from elsewhere, and no name be code."""
+    context, wrong = browser.new_context(viewport={"width": 1280, "height": 900}), []
+
+    def opened(address, query=""):
+        page = context.new_page()
+        page.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda e: wrong.append(str(e)))
+        page.on("request", lambda r: wrong.append(r.url) if not r.url.startswith((address, "data:", "blob:")) else None)
+        page.goto(address + query)
+        page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle", timeout=60_000)
+        return page
+
+    yield opened
+    hits = [page.evaluate("window.hit") for page in context.pages]
+    context.close()
+    assert wrong == []
+    assert set(hits) <= {None}

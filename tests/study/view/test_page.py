@@ -1,7 +1,5 @@
 """The page in a browser: a click computes the stored run again, and nothing goes wrong on the way."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -10,48 +8,19 @@ from harness.config import load_study
 from harness.study.replay import Place, Replayer
 from harness.study.stored import study_of
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-QUIET = [
-    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-]  # fmt: skip
 SAME = "The scores are those of the store, to the last bit."
 PLACE_OF = """([x, y]) => {
     const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name('boxes of runs'));
     const box = view.canvas_view.el.getBoundingClientRect();
     return [box.x + view.frame.x_scale.compute(x), box.y + view.frame.y_scale.compute(y)];
 }"""
-pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="needs Chromium on the PATH")]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=BROWSER, args=QUIET)
-        yield chromium
-        chromium.close()
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
-def opened(browser, address):
-    """Open the page with a query; at the end nothing may have gone wrong, and no name become code."""
-    context, wrong = browser.new_context(viewport={"width": 1280, "height": 900}), []
-
-    def visit(query=""):
-        page = context.new_page()
-        page.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
-        page.on("pageerror", lambda e: wrong.append(str(e)))
-        page.on("request", lambda r: wrong.append(r.url) if not r.url.startswith((address, "data:", "blob:")) else None)
-        page.goto(address + query)
-        page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle", timeout=60_000)
-        return page
-
-    yield visit
-    hits = [page.evaluate("window.hit") for page in context.pages]
-    context.close()
-    assert wrong == []
-    assert set(hits) <= {None}
+def opened(visit, address):
+    """Open the page of the study with a query."""
+    return lambda query="": visit(address, query)
 
 
 def said(page, words):

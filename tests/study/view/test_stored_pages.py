@@ -8,7 +8,6 @@ import pytest
 from bokeh.document import Document
 
 from harness.common.errors import UserError
-from harness.common.series import packed
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.view import check_page, fit_page, folder_page, pair_page, trace_page
@@ -17,77 +16,7 @@ from harness.study.view.boxes import expected
 from harness.study.view.factors import points_of, shares, varied
 from harness.study.view.factors_panel import FactorsPanel
 from harness.study.view.pages import kind_of, pages
-
-NASTY = "<script>window.hit=1</script>"
-TIME = np.arange(500) / 50
-OUTPUT = {
-    "measured yaw_rate": np.sin(TIME),
-    "before yaw_rate": 0.7 * np.sin(TIME),
-    "after yaw_rate": 0.99 * np.sin(TIME),
-}
-DRIVES = {
-    "log1": {"time": TIME, **OUTPUT},
-    f"log2 {NASTY}": {"time": TIME, **OUTPUT, "x": 10 * TIME, "y": TIME**2},
-}
-TRACE = {
-    "verdict": "amended",
-    "answer": f"The model lacks {NASTY}.",
-    "held_out": [f"log2 {NASTY}"],
-    "error": {"yaw_rate": {"unit": "rad/s", "before": 0.1, "after": 0.01}},
-    "posterior": {
-        "none_of_these": 0.1,
-        "hypotheses": [{"name": "steering_lag", "kind": "effect", "probability": 0.9}],
-        "models": [{"added": [[{"name": "steering_lag", "kind": "effect"}]], "probability": 0.9}],
-    },
-    "vehicle": {
-        "bodies": {"": {"back": -2.0, "front": 2.0, "width": 1.5, "stated": False}},
-        "axles": {"front": {"x": 1.2, "y": 0.0}, "rear": {"x": -1.3, "y": 0.0}},
-        "coupling": None,
-    },
-    "pinpoint": [
-        {"channel": name, "kind": kind, "ports": [name], "unit": "N", "log_likelihood_gain": gain,
-         "log_likelihood_gain_after": 1.0, "ahead_of_first_cog": 1.2}
-        for name, kind, gain in (("road_wheel_angle", "port", 900.0), ("yaw_rate", "sensor", 30.0))
-    ],
-    "rounds": [{"held_out_excess_by_output": {"yaw_rate": 170.0}, "added": "steering_lag", "reason": "best"}],
-    "candidates": [
-        {"round": 1, "name": "steering_lag", "kind": "effect", "bic_gain": 4000.0, "fitted": True,
-         "held_out_excess": 0.4, "held_out_excess_by_output": {"yaw_rate": 0.3}},
-        {"round": 1, "name": "mass", "kind": "parameter", "bic_gain": None, "fitted": False, "held_out_excess": None,
-         "held_out_excess_by_output": None},
-    ],
-}  # fmt: skip
-FIT = {
-    "method": "likelihood", "model": "car+linear", "objective": {"name": "log-likelihood", "before": 1.0, "after": 2.0},
-    "estimates": [
-        {"name": n, "unit": "kg", "start": 2.0, "value": 3.0, "interval_95": [2.5, 3.5], "verdict": "determined"}
-        for n in ("mass", NASTY)
-    ],
-    "correlation": [[1.0, -0.4], [-0.4, 1.0]], "notes": [],
-}  # fmt: skip
-CHECK = {
-    "title": NASTY, "read": "2 signals", "answer": ["1 disagrees."], "warnings": [],
-    "findings": [{"kind": "sign", "signals": ["yaw_rate"], "words": "the sign is wrong", "evidence": "slope -1"}],
-    "comparisons": [{"signal": "yaw_rate", "name": "yaw rate from speed", "verdict": "disagrees", "reasons": ["sign"]}],
-}  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """A folder of a trace, a fit and a check."""
-    folder = tmp_path_factory.mktemp("results")
-    gappy = np.where((TIME > 2) & (TIME < 3), np.nan, np.sin(TIME))
-    series = {"recording": {"time": TIME, "speed": 5 + TIME, "yaw_rate": gappy},
-              "comparison 0": {"time": TIME, "measured": gappy, "computed": -gappy}}  # fmt: skip
-    for name, record, file, content in (
-        ("trace", TRACE, "drives.npz", DRIVES),
-        ("identify", FIT, "drives.npz", DRIVES),
-        ("check", CHECK, "signals.npz", series),
-    ):
-        (folder / name).mkdir()
-        (folder / name / f"{name}.json").write_text(json.dumps(record))
-        (folder / name / file).write_bytes(packed(content))
-    return folder
+from support.stored_results import NASTY
 
 
 def built(put):
@@ -99,6 +28,10 @@ def built(put):
 
 def titles(document):
     return [m.title.text for m in document.models if type(m).__name__ == "figure" and m.title.text]
+
+
+def tables(document):
+    return [m.text for m in document.models if type(m).__name__ == "Div" and "<table" in m.text]
 
 
 def test_a_trace_shows_what_is_likely_where_and_what_was_tried(results):
@@ -120,12 +53,14 @@ def test_a_trace_of_an_older_version_says_what_it_lacks(results, tmp_path):
 
 
 def test_a_fit_and_a_check_have_their_figures(results):
-    assert {"Value over that at the start", "Correlation of the errors"} <= set(
-        titles(built(fit_page.build(results / "identify")))
-    )
+    fitted = built(fit_page.build(results / "identify"))
+    assert "Value over that at the start" in titles(fitted)
+    (matrix,) = (t for t in tables(fitted) if "matrix" in t)
+    assert matrix.count(">1.0</td>") == 2
+    assert matrix.count(">−0.40</td>") == 2
     document = built(check_page.build(results / "check"))
-    select = next(m for m in document.models if type(m).__name__ == "Select")
-    select.value = "1"
+    assert next(m for m in document.models if type(m).__name__ == "Select").value == "1"  # the signal with a warning
+    assert any('<a href="?signal=1">yaw rate</a>' in text for text in tables(document))
     gaps = [
         (m.left, m.right) for m in document.models if type(m).__name__ == "BoxAnnotation" and m.fill_color == "#bbbbbb"
     ]
@@ -136,10 +71,12 @@ def test_a_fit_and_a_check_have_their_figures(results):
 def test_a_folder_leads_to_each_result(results):
     found = pages([results])
     assert list(found) == ["/", "/1", "/2", "/3"]
-    text = next(m.text for m in built(found["/"]).models if type(m).__name__ == "Div" and "<ul" in m.text)
+    (text,) = tables(built(found["/"]))
     assert "&lt;script&gt;" in text
     assert "<script>" not in text
-    assert "Correlation of the errors" in titles(built(found["/2"]))
+    assert "1 disagrees." in text
+    assert '<a href="2">identify</a>' in text
+    assert "Value over that at the start" in titles(built(found["/2"]))
     assert [kind_of(results / name) for name in ("check", "identify", "trace")] == ["check", "identification", "trace"]
 
 
@@ -207,8 +144,8 @@ def test_all_figures_of_a_design_share_one_selection_that_leads_to_a_run(folder)
     panel.explain((1, "rmse", 0, None), 0)
     document.validate()
     assert {
-        "Parallel coordinates: each line is a point of the design",
-        "Sobol indices of the error, with 95 % intervals",
+        "Parallel coordinates",
+        "Sobol indices, 95 % intervals",
     } <= set(titles(document))
     shared = {
         r.data_source.id

@@ -1,0 +1,99 @@
+"""The pages of traces, fits, checks, folders and pairs in a browser: each opens, and its first use works."""
+
+import importlib
+
+import pytest
+
+import harness as h
+
+pytestmark = pytest.mark.browser
+SAME = "The scores are those of the store, to the last bit."
+PIXEL = """([name, x, y]) => {
+    const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name(name));
+    const box = view.canvas_view.el.getBoundingClientRect();
+    return [box.x + view.frame.x_scale.compute(x), box.y + view.frame.y_scale.compute(y)];
+}"""
+DRAWN = """(title) => [...Bokeh.documents[0].all_models ?? Bokeh.documents[0]._all_models.values()]
+    .some((m) => m.title?.text === title)"""
+
+
+def expect(locator):
+    return importlib.import_module("playwright.sync_api").expect(locator)
+
+
+def cells(page, column):
+    """Return the texts of a column of the table that is seen first."""
+    return page.locator("table").first.locator(f"tbody tr:visible td:nth-child({column})").all_inner_texts()
+
+
+@pytest.fixture(params=["check", "identify", "study", "trace"])
+def kind(request):
+    return request.param
+
+
+def test_a_folder_leads_to_every_result(visit, address_of_results, kind):
+    page = visit(address_of_results)
+    assert cells(page, 3) == ["check", "identify", "study", "trace"]
+    page.locator("tr", has_text=kind).get_by_role("link").first.click()
+    page.wait_for_function("document.title && !document.title.startsWith('Results in')")
+    page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle")
+    title = {"check": "Check of", "identify": "Which parameters fit?", "study": "How heavy", "trace": "What does the"}
+    assert page.title().startswith(title[kind])
+
+
+@pytest.mark.parametrize("number", [1, 2, 4])
+@pytest.mark.parametrize("width", [390, 1920])
+def test_every_page_fits_the_screen(visit, address_of_results, number, width):
+    page = visit(address_of_results, str(number))
+    page.set_viewport_size({"width": width, "height": 900})
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_a_trace_shows_another_recording_and_sorts_its_candidates(visit, address_of_results):
+    page = visit(address_of_results, "4")
+    figures = page.get_by_role("region", name="Before and after").locator(".bk-Figure")
+    expect(figures).to_have_count(4)
+    page.get_by_label("Recording").select_option("log1")
+    page.wait_for_function("location.search.includes('drive=1')")
+    expect(figures).to_have_count(2)  # log1 has no path
+    again = visit(address_of_results, "4" + page.evaluate("location.search"))
+    assert again.get_by_label("Recording").input_value() == "log1"
+
+
+def test_a_table_is_sorted_and_filtered(visit, address_of_results):
+    page = visit(address_of_results)
+    page.get_by_role("button", name="kind").click()
+    rising = cells(page, 2)
+    page.get_by_role("button", name="kind").press("Enter")
+    assert rising == sorted(rising)
+    assert cells(page, 2) == rising[::-1]
+
+
+def test_a_warning_of_a_check_leads_to_its_signal(visit, address_of_results):
+    page = visit(address_of_results, "1?signal=0")
+    assert page.get_by_label("Signal", exact=True).input_value() == "speed"
+    page.get_by_role("link", name="yaw rate").click()
+    page.wait_for_function("location.search.includes('signal=1')")
+    page.get_by_text("the sign is wrong slope -1").wait_for()
+    page.wait_for_function(DRAWN, arg="yaw rate from speed: disagrees: sign")
+
+
+def test_a_click_on_a_difference_leads_to_the_run_in_both_studies(visit, address_of_pair, folder, other):
+    page = visit(address_of_pair)
+    pair = [h.open_results(f)["mass"].rmse.isel(target=0).values for f in (folder, other)]
+    change = (pair[1] - pair[0])[1, ..., 1]  # at 1.9 t, the UKF
+    assert abs(change).max() > 0
+    assert not (pair[1] - pair[0])[..., 0].any()  # the EKF is the same in both
+    x, y = page.evaluate(PIXEL, ["boxes of runs", 1 + 0.21, float(change.min())])
+    page.mouse.click(x, y)
+    worst = int(change.argmin())
+    sample, drive, repeat = worst // 12, worst // 6 % 2, worst % 6
+    for i, (link, stored) in enumerate(zip(("in the first study", "in the second study"), pair, strict=True), 1):
+        address = page.get_by_role("link", name=link).get_attribute("href")
+        assert address == f"{i}?design=0&run=0.1.{drive}.{sample}.{repeat}&compared=1"
+        run = visit(address_of_pair, address)
+        run.get_by_text(SAME).wait_for(timeout=120_000)
+        shown = run.locator("#what-if table tbody tr").first.locator("td").nth(1).inner_text()
+        value = stored[1, sample, drive, repeat, 1]
+        assert float(shown.split()[0]) == pytest.approx(value, rel=0.005)
