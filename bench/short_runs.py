@@ -12,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -63,6 +64,7 @@ class _Clock:
     def __init__(self) -> None:
         self.times: dict[str, list[float]] = {"kernels": [], "noise": []}
         self.start = 0.0
+        self._first = threading.Lock()
 
     def timed(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """Return the function, timed."""
@@ -80,24 +82,29 @@ class _Clock:
         return call
 
     def evaluator(self, study: Study) -> StudyEvaluator:
-        """Return the evaluator of a study, its kernels timed."""
+        """Return the evaluator of a study whose kernels are timed from its first unit on, when all are compiled."""
         made = StudyEvaluator(study)
+        real: Any = made.evaluate
+
+        def evaluate(unit: Unit) -> Any:
+            with self._first:
+                if not self.start:
+                    self.start = time.process_time()
+                    self._watch(made)
+            return real(unit)
+
+        made.evaluate = evaluate  # type: ignore[method-assign]
+        return made
+
+    def _watch(self, made: StudyEvaluator) -> None:
         simulator: Any = made.compiled.simulator
-        simulator._run = self.timed("kernels", simulator._run)
+        simulator.loop = self.timed("kernels", simulator.loop)
         estimators: list[Any] = list(made.compiled.estimators)
         for each in estimators:
             timed = self.timed("kernels", each._kernels.estimate)
             each._kernels = SimpleNamespace(**{**vars(each._kernels), "estimate": timed})
         drawn = SimpleNamespace(fill=self.timed("noise", standard_normal._compiled().fill))
         standard_normal._compiled = lambda: drawn
-        real: Any = made.evaluate
-
-        def begun(unit: Unit) -> Any:
-            self.start = self.start or time.process_time()
-            return real(unit)
-
-        made.evaluate = begun  # type: ignore[method-assign]
-        return made
 
 
 def one_session(folder: Path, jobs: int) -> None:

@@ -212,7 +212,8 @@ class Estimator:
         self._priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
         self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
         self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
-        self._rows: dict[tuple[str, ...], tuple[NDArray[np.int64], bool]] = {}
+        self._no_errors = np.empty((1, compiled.nu, 0, LANES))
+        self._told: dict[tuple[tuple[str, ...], int], tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]] = {}
 
     @property
     def loop(self) -> Dispatcher:
@@ -290,18 +291,16 @@ class Estimator:
             uncertain: What is not known of the inputs; ``None`` where they are exact.
             since: Scores begin at this sample.
         """
-        nothing = np.empty((1, inputs.shape[1], 0, LANES))
-        told = UncertainInputs(inputs, nothing, nothing) if uncertain is None else uncertain
-        if told.at.shape[2]:
+        told = (inputs, *(uncertain or UncertainInputs(inputs, self._no_errors, self._no_errors)))
+        if uncertain is not None and uncertain.at.shape[2]:
             size = self.compiled.nx + self.compiled.ny
-            belief = belief._replace(input_errors=np.zeros((size, told.at.shape[2], LANES)))
-        rows, comparable = self._compared(truth_names)
+            belief = belief._replace(input_errors=np.zeros((size, uncertain.at.shape[2], LANES)))
+        rows, unknown, options = self._compared(truth_names, since)
         samples, targets = inputs.shape[0], len(self.compiled.signal_names)
         sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
         kept = np.empty((samples if keep else 0, 2, targets, LANES))
-        options = np.array([float(NEES_EVERY), float(comparable), float(self.has_covariance), float(since)])
         self._kernels.estimate(
-            (inputs, *told),
+            told,
             measurements,
             truth,
             rows,
@@ -315,23 +314,31 @@ class Estimator:
             per_run,
             kept,
         )
-        if min(rows[self.compiled.nx :]) < 0:
-            sums[:, rows[self.compiled.nx :] < 0] = np.nan
+        if unknown is not None:
+            sums[:, unknown] = np.nan
         if keep:
             kept[:, :, ~self.gives] = np.nan
         return Sums(sums, per_run, kept if keep else None)
 
-    def _compared(self, truth_names: tuple[str, ...]) -> tuple[NDArray[np.int64], bool]:
-        """Return the row of the truth of each state, then of each target, -1 for none, and whether there is a NEES."""
-        if truth_names not in self._rows:
+    def _compared(
+        self, truth_names: tuple[str, ...], since: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]:
+        """Return what ``harness.engine.time_loops.estimate`` is told of scores: ``rows`` and ``options``.
+
+        Returns:
+            ``rows``, the targets that have no score (``None`` where all have one), ``options``.
+        """
+        if (truth_names, since) not in self._told:
             states = self.compiled.model.states
             rows = np.array(
                 [truth_names.index(n) if n in truth_names else -1 for n in (*states, *self.compiled.signal_names)]
             )
             comparable = self.has_covariance and bool(np.all(rows[: len(states)] >= 0))
             rows[len(states) :][~self.gives] = -1
-            self._rows[truth_names] = rows, comparable
-        return self._rows[truth_names]
+            unknown = rows[len(states) :] < 0
+            options = np.array([NEES_EVERY, comparable, self.has_covariance, since], dtype=float)
+            self._told[truth_names, since] = rows, unknown if unknown.any() else None, options
+        return self._told[truth_names, since]
 
     def scores(self, found: Sums) -> Scores:
         """Return the scores of any number of runs."""
