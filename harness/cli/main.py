@@ -1,9 +1,7 @@
 """The command line: run, report, list, simulate, check, estimate, tune, identify, trace, observability, realtime, ...
 
-Exit status 0: done; 1: the work failed; 2: the request was wrong (one message says what, where and how to
-mend it); 70: a fault of the harness, whose traceback is kept in a file; 130: interrupted, and the next run continues
-from there. Everything heavy is imported inside the
-commands, so that help appears at once.
+What exit statuses mean stands in docs/reliability.md. Everything heavy is imported inside the commands, so that help
+appears at once.
 """
 
 from __future__ import annotations
@@ -29,6 +27,7 @@ from harness.cli.loop import loop
 from harness.cli.new import new
 from harness.cli.observability import observability
 from harness.cli.options import HERE, RESULTS, agree_to, place, study_path
+from harness.cli.outputs import refuse_unfit
 from harness.cli.realtime import realtime
 from harness.cli.remedy import remedy
 from harness.cli.simulate import simulate
@@ -45,10 +44,21 @@ if TYPE_CHECKING:
 
 
 class _Commands(typer.core.TyperGroup):
-    """Accepts ``--debug`` anywhere on the line, because it is appended to a line that failed."""
+    """Accepts ``--debug`` anywhere on the line, because it is appended to a line that failed; and no empty word."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Move ``--debug`` to the front."""
+        """Move ``--debug`` to the front.
+
+        Raises:
+            BadParameter: If a word is empty: as a path it would be the working directory.
+        """
+        for number, word in enumerate(args, 1):
+            if not word.strip() or (word.startswith("--") and word.endswith("=")):
+                raise typer.BadParameter(
+                    f"word {number} of the command is empty, as of a variable that is not set: leave it out, or write "
+                    "'.' for the working directory",
+                    ctx,
+                )
         if "--debug" in args:
             args = ["--debug", *(a for a in args if a != "--debug")]
         return super().parse_args(ctx, args)
@@ -82,9 +92,10 @@ def _common(
     show_tracebacks(debug)
 
 
-def _run_command(place: Path | None, command: Callable[[], None]) -> None:
+def _run_command(name: str, place: Path | None, command: Callable[[], None]) -> None:
     if place is not None:
         refuse_url(place)
+        refuse_unfit(name, place)
     command()
 
 
@@ -94,7 +105,8 @@ def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def answering(*args: Any, **kwargs: Any) -> None:
         place = place_of_output(kwargs)
-        status = guarded(functools.partial(_run_command, place, functools.partial(command, *args, **kwargs)), place)
+        whole = functools.partial(_run_command, command.__name__, place, functools.partial(command, *args, **kwargs))
+        status = guarded(whole, place)
         if status:
             raise typer.Exit(status)
 

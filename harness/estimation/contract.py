@@ -194,6 +194,10 @@ class Estimator:
                 self.tuning = np.array(file.fit(chosen, compiled, folder), dtype=float)
             else:
                 self.tuning = np.array(file.tuning(chosen, compiled.nx, compiled.ny), dtype=float)
+        except ArithmeticError as error:
+            raise UserError(
+                f"settings of estimator '{kind}': a number is too large or too small to reckon with"
+            ) from error
         except ValueError as error:
             raise UserError(f"settings of estimator '{kind}': {error}") from error
         given = file.estimates(chosen, folder) if hasattr(file, "estimates") else compiled.signal_names

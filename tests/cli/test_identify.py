@@ -96,7 +96,7 @@ def test_a_fit_that_makes_the_simulation_worse_says_so_first_and_in_its_file(fol
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--free", ""], "free: name the parameters to estimate; the model has: stiffness_over_load_front"),
+        ([], "free: name the parameters to estimate; the model has: stiffness_over_load_front"),
         (["--free", "stiffness_front"], "closest: stiffness_over_load_front"),
         (["--free", "cog_height", "--method", "likelyhood"], "closest: likelihood"),
         (["--free", "cog_height", "--setting", "stats=2"], "no setting 'stats'; closest: starts"),

@@ -115,6 +115,7 @@ def test_more_nonlinear_outputs_than_states(kind):
     [
         ({"alpha": 0}, "greater than 0"),
         ({"kappa": -3}, r"alpha\^2 \(n \+ kappa\) = 0 must be positive; raise kappa above -3"),
+        ({"alpha": 1e300}, "too large or too small to reckon with"),
         ({"kapa": 1}, "kapa"),
         ({"beta": "two"}, "beta"),
     ],

@@ -1,0 +1,53 @@
+"""What a command writes to is looked at before anything is computed: a folder that can be filled, and no other's."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from harness.common.errors import UserError
+from harness.common.places import is_url
+
+RESULTS = {
+    "run": "scores.zarr",
+    "estimate": "estimate.json",
+    "identify": "identify.json",
+    "trace": "trace.json",
+    "loop": "loop.json",
+    "realtime": "times.zarr",
+    "remedy": "as-it-is/scores.zarr",
+    "campaign": "",
+}
+"""Commands that write ``report.html`` into their ``--out``, and what tells their result; nothing tells a campaign."""
+
+_FOLDERS = {*RESULTS, "check", "observability"}
+"""Commands whose ``--out`` is a folder."""
+
+_WRITES_TOO = {"loop": ("trace",)}
+"""What a command writes besides."""
+
+
+def refuse_unfit(command: str, out: Path) -> None:
+    """Refuse an output folder that cannot be one, or in which another command has left its result.
+
+    Args:
+        command: Name of the command; of one that writes no folder nothing is looked at.
+        out: What it writes.
+
+    Raises:
+        UserError: If it is a file, cannot be written to, or holds a result whose report would be written over.
+    """
+    if command not in _FOLDERS or is_url(out):
+        return
+    there = next(p for p in (out, *out.absolute().parents) if p.exists())
+    if not there.is_dir():
+        raise UserError(f"{there} is a file, where --out names a folder; choose another name")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise UserError(f"{out}: nothing may be written to {there}; choose another folder with --out")
+    allowed = (command, "campaign", *_WRITES_TOO.get(command, ()))
+    others = [name for name, file in RESULTS.items() if name not in allowed and (out / file).exists()]
+    if others and command in RESULTS:
+        raise UserError(
+            f"{out} holds a result of 'harness {others[0]}' ({RESULTS[others[0]]}), and its report would be written "
+            "over; choose another folder with --out"
+        )

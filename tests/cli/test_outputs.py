@@ -1,0 +1,57 @@
+"""What the command line refuses before anything is computed: empty words, and folders with another command's result."""
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.cli.outputs import RESULTS
+
+
+def harness(*arguments):
+    done = CliRunner().invoke(app, [str(a) for a in arguments])
+    return done.exit_code, " ".join(done.output.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ("view", ""),
+        ("check", "a.csv", "--out", " "),
+        ("estimate", "-m", "car", "-d", "a.csv", "-e", "ekf", "-o", ""),
+        ("identify", "-m", "car", "-d", "a.csv", "-f", "mass", "--out="),
+        ("observability", "car", "-o", ""),
+    ],
+)
+def test_an_empty_word_is_not_the_working_directory(tmp_path, monkeypatch, line):
+    monkeypatch.chdir(tmp_path)
+    status, said = harness(*line)
+    assert status == 2
+    assert "of the command is empty, as of a variable that is not set" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("command", "other"), [("remedy", "run"), ("run", "trace"), ("campaign", "estimate")])
+def test_a_folder_with_the_result_of_another_command_is_left_alone(tmp_path, command, other):
+    (tmp_path / RESULTS[other]).mkdir()
+    (tmp_path / "report.html").write_text("theirs")
+    status, said = harness(command, *([] if command == "campaign" else ["kalman-lecture"]), "--out", tmp_path)
+    assert status == 2
+    assert f"holds a result of 'harness {other}'" in said
+    assert (tmp_path / "report.html").read_text() == "theirs"
+
+
+@pytest.mark.parametrize("command", ["estimate", "check"])
+def test_a_file_in_place_of_a_folder_is_refused_before_anything_is_computed(tmp_path, command):
+    (tmp_path / "a.csv").write_text("kept")
+    words = {"estimate": ["-m", "car", "-e", "ekf", "-d", "none.csv"], "check": ["none.csv"]}[command]
+    status, said = harness(command, *words, "--out", tmp_path / "a.csv" / "deeper")
+    assert status == 2
+    assert "a.csv is a file, where --out names a folder" in said
+    assert (tmp_path / "a.csv").read_text() == "kept"
+
+
+def test_a_folder_that_may_not_be_written_to_is_refused_before_anything_is_computed(tmp_path, monkeypatch):
+    monkeypatch.setattr("harness.cli.outputs.os.access", lambda *_: False)
+    status, said = harness("check", "none.csv", "--out", tmp_path / "new" / "deeper")
+    assert status == 2
+    assert f"nothing may be written to {tmp_path}" in said
