@@ -18,6 +18,13 @@ def remedy(
     equipment: Annotated[
         int, typer.Option("--equipment", min=0, help="How many larger sets of sensors to try, those of most promise.")
     ] = 2,
+    trace: Annotated[
+        Path | None,
+        typer.Option(
+            "--trace",
+            help="Folder that harness trace wrote: remedies where the vehicle has the named effect, the belief not.",
+        ),
+    ] = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Worker threads; all cores if absent.")
     ] = None,
@@ -35,16 +42,20 @@ def remedy(
     """Try what helps where a parameter is not as believed, and say which remedy is worth it.
 
     Estimate the parameters that drive the error, consider them, other noise, measure more, and together: on the very
-    same points, drives and noise. What is finished is kept. Writes a report, belief.toml for studies and harness
+    same points, drives and noise. With --trace the vehicle is the amended model, and remedies are those that need no
+    model of the effect. What is finished is kept. Writes a report, belief.toml for studies and harness
     estimate, and study.toml.
     """
     from harness.campaign.remedy.answer import headline
     from harness.campaign.remedy.report import write_report
     from harness.campaign.remedy.run import try_remedies
+    from harness.campaign.remedy.traced import traced_study
     from harness.cli.options import RESULTS, agree_to, command, study_path
     from harness.config import load_study
 
     loaded = load_study(study_path(study), quick)
+    if trace is not None:
+        loaded = traced_study(loaded, trace)
     folder = out if out is not None else RESULTS / f"remedy-{loaded.name}"
     agree = None if yes else agree_to
     tried = try_remedies(loaded, folder, estimator, equipment, jobs, agree, restart)

@@ -163,10 +163,11 @@ def box_of(study: Study, design: DesignSpec, points: int) -> DesignSpec:
     """Return a design of points over all bands of a design together.
 
     Raises:
-        UserError: If the design varies nothing.
+        UserError: If the design varies nothing, and nothing is believed wrongly either.
     """
     ends = [(min(f.lower), max(f.upper)) for f in design.factors]
-    if not any(low < high for low, high in ends):
+    mistaken = study.plant.effects != study.belief.effects or study.plant.values != study.belief.values
+    if not (mistaken or any(low < high for low, high in ends)):
         raise UserError(f"{study.path}: design '{design.name}' varies nothing, so there is no worst case in it")
     factors = tuple(
         dataclasses.replace(f, levels=(low,), lower=(low,), upper=(high,), labels=("box",))

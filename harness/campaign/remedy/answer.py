@@ -65,11 +65,15 @@ def _drivers(tried: Tried) -> str:
 def further(tried: Tried) -> Iterator[tuple[str, str]]:
     """Return what else there is to say, each with its head."""
     first, taken = tried.outcomes[0], tried.best
-    yield "What drives the error?", f"Of what the study varies, {_drivers(tried)}; remedies are tried against this."
+    if tried.traced:
+        yield "What is wrong?", f"The vehicle has {_drivers(tried)}, the estimator believes the model without."
+    else:
+        yield "What drives the error?", f"Of what the study varies, {_drivers(tried)}; remedies are tried against this."
     if tried.known is not None and taken is not first:
         ratios = taken.medians.max(axis=1) / tried.known.medians.max(axis=1)
         told = listed([f"{times(float(r))} for the {q.words}" for r, q in zip(ratios, first.targets, strict=True)])
-        yield "How near to the ideal?", f"The error at the worst level over that with the parameters known: {told}."
+        ideal = "believing the amended model" if tried.traced else "with the parameters known"
+        yield "How near to the ideal?", f"The error at the worst level over that {ideal}: {told}."
     yield "What does it cost?", _cost(tried)
     if np.isfinite(taken.nees):
         yield (
@@ -79,7 +83,8 @@ def further(tried: Tried) -> Iterator[tuple[str, str]]:
         )
     if taken is not first:
         yield "What does it need?", _need(taken.remedy, tried)
-    yield "Why not without a sensor?", _without(tried)
+    if not tried.traced:
+        yield "Why not without a sensor?", _without(tried)
 
 
 def _cost(tried: Tried) -> str:

@@ -18,6 +18,12 @@ from harness.config.specs import NOISE_SCALES
 from harness.models.quantities import listed, words
 from harness.models.roles import SENSORS
 
+ADAPTED = {
+    "innovation_ekf": "adapt the process noise to the innovations",
+    "h_infinity": "filter against the worst disturbance",
+}
+"""Filters that need no idea of what is wrong, by what they do; they stand in place of one of the Kalman type."""
+
 
 @dataclass(frozen=True)
 class Equipment:
@@ -52,6 +58,8 @@ class Remedy:
         equipment: What is measured, ``None`` for what the study has.
         known: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
         tuned: Whether the noise believed is tuned for the worst case.
+        adapted: Filter that stands in place of the estimator, one of ``ADAPTED``; empty for none.
+        amended: Whether the belief is the plant's model, what the remedies of a trace are measured against.
     """
 
     estimated: tuple[str, ...] = ()
@@ -60,6 +68,8 @@ class Remedy:
     equipment: Equipment | None = None
     known: tuple[str, ...] = ()
     tuned: bool = False
+    adapted: str = ""
+    amended: bool = False
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -82,6 +92,8 @@ class Remedy:
         }
         parts = [f"{verb} the {listed([words(n) for n in names])}" for verb, names in named.items() if names]
         parts += ["tune for the worst case"] if self.tuned else []
+        parts += [ADAPTED[self.adapted]] if self.adapted else []
+        parts += ["believe the amended model"] if self.amended else []
         return "; ".join(parts) or "as it is"
 
     @property
@@ -92,6 +104,8 @@ class Remedy:
         parts += [f"bank-{'-'.join(self.banked)}"] if self.banked else []
         parts += [f"know-{'-'.join(self.known)}"] if self.known else []
         parts += ["tune-for-the-worst-case"] if self.tuned else []
+        parts += [self.adapted.replace("_", "-")] if self.adapted else []
+        parts += ["amended"] if self.amended else []
         parts += [f"with-{'-'.join(self.equipment.sources)}"] if self.equipment else []
         return "-and-".join(parts) or "as-it-is"
 
@@ -193,6 +207,11 @@ def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = 
     if remedy.banked:
         bank = hypotheses([f for f in parameters(study) if f.parameter in remedy.banked])
         content["estimator"] = [{"name": estimator, "kind": "imm", "hypotheses": bank}]
+    if remedy.adapted:
+        content["estimator"] = [{"name": estimator, "kind": remedy.adapted}]
+    if remedy.amended:
+        content["belief"]["parameters"] = content["plant"]["parameters"]
+        content["belief"]["values"] = content["plant"].get("values", {})
     kept = [d for i, d in enumerate(raw.design) if i == 0 or d.sampling == "tolerance"]
     content["design"] = [d.model_dump(exclude_unset=True, exclude_none=True) for d in kept]
     for factor in (f for d in content["design"] for f in d.get("factor", []) if f["parameter"] in remedy.known):
@@ -228,6 +247,8 @@ def singles(drivers: Sequence[str], considers: bool, tunable: bool) -> Iterator[
         yield Remedy(considered=tuple(drivers))
         if len(drivers) in BANK:
             yield Remedy(banked=tuple(drivers))
+        for kind in ADAPTED:
+            yield Remedy(adapted=kind)
 
 
 def pairs(drivers: Sequence[str], chosen: Sequence[Equipment], considers: bool) -> Iterator[Remedy]:

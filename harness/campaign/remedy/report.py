@@ -56,7 +56,7 @@ def write_report(tried: Tried, out: Path, command: str) -> list[Path]:
     sections = [
         Section(partial(_answer, tried), "Answer"),
         Section(partial(_levels, tried), "How large are the errors at every level?"),
-        Section(partial(_promise, tried), "What could be known at best?"),
+        *([Section(partial(_promise, tried), "What could be known at best?")] if tried.promise else []),
         Section(partial(_made, tried, command), "How was this made?"),
     ]
     files = {BELIEF: belief_text(tried), STUDY: tried.best.study.text}
@@ -85,9 +85,11 @@ def belief_text(tried: Tried) -> str:
 def believed(study: Study) -> ModelSpec:
     """Return the belief of a study of one estimator, with the noise that this is tuned to."""
     spec, factors = study.belief, study.estimators[0].noise
+    file = study.path.parent / spec.parameters  # the path in a study is from its folder
     groups = {s: "unknown_inputs" if s in spec.unknown_inputs else "process" for s in spec.process_noise}
     return replace(
         spec,
+        parameters=str(file) if file.is_file() else spec.parameters,
         process_noise={s: v * factors.get(groups[s], 1.0) for s, v in spec.process_noise.items()},
         measurement_noise={o: v * factors.get("measurement", 1.0) for o, v in spec.measurement_noise.items()},
         parameter_states=tuple(
@@ -119,9 +121,10 @@ def _table(tried: Tried) -> Sheet:
     header += [f"box, {first.targets[t].words}" for t in first.boxes]
     header += ["as believed", "NEES", "runs consistent", "time per step"]
     rows = [_row(o, first) for o in order] + ([_row(tried.known, first)] if tried.known else [])
+    ideal = "the amended model believed" if tried.traced else "what nobody can do: know the parameters"
     caption = (
         "The remedies on the same points, drives and noise, the one to take first; "
-        + ("last, what nobody can do: know the parameters. " if tried.known else "")
+        + (f"last, {ideal}. " if tried.known else "")
         + "Worst level: median RMSE at the level where it is largest, lost runs counted as infinitely wrong (∞), and "
         "over that as it is. As believed: median RMSE where the vehicle is as believed, over that as it is. NEES: "
         "median over its expectation. Runs consistent: those whose average NEES is below its 95 % bound. Time: in the "

@@ -7,12 +7,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from harness.campaign.remedy import choices
+from harness.campaign.remedy import choices, traced
 from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
 from harness.campaign.remedy.judge import Outcome, best, judged
 from harness.common.errors import ModelError, UserError
@@ -57,6 +58,7 @@ class Tried:
         known: As with it, but the drivers are known; ``None`` where that cannot be had.
         cycle: Median time of a step in a cycle of its own, one run, in s, as it is and with the remedy to take; NaN
             where the system has no clock for it.
+        traced: Whether the drivers are effects that a trace named, which the plant has and the belief lacks.
         promise: Share of the first deviation that is left of each driver at best after each drive
             ``(drive, driver)``, by equipment; ``None`` stands for the study's own.
         measuring: Equipments that measure a target itself, which are not tried.
@@ -73,6 +75,7 @@ class Tried:
     promise: dict[Equipment | None, np.ndarray]
     measuring: list[Equipment]
     impossible: dict[str, str] = field(default_factory=dict)
+    traced: bool = False
 
 
 def try_remedies(
@@ -88,7 +91,7 @@ def try_remedies(
     """Try remedies on the points, drives and noise of a study; what is finished is kept.
 
     Args:
-        study: The study.
+        study: The study; where its plant has effects that the belief lacks, remedies against these.
         out: Folder; each remedy gets one in it.
         estimator: Name of the estimator; the first EKF by default, else the first estimator.
         most: Largest number of equipments tried, those that promise most.
@@ -101,34 +104,77 @@ def try_remedies(
         UserError: If the study has no parameter that drives the error, or no such estimator.
     """
     console = console or Console(stderr=True)
-    design, name = choices.main_design(study), _estimator(study, estimator)
+    name, is_traced = _estimator(study, estimator), not choices.parameters(study) and bool(traced.named(study))
+    if not is_traced:
+        choices.main_design(study)
+    tunable = load_estimator(_kind(study, name)).HAS_COVARIANCE
     with locked(out, f"harness remedy of the study '{study.name}'"):
         attempt = partial(_attempt, study, name, out, jobs, agree, restart, console)
         console.print(Text(AS_IT_IS.words, style="bold"))
         first = attempt(AS_IT_IS)
-        drivers = _drivers(read(out / AS_IT_IS.slug).designs[0], [f.parameter for f in choices.parameters(study)])
-        if not drivers:
-            raise UserError(
-                f"{out / AS_IT_IS.slug}: no parameter of design '{design.name}' drives the error of '{name}': there is "
-                "nothing to remedy"
-            )
-        equipments, measuring = _of_use(study)
-        with console.status("what could be known of the parameters at best"):
-            promise, impossible = _promises(study, name, drivers, equipments)
-        shares = {e: _share(promise[e]) for e in equipments if e in promise}
-        file = load_estimator(next(e.kind for e in study.estimators if e.name == name))
-        chosen, knows = choices.promising(shares, most), file.KALMAN_TYPE
-        further = [*choices.singles(drivers, knows, file.HAS_COVARIANCE), *choices.pairs(drivers, chosen, knows)]
-        outcomes = [first, *_all(attempt, further, console, impossible)]
+        plan = _against_effects(study, name, most) if is_traced else _plan(study, name, out, most, console)
+        outcomes = [first, *_all(attempt, plan.further, console, plan.impossible)]
         one = best(outcomes, first).remedy
-        if file.HAS_COVARIANCE and not one.banked and replace(one, tuned=True) not in further:
-            outcomes += _all(attempt, [replace(one, tuned=True)], console, impossible)
-        chosen_one = best(outcomes, first)
-        known = _all(attempt, [Remedy(known=tuple(drivers), equipment=chosen_one.remedy.equipment)], console, {})
+        tuned = replace(one, tuned=True)
+        if tunable and not one.banked and tuned not in plan.further:
+            outcomes += _all(attempt, [tuned], console, plan.impossible)
+        chosen = best(outcomes, first)
+        ideal = Remedy(amended=True) if is_traced else Remedy(known=plan.drivers)
+        known = _all(attempt, [replace(ideal, equipment=chosen.remedy.equipment)], console, {})
         with console.status("timing single steps"):
-            cycle = step_in_cycle(first.study), step_in_cycle(chosen_one.study)
-    reference = known[0] if known else None
-    return Tried(study, name, tuple(drivers), outcomes, chosen_one, reference, cycle, promise, measuring, impossible)
+            cycle = step_in_cycle(first.study), step_in_cycle(chosen.study)
+    return Tried(
+        study=study,
+        estimator=name,
+        drivers=plan.drivers,
+        outcomes=outcomes,
+        best=chosen,
+        known=known[0] if known else None,
+        cycle=cycle,
+        promise=plan.promise,
+        measuring=_of_use(study)[1],
+        impossible=plan.impossible,
+        traced=is_traced,
+    )
+
+
+class _Plan(NamedTuple):
+    """What drives the error, what is to be tried, and what is known beforehand."""
+
+    drivers: tuple[str, ...]
+    further: list[Remedy]
+    promise: dict[Equipment | None, np.ndarray]
+    impossible: dict[str, str]
+
+
+def _plan(study: Study, estimator: str, out: Path, most: int, console: Console) -> _Plan:
+    """Return what is to be tried against parameters, by the results of the study as it is."""
+    drivers = _drivers(read(out / AS_IT_IS.slug).designs[0], [f.parameter for f in choices.parameters(study)])
+    if not drivers:
+        raise UserError(
+            f"{out / AS_IT_IS.slug}: no parameter of design '{study.designs[0].name}' drives the error of "
+            f"'{estimator}': there is nothing to remedy"
+        )
+    equipments, _ = _of_use(study)
+    with console.status("what could be known of the parameters at best"):
+        promise, impossible = _promises(study, estimator, drivers, equipments)
+    chosen = choices.promising({e: _share(promise[e]) for e in equipments if e in promise}, most)
+    file = load_estimator(_kind(study, estimator))
+    alone = choices.singles(drivers, file.KALMAN_TYPE, file.HAS_COVARIANCE)
+    further = [*alone, *choices.pairs(drivers, chosen, file.KALMAN_TYPE)]
+    return _Plan(tuple(drivers), further, promise, impossible)
+
+
+def _against_effects(study: Study, estimator: str, most: int) -> _Plan:
+    """Return what is to be tried against effects that the belief lacks; the equipments are those of fewest signals."""
+    chosen = sorted(_of_use(study)[0], key=lambda e: len(e.added))[:most]
+    file = load_estimator(_kind(study, estimator))
+    further = list(traced.remedies(chosen, file.KALMAN_TYPE, file.HAS_COVARIANCE))
+    return _Plan(tuple(traced.named(study)), further, {}, {})
+
+
+def _kind(study: Study, estimator: str) -> str:
+    return next(e.kind for e in study.estimators if e.name == estimator)
 
 
 def _all(attempt: partial[Outcome], further: Sequence[Remedy], console: Console, lost: dict[str, str]) -> list[Outcome]:

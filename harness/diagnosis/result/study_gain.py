@@ -135,14 +135,14 @@ def study_gain(
         UserError, ModelError: If the study cannot be run with these models.
     """
     content = read_toml(path)
-    change_times = _change_times(models["amended"], load_study(path))
+    times = change_times(models["amended"], load_study(path))
 
     def with_belief(name: str) -> Study:
-        table = _table(content, estimators, repeats)
+        table = bare_tables(content, estimators, repeats)
         table["name"] += f"-{name}"
         for side, model in (("plant", "amended"), ("belief", name)):
             table[side]["parameters"] = str((folder / f"{model}.toml").resolve())
-            table[side]["values"] = {n: v for n, v in change_times.items() if n in models[model].values}
+            table[side]["values"] = {n: v for n, v in times.items() if n in models[model].values}
         return build_study(table, path)
 
     study = with_belief("amended")
@@ -154,17 +154,17 @@ def study_gain(
         shutil.rmtree(out / STORE, ignore_errors=True)  # of an earlier trace into the same folder
         run_study(each, out, jobs, Console(quiet=True))
         found[name] = read(out).designs[0]
-    return StudyGain(path, study.title or study.name, found["nominal"], found["amended"], study.seed, change_times)
+    return StudyGain(path, study.title or study.name, found["nominal"], found["amended"], study.seed, times)
 
 
-def _change_times(amended: ModelSpec, study: Study) -> dict[str, float]:
+def change_times(amended: ModelSpec, study: Study) -> dict[str, float]:
     """Return when changes begin: each drive has its own, so here they are spread evenly over the shortest one."""
     names = [p.name for p in amended.model().parameters if p.per_drive]
     shortest = min(profile_of(study.plant, d).time[-1] for d in study.drives)
     return {n: round(float(shortest) * (k + 1) / (len(names) + 1), 1) for k, n in enumerate(names)}
 
 
-def _table(content: dict[str, Any], estimators: Sequence[str], repeats: int) -> dict[str, Any]:
+def bare_tables(content: dict[str, Any], estimators: Sequence[str], repeats: int) -> dict[str, Any]:
     """Return what is kept of a study file: drives, targets, sensors, its first design, and no values of its own."""
     sides = {"plant": _PLANT, "belief": _BELIEF}
     kept = ("name", "title", "seed", "targets", "drives", "drive")
