@@ -98,6 +98,47 @@ def motion(plan: Plan, model: Model, everything: xr.Dataset, parameters: Mapping
     )
 
 
+def dead_reckoned(
+    model: Model, held: Mapping[str, Mapping[str, Floats]], time: Floats
+) -> dict[str, tuple[Floats, Floats]]:
+    """Return the path that the estimated motion of the first body's CoG adds up to, from the origin with heading zero.
+
+    Args:
+        model: The belief.
+        held: By estimator its states, inputs and parameters over ``time`` or as numbers, SI.
+        time: Seconds.
+
+    Returns:
+        ``x`` and ``y`` in m by estimator; without those whose states do not say how the body moves.
+    """
+    first, known = next(iter(model.bodies), None), set.intersection(*(set(h) for h in held.values())) if held else set()
+    moves = [] if first is None else [_expanded(e, model, known) for e in _motion_of(model, first)]
+    if len(moves) != 3 or any(e is None for e in moves):
+        return {}
+    found = {}
+    for name, values in held.items():
+        forward, left, rate = (np.broadcast_to(_evaluated(e, values), time.shape) for e in moves)
+        heading = _integrated(rate, time)
+        path = (_integrated(forward * np.cos(heading) - left * np.sin(heading), time),
+                _integrated(forward * np.sin(heading) + left * np.cos(heading), time))  # fmt: skip
+        if np.isfinite(path[0]).sum() > 1:
+            found[name] = path
+    return found
+
+
+def _expanded(expr: sp.Expr, model: Model, known: set[str]) -> sp.Expr | None:
+    """Return an expression in what is known, ports written out; ``None`` if it needs more."""
+    found = sp.sympify(expr)
+    for _ in range(len(model.ports) + 1):
+        unknown = [s for s in found.free_symbols if str(s) not in known]
+        if not unknown:
+            return found
+        if any(str(s) not in model.ports for s in unknown):
+            return None
+        found = found.subs({s: model.ports[str(s)] for s in unknown})
+    return None
+
+
 def _motion_of(model: Model, body: str) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
     moves = model.bodies[body]
     return moves.speed, moves.lateral_velocity, moves.yaw_rate

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -31,7 +31,7 @@ from harness.simulation.simulate import Batch, Simulator
 from harness.study import replay_loops
 from harness.study.design import RunParameters, Unit, points, run_parameters
 from harness.study.evaluate import StudyEvaluator
-from harness.study.motion import motion, published
+from harness.study.motion import dead_reckoned, motion, published
 from harness.study.replayed import OverTime, dataset
 from harness.study.run_noise import Case
 
@@ -69,6 +69,8 @@ class Replayed:
             say it.
         motion: The vehicle seen from above, see ``harness.study.motion.motion``; ``None`` where there is
             no plan.
+        paths: ``x`` and ``y`` in m over ``time`` by estimator, dead reckoned from what it estimates; of those that
+            estimate all states, and where innovations and ``everything`` were asked for.
     """
 
     place: Place
@@ -80,6 +82,7 @@ class Replayed:
     everything: xr.Dataset | None = None
     plan: Plan | None = None
     motion: xr.Dataset | None = None
+    paths: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
 
 class Replayer:
@@ -165,8 +168,23 @@ class Replayer:
         scores = {name: values[0, 0, list(chosen)] for name, values in result.items()}
         data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, found, strict=True)))
         held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[0]), strict=True))
-        watched = self._watched(unit, case, plant, held) if everything else (None, None, None)
-        return Replayed(place, own, chosen, scores, data, held, *watched)
+        seen, plan, moves = self._watched(unit, case, plant, held) if everything else (None, None, None)
+        paths = self._paths(unit, chosen, batch, believed, data) if everything and innovations else {}
+        return Replayed(place, own, chosen, scores, data, held, seen, plan, moves, paths)
+
+    def _paths(
+        self, unit: Unit, chosen: Sequence[int], batch: Batch, believed: RunParameters, data: xr.Dataset
+    ) -> dict[str, tuple[Floats, Floats]]:
+        """Return where each estimator would be by what it estimates."""
+        model, held = self.evaluator.compiled.belief.model, {}
+        values = dict(zip(model.parameter_names, believed.values[0], strict=True))
+        for e in chosen:
+            name = self.study.estimators[e].name
+            table, _ = self.evaluator.inputs(e, unit.drive, batch, believed)
+            held[name] = values | {n: table[:, i, 0] for i, n in enumerate(model.inputs)}
+            own = data["estimate"].sel(estimator=name).values
+            held[name] |= {str(t): own[:, i] for i, t in enumerate(data["target"].values) if str(t) in model.states}
+        return dead_reckoned(model, held, data["time"].values)
 
     def _watched(
         self, unit: Unit, case: list[Case], plant: RunParameters, held: Mapping[str, float]

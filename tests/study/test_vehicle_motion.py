@@ -7,7 +7,7 @@ import xarray as xr
 from harness.models.assembly.assemble import assemble
 from harness.models.assembly.plan import Planner
 from harness.models.roles import PARAMETERS, VEHICLES
-from harness.study.motion import lateral_signal, motion, published
+from harness.study.motion import dead_reckoned, lateral_signal, motion, published
 
 
 def moved(vehicle, parameters, tyre, **columns):
@@ -62,3 +62,24 @@ def test_what_a_vehicle_publishes_and_how_its_lateral_velocity_is_called():
     assert not any("_before_" in name for name in names)
     assert lateral_signal(model, "") == "lateral_velocity"
     assert lateral_signal(assemble("car_3dof"), "") is None
+
+
+@pytest.mark.parametrize(("vehicle", "parameters"), [("car", "govindarajan_2018"), ("semitrailer", "ziaukas_2023")])
+def test_the_true_motion_taken_as_an_estimate_leads_along_the_true_path(vehicle, parameters):
+    time = np.arange(2001) / 100
+    model, values = assemble(vehicle, "magic_formula"), PARAMETERS.load(parameters).VALUES
+    turning = {s: 0.2 * np.sin(time + i) for i, s in enumerate(model.states)}
+    own = {**values, **turning, "speed": 8.0 + 0.1 * time, "speed_rate": 0.1 + 0 * time}
+    columns = {"steering_wheel_angle": 0 * time, **turning, "speed_over_ground": own["speed"]}
+    if vehicle == "semitrailer":
+        ahead = values["kingpin_from_rear"] - values["trailer_cog_from_rear"]
+        left = turning["lateral_velocity_trailer"] + turning["yaw_rate_trailer"] * ahead
+        theta = turning["articulation_angle"]
+        columns["speed_tractor"] = own["speed"] * np.cos(theta) - left * np.sin(theta)
+    found, _ = moved(vehicle, parameters, "magic_formula", road_wheel_angle=0.0, **columns)
+    paths = dead_reckoned(
+        model, {"EKF": own, "NARX": own | {"yaw_rate": np.nan * time, "yaw_rate_tractor": np.nan * time}}, time
+    )
+    assert list(paths) == ["EKF"]
+    assert np.transpose(paths["EKF"]) == pytest.approx(np.column_stack([found["x"][:, 0], found["y"][:, 0]]), abs=1e-9)
+    assert dead_reckoned(model, {"EKF": values}, time) == {}

@@ -6,6 +6,8 @@ Everything that follows the slider is drawn by the browser (``above.js``) from n
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +72,32 @@ const [unit, low, high] = JSON.parse(chosen.tags[0])[cb_obj.value];
 path.data.value = path.data[cb_obj.value]; path.change.emit();
 mapper.low = low; mapper.high = high; bar.title = unit;
 """
+_TIME_IN_ADDRESS = """
+clearTimeout(window.telling);
+window.telling = setTimeout(() => {
+    const now = new URLSearchParams(location.search);
+    now.set('time', cb_obj.value.toFixed(2));
+    history.replaceState(null, '', '?' + now);
+}, 400);
+"""
 USE = "friction use"
+
+
+@dataclass(frozen=True)
+class Along:
+    """A number over the time of a drive.
+
+    Attributes:
+        drive: Its name.
+        time: s.
+        values: One for each time.
+        unit: What the bar of its colours is called.
+    """
+
+    drive: str
+    time: Floats
+    values: Floats
+    unit: str
 
 
 class AboveFigure:
@@ -92,6 +119,10 @@ class AboveFigure:
         self._frames = ColumnDataSource({"time": []})
         self._geometry = ColumnDataSource({"json": ["{}"]})
         self._sources = {name: ColumnDataSource(data, name=f"above {name}") for name, data in _EMPTY.items()}
+        self._paths = ColumnDataSource({"xs": [], "ys": [], "colour": [], "name": []}, name="estimated paths")
+        self._along: dict[str, Along] = {}
+        self._run: Replayed | None = None
+        self.begin_at = 0.0
         self._path = ColumnDataSource({name: [] for name in ("x0", "y0", "x1", "y1", "value")})
         self._extent = ColumnDataSource({"x": [], "y": []})
         self._slider = Slider(title="Time in s", start=0.0, end=1.0, value=0.0, step=0.01, sizing_mode="stretch_width")
@@ -106,7 +137,7 @@ class AboveFigure:
                   "sources": self._sources, "numbers": self._numbers},
             code=code,
         )  # fmt: skip
-        self._slider.js_on_change("value", draw)
+        self._slider.js_on_change("value", draw, CustomJS(code=_TIME_IN_ADDRESS))
         self._frames.js_on_change("data", draw)
         self._play.js_on_change("active", CustomJS(args={"slider": self._slider}, code=_PLAY))
         self.to_here = CustomJS(
@@ -126,6 +157,10 @@ class AboveFigure:
             "The drive: path of the first body's CoG", 420, tools="pan,wheel_zoom,reset", match_aspect=True,
             name="the drive from above",
         )  # fmt: skip
+        estimated = found.multi_line(
+            "xs", "ys", source=self._paths, line_color="colour", line_width=1.8, line_dash="dashed"
+        )
+        found.add_tools(looks.hover([estimated], ("by", "@name")))
         path = found.segment("x0", "y0", "x1", "y1", source=self._path, line_width=5, line_color=mapper)
         found.patches("xs", "ys", source=self._sources["seen"], fill_color="#ffffff", line_color="#000000")
         found.scatter(
@@ -187,6 +222,7 @@ class AboveFigure:
 
     def show(self, run: Replayed) -> None:
         """Draw a run; the slider stays where it is."""
+        self._run = run
         if run.motion is None or run.plan is None:
             self._say("The equations of this vehicle do not say where its axles stand: there is no view from above.")
             return
@@ -202,7 +238,8 @@ class AboveFigure:
         self._extent.data = _extent(run.plan, moves, geometry["reach"])
         self._geometry.data = {"json": [json.dumps(geometry)]}
         self._slider.end = max(self._slider.start + 0.01, float(moves["time"].values[begins[-1]]))
-        self._slider.value = min(self._slider.value, self._slider.end)
+        self._slider.value = min(self._slider.value or self.begin_at, self._slider.end)
+        self.begin_at = 0.0
         self._frames.data = frames
         guessed = [words(b) or "vehicle" for b, o in run.plan.outlines.items() if not o.stated]
         ends = f" The ends of the {' and the '.join(guessed)} are guessed (dashed)." if guessed else ""
@@ -215,13 +252,36 @@ class AboveFigure:
             f"Orange: lateral force of an axle (largest of the run: {force / 1e3:.3g} kN). Blue: direction in which an "
             f"axle moves; against its plane (dotted) that is the slip angle, drawn {magnified} times as large. Black, "
             f"and in the colour of each estimator: direction of a CoG, the sideslip angle, likewise.{others}"
-            f" Wheels: lateral force over the largest that the tyre has.{ends}"
+            f" Wheels: lateral force over the largest that the tyre has.{ends}{self._far(run, moves)}"
         )
         if self.layout.children != [self._whole]:
             self.layout.children = [self._whole]
 
     def _say(self, words_: str) -> None:
         self._said.text, self.layout.children = words_, [self._said]
+
+    def colour_also(self, along: Mapping[str, Along]) -> None:
+        """Offer numbers over the time of a drive as colours of its path, by what they are."""
+        before, self._along = self._along, dict(along)
+        if self._run is not None and (before or along):
+            self.show(self._run)
+
+    def _far(self, run: Replayed, moves: Any) -> str:
+        """Draw the paths of the estimates, and say how far from the vehicle they end."""
+        last, rows = moves.sizes["time"] - 1, np.linspace(0, moves.sizes["time"] - 1, FRAMES).astype(int)
+        names, said = list(run.paths), []
+        for name, (x, y) in run.paths.items():
+            off = np.hypot(x[last] - moves["x"].values[last, 0], y[last] - moves["y"].values[last, 0])
+            if np.isfinite(off):
+                said.append(f"{name} {off:.3g} m")
+        self._paths.data = {
+            "xs": [run.paths[n][0][rows] for n in names], "ys": [run.paths[n][1][rows] for n in names],
+            "colour": [looks.colour(self._looks[n].line) for n in names], "name": names,
+        }  # fmt: skip
+        if not names:
+            return ""
+        ends = f"; they end away from it by: {', '.join(said)}" if said else ""
+        return f" Broken lines on the drive: where the estimates of its motion would lead the vehicle{ends}."
 
     def _show_path(self, run: Replayed, moves: Any, begins: np.ndarray) -> None:
         """Fill the path and what it may be coloured by."""
@@ -237,6 +297,10 @@ class AboveFigure:
                 error = np.abs(estimate - own["truth"].values)[: moves.sizes["time"]]
                 key = f"error of {estimator}: {q.words}"
                 by[key], units[key] = q.scale * largest(error, begins), f"error in {q.unit}" if q.unit else "error"
+        for key, along in self._along.items():
+            if along.drive == run.study.drives[0].name:
+                by[key] = np.interp(moves["time"].values[begins], along.time, along.values)
+                units[key] = along.unit
         ends = {
             k: [units[k], 0.0, 1.0 if k == USE else max(float(np.nanmax(v, initial=0.0)), 1e-9)] for k, v in by.items()
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,58 @@ from harness.study.view.boxes import scores_of
 
 MOST = 1500
 """Points drawn; of more, as many evenly by rank of their score, always with the smallest and the largest."""
+
+
+PARALLEL = "parallel"
+"""Name of the parallel coordinates; a scatter is named by the number of its factor."""
+
+
+@dataclass(frozen=True)
+class Brush:
+    """A part of a figure that a reader dragged over, in its coordinates.
+
+    Attributes:
+        figure: ``PARALLEL``, or the number of a factor.
+        x0, x1, y0, y1: Its ends.
+    """
+
+    figure: str
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+
+    @property
+    def text(self) -> str:
+        """It in an address."""
+        return ",".join([self.figure, *(f"{v:.6g}" for v in (self.x0, self.x1, self.y0, self.y1))])
+
+    @staticmethod
+    def read(given: str, factors: int) -> Brush | None:
+        """Return what an address asks for; ``None`` if there is none such."""
+        figure, *ends = given.split(",")
+        known = figure == PARALLEL or (figure.isascii() and figure.isdigit() and int(figure[:9]) < factors)
+        try:
+            numbers = [float(v) for v in ends]
+        except ValueError:
+            return None
+        return Brush(figure, *numbers) if known and len(numbers) == 4 and all(map(math.isfinite, numbers)) else None
+
+    def held(self, columns: Floats, scores: Floats) -> list[int]:
+        """Return the points in it.
+
+        Args:
+            columns: Of parallel coordinates the height on every axis ``(point, axis)``, of a scatter the factor.
+            scores: Of the points.
+        """
+        if self.figure == PARALLEL:
+            across = np.arange(columns.shape[1])
+            chosen = (across >= self.x0) & (across <= self.x1)
+            inside = (columns[:, chosen] >= self.y0) & (columns[:, chosen] <= self.y1)
+        else:
+            value = columns[:, 0]
+            inside = ((value >= self.x0) & (value <= self.x1) & (scores >= self.y0) & (scores <= self.y1))[:, None]
+        return [int(i) for i in np.flatnonzero(inside.any(axis=1))]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.document import Document
+from bokeh.events import SelectionGeometry
 from bokeh.layouts import column
 from bokeh.models import (
     BasicTicker,
@@ -32,7 +33,7 @@ from harness.study.results import Design
 from harness.study.scores import PENDING
 from harness.study.view import looks
 from harness.study.view.boxes import SCORES, unit_of
-from harness.study.view.factors import Points, points_of, shares, varied
+from harness.study.view.factors import PARALLEL, Brush, Points, points_of, shares, varied
 from harness.study.view.frame import said
 
 _TOOLS = "box_select,tap,reset"
@@ -46,15 +47,25 @@ class FactorsPanel:
         document: Of the page.
         analysis: Of the study.
         choose: Told the run of a single point that is clicked: band, drive, sample, repeat, and the estimator.
+        brushed: Told what is selected, ``None`` for nothing.
+        along: Told the Sobol indices over the drive of the study that keeps them, ``None`` where there are none.
 
     Attributes:
         layout: What goes into the page; empty where a design has less than two factors that vary.
+        brush: The part of a figure that is selected.
     """
 
     def __init__(
-        self, document: Document, analysis: Analysis, choose: Callable[[tuple[int, int, int, int], int], None]
+        self,
+        document: Document,
+        analysis: Analysis,
+        choose: Callable[[tuple[int, int, int, int], int], None],
+        brushed: Callable[[Brush | None], None],
+        along: Callable[[AlongDrive | None], None],
     ) -> None:
         self._document, self._analysis, self._choose = document, analysis, choose
+        self._brushed_to, self._told_along = brushed, along
+        self.brush: Brush | None = None
         self.layout = column(sizing_mode="stretch_width")
         self._estimator = Select(title="Estimator", width=260)
         self._estimator.on_change("value", lambda _a, _o, _n: self._draw())
@@ -85,6 +96,7 @@ class FactorsPanel:
             self.layout.children = []
             return
         estimator = int(self._estimator.value)
+        self._told_along(None)
         self._points = points_of(design, score, target, estimator, drive)
         label = SCORES[score] + style.in_unit(unit_of(score, design.targets[target]))
         self.layout.children = [said(_HINT), self._estimator, *self._brushed(design, label)]
@@ -119,6 +131,9 @@ class FactorsPanel:
             **{f"share {k}": lines[:, k] for k in range(lines.shape[1])},
             **{f"factor {i}": points.values[:, i] for i in factors},
         })  # fmt: skip
+        if self.brush is not None:
+            columns = lines if self.brush.figure == PARALLEL else points.values[:, [int(self.brush.figure)]]
+            source.selected.indices = self.brush.held(columns, points.scores)
         source.selected.on_change("indices", lambda _a, _o, new: self._selected(list(new)))
         colour = {"field": "score", "transform": mapper}
         parallel = looks.plot("Parallel coordinates", 360, tools=_TOOLS,
@@ -140,6 +155,7 @@ class FactorsPanel:
         parallel.xaxis.ticker = FixedTicker(ticks=list(range(len(names))))
         parallel.xaxis.major_label_overrides = dict(enumerate(names))
         parallel.yaxis.visible = False
+        parallel.on_event(SelectionGeometry, self._on_brush(PARALLEL))
         bar = ColorBar(color_mapper=mapper, title=label, width=14, title_text_font=looks.FONT,
                        title_text_font_style="normal", title_text_font_size="12px", ticker=BasicTicker())  # fmt: skip
         parallel.add_layout(bar, "right")
@@ -152,6 +168,7 @@ class FactorsPanel:
                 f"factor {i}", "score", source=source, size=6, color=colour, alpha=0.85, nonselection_alpha=0.06
             )
             plot.xaxis.axis_label, plot.yaxis.axis_label = f"{factor.words}{style.in_unit(factor.unit)}", label
+            plot.on_event(SelectionGeometry, self._on_brush(str(i)))
             plots.append(plot)
         parallel.min_width = 110 * (len(factors) + 1) + 120  # so that names do not overlap: a phone rolls it
         return [
@@ -159,8 +176,20 @@ class FactorsPanel:
             column(*plots, sizing_mode="stretch_width", styles=_BESIDE),
         ]
 
+    def _on_brush(self, figure: str) -> Callable[[Any], None]:
+        def told(event: Any) -> None:
+            g = event.geometry
+            if event.final and g.get("type") == "rect":
+                self.brush = Brush(figure, *(float(g[k]) for k in ("x0", "x1", "y0", "y1")))
+                self._brushed_to(self.brush)
+
+        return told
+
     def _selected(self, indices: list[int]) -> None:
-        """Lead to the worst run of a point that was clicked alone."""
+        """Lead to the worst run of a point that was clicked alone; forget the brush where nothing is left of it."""
+        if not indices and self.brush is not None:
+            self.brush = None
+            self._brushed_to(None)
         if len(indices) == 1 and self._points is not None:
             band, sample = map(int, self._points.places[indices[0]])
             drive, repeat = map(int, self._points.worst[indices[0]])
@@ -176,7 +205,9 @@ class FactorsPanel:
             found = findings.ranking.errors[target][estimator]
             plots = [] if found is None else [_indices(design, found.first, found.total)]
             if "rmse_over_time" in design.data and findings.ranking.errors[target][findings.ranking.best(target)]:
-                plots.append(_along(AlongDrive(findings.ranking, target)))
+                found_along = AlongDrive(findings.ranking, target)
+                plots.append(_along(found_along))
+                self._told_along(found_along)
             return plots
         if design.sampling == "tolerance":
             borne = tolerances(design, limits_of(self._analysis.store.attributes)).get((target, estimator))

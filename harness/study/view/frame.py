@@ -16,7 +16,10 @@ from jinja2 import Environment
 from harness.common.errors import UserError
 from harness.study.view import tables
 
-_ADDRESS = "history.replaceState(null, '', cb_obj.value)"
+_ADDRESS = """
+const time = new URLSearchParams(location.search).get('time');  // of a slider that the browser alone moves
+history.replaceState(null, '', cb_obj.value + (time === null ? '' : '&time=' + encodeURIComponent(time)));
+"""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,15 @@ def arguments_of(document: Document) -> dict[str, str]:
 def index_of(given: str | None, count: int) -> int | None:
     """Return an index that an address asks for; ``None`` if there is none such."""
     return int(given) if given and given.isascii() and given.isdigit() and int(given[:9]) < count else None
+
+
+def seconds_of(given: str | None) -> float:
+    """Return a time that an address asks for; 0 if it asks for none."""
+    try:
+        found = float(given or 0.0)
+    except ValueError:
+        return 0.0
+    return found if 0.0 <= found < 1e9 else 0.0
 
 
 def fill(document: Document, template: str, title: str, roots: dict[str, Any], **variables: Any) -> None:

@@ -114,6 +114,7 @@ class RunPanel:
     Attributes:
         roots: What goes into the page, by name.
         scores: Of the run that is shown, by name.
+        above: The view from above.
     """
 
     def __init__(
@@ -124,8 +125,8 @@ class RunPanel:
         ran: Callable[[Place, tuple[int, ...], dict[str, float]], None],
     ) -> None:
         self._document, self._runs, self._ran = document, runs, ran
-        self._above = AboveFigure(chosen)
-        self._figure = RunFigure(chosen, self._above.cursor, self._above.to_here)
+        self.above = AboveFigure(chosen)
+        self._figure = RunFigure(chosen, self.above.cursor, self.above.to_here)
         self._run: Replayed | None = None
         self._place: tuple[Place, tuple[int, ...], dict[str, float]] | None = None
         self.scores: dict[str, np.ndarray] | None = None
@@ -154,7 +155,7 @@ class RunPanel:
             ),
             "study_file": Button(label="As study file", disabled=True, width=130),
             "csv": Button(label="As CSV", disabled=True, width=100),
-            "above": self._above.layout,
+            "above": self.above.layout,
             "run": self._figure.layout,
             "parameters": MultiChoice(
                 title="Parameters of the plant",
@@ -170,7 +171,7 @@ class RunPanel:
 
     def _connect(self) -> None:
         roots = self.roots
-        self._document.js_on_event(DocumentReady, self._above.draw)
+        self._document.js_on_event(DocumentReady, self.above.draw)
         roots["compared"].on_change("active", lambda _a, _o, new: self._again(compared=tuple(sorted(new))))
         roots["signals"].on_change("value", lambda _a, _o, _n: self._draw())
         roots["parameters"].on_change("value", lambda _a, _o, _n: self._make_sliders())
@@ -283,7 +284,7 @@ class RunPanel:
         if self._run is not None:
             self._figure.show(self._run, self.roots["signals"].value)
             if not fast:
-                self._above.show(self._run)
+                self.above.show(self._run)
 
     def _fill_table(self) -> None:
         run, words_of = self._run, {code: w.replace("_", " ") for w, code in FLAGS.items()}

@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 from harness.study.replay import Place
 from harness.study.results import StudyResults
 from harness.study.view.boxes import SCORES
+from harness.study.view.factors import Brush
 from harness.study.view.frame import index_of
 
 
@@ -26,6 +27,7 @@ class State:
         estimators: Those with boxes.
         run: The run that is drawn, if any.
         compared: Estimators that are drawn in it.
+        brush: Points of the design that are selected.
         changes: Other values in the run, by parameter of the plant, SI.
     """
 
@@ -38,6 +40,7 @@ class State:
     estimators: tuple[int, ...] = ()
     run: Place | None = None
     compared: tuple[int, ...] = ()
+    brush: Brush | None = None
     changes: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -46,6 +49,8 @@ class State:
         found: dict[str, Any] = {"design": self.design, "target": self.target, "score": self.score}
         found |= {k: v for k, v in (("drive", self.drive), ("level", self.level)) if v is not None}
         found |= {"log": int(self.log), "estimators": ".".join(map(str, self.estimators))}
+        if self.brush is not None:
+            found["brush"] = self.brush.text
         if self.run is not None:
             run = self.run
             found["run"] = f"{run.design}.{run.band}.{run.drive}.{run.sample}.{run.repeat}"
@@ -68,6 +73,7 @@ def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> Sta
         level=index_of(given.get("level"), len(of.bands)),
         log=given.get("log", "1") != "0",
         estimators=_indices(given.get("estimators"), len(every)) or every,
+        brush=Brush.read(given.get("brush", ""), len(of.factors)),
     )
     run = _place(given.get("run", ""), results)
     if run is None:

@@ -19,11 +19,14 @@ from harness.study.replay import Place
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
+from harness.study.report.sections.over_time import AlongDrive
 from harness.study.view import looks
+from harness.study.view.above import Along
 from harness.study.view.box_figure import BoxFigure
 from harness.study.view.boxes import SCORES, Box, boxes, expected, unit_of
+from harness.study.view.factors import Brush
 from harness.study.view.factors_panel import FactorsPanel
-from harness.study.view.frame import address_bar, fill, said
+from harness.study.view.frame import address_bar, arguments_of, fill, said, seconds_of
 from harness.study.view.run_panel import RunPanel, Runs
 from harness.study.view.state import read
 
@@ -49,7 +52,9 @@ class StudyPage:
         self._panel = RunPanel(document, runs, analysis.looks, self._ran)
         self._address = address_bar()
         self._holder = column(sizing_mode="stretch_width")
-        self._factors = FactorsPanel(document, analysis, self._choose_point)
+        self._factors = FactorsPanel(document, analysis, self._choose_point, self._brushed, self._along)
+        self._factors.brush = self.state.brush
+        self._panel.above.begin_at = seconds_of(arguments_of(document).get("time"))
         self._widgets = self._make_widgets()
         self._add_roots()
         self._redraw()
@@ -87,7 +92,9 @@ class StudyPage:
     def _on_select(self, name: str) -> Callable[[str, str, str], None]:
         def changed(_attribute: str, _old: str, new: str) -> None:
             value = None if new == _ALL else int(new)
-            further = {"drive": None, "level": None, "target": 0} if name == "design" else {}
+            further = {"drive": None, "level": None, "target": 0, "brush": None} if name == "design" else {}
+            if further:
+                self._factors.brush = None
             self._change(**further, **{name: value})
 
         return changed
@@ -143,6 +150,23 @@ class StudyPage:
         self._mark(self._panel.scores)
         self._address.value = state.query
         self._document.add_next_tick_callback(self._draw_factors)  # the boxes are seen first
+
+    def _brushed(self, brush: Brush | None) -> None:
+        self.state = replace(self.state, brush=brush)
+        self._address.value = self.state.query
+
+    def _along(self, found: AlongDrive | None) -> None:
+        """Let the path of the drive be coloured by the Sobol indices over its time."""
+        if found is None:
+            self._panel.above.colour_also({})
+            return
+        who = found.design.estimators[found.estimator]
+        self._panel.above.colour_also({
+            f"total Sobol index of {found.design.factors[i].words}, {who}": Along(
+                found.drive, found.time, found.total[i, :, 0], "total index"
+            )
+            for i in found.leading
+        })  # fmt: skip
 
     def _draw_factors(self) -> None:
         state = self.state

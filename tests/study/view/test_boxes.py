@@ -7,6 +7,7 @@ import harness as h
 from harness.study.replay import Place
 from harness.study.results import read as read_results
 from harness.study.view.boxes import SCORES, boxes
+from harness.study.view.factors import Brush
 from harness.study.view.state import State, read
 
 
@@ -57,7 +58,8 @@ def _asked(query):
 
 
 def test_an_address_says_what_is_shown(results):
-    state = State(0, 0, "nis", 1, None, False, (1,), Place(0, 1, 1, 0, 5), (0, 1), {"mass": 1750.5})
+    brush = Brush("0", 1600.0, 1900.0, 0.01, 0.5)
+    state = State(0, 0, "nis", 1, None, False, (1,), Place(0, 1, 1, 0, 5), (0, 1), brush, {"mass": 1750.5})
     assert read(_asked(state.query), results) == state
     assert read({}, results).estimators == (0, 1)
 
@@ -65,10 +67,11 @@ def test_an_address_says_what_is_shown(results):
 @pytest.mark.parametrize(
     "query",
     ["design=7", "design=-1", "target=x", "score=<b>", "run=0.0.9.0.0", "run=0.0", "estimators=9", "drive=99999999999",
-     "run=0.0.0.0.0&plant.mass=nan x", "design=٣"],
+     "run=0.0.0.0.0&plant.mass=nan x", "design=٣", "brush=9,0,1,0,1", "brush=parallel,0,1,nan,1"],
 )  # fmt: skip
 def test_what_is_not_there_is_not_asked_for(results, query):
     found = read(_asked(query), results)
     assert (found.design, found.target, found.score, found.drive) == (0, 0, "rmse", None)
     assert found.run in (None, Place(0, 0, 0, 0, 0))
     assert found.changes == {}
+    assert found.brush is None

@@ -126,3 +126,44 @@ def test_the_vehicle_from_above_follows_the_slider(opened, folder):
     assert who == ["truth", *(e.name for e in study.estimators)]
     page.get_by_role("button", name="Play").click()
     page.wait_for_function(f"!({HERE})({wanted})")
+
+
+FRAME_OF = """(name) => {
+    const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name(name));
+    view.canvas_view.el.scrollIntoView({block: 'center'});
+    const box = view.canvas_view.el.getBoundingClientRect(), frame = view.frame.bbox;
+    return [box.x + frame.left, box.y + frame.top, frame.width, frame.height];
+}"""
+SELECTED = """() => {
+    const models = [...Bokeh.documents[0]._all_models.values()];
+    return models.find((m) => m.type === 'ColumnDataSource' && m.data.ys && m.data.score).selected.indices.length;
+}"""
+
+
+def test_what_is_brushed_and_the_time_stand_in_the_address(opened, folder):
+    page = opened("?design=1&run=1.0.0.5.0&compared=0")
+    said(page, SAME)
+    left, top, width, height = page.evaluate(FRAME_OF, "scatter 0")
+    page.mouse.move(left + 0.3 * width, top + 0.05 * height)
+    page.mouse.down()
+    page.mouse.move(left + 0.7 * width, top + 0.95 * height, steps=4)
+    page.mouse.up()
+    page.wait_for_function("location.search.includes('brush=0%2C')")
+    count = page.evaluate(SELECTED)
+    assert 0 < count < 64
+    page.evaluate(SET_TIME, 2.0)
+    page.wait_for_function("location.search.includes('time=2.00')")
+    again = opened(page.evaluate("location.search"))
+    said(again, SAME)
+    again.wait_for_function(HERE, arg=2.0)
+    assert again.evaluate(SELECTED) == count
+
+
+def test_the_way_of_the_estimates_is_drawn_beside_the_drive(opened, folder):
+    page = opened("?run=0.1.1.0.4&compared=0.1")
+    said(page, SAME)
+    page.get_by_text("they end away from it by").wait_for()
+    run = Replayer(study_of(folder)).run(Place(0, 1, 1, 0, 4), [0], everything=True)
+    x, y = run.paths["EKF"]
+    off = np.hypot(x[-1] - run.motion["x"].values[-1, 0], y[-1] - run.motion["y"].values[-1, 0])
+    said(page, f"EKF {off:.3g} m")

@@ -134,8 +134,14 @@ def test_a_bar_is_as_long_as_its_value():
 
 
 def test_all_figures_of_a_design_share_one_selection_that_leads_to_a_run(folder):
-    chosen = []
-    panel = FactorsPanel(Document(), analyse(folder), lambda run, estimator: chosen.append((run, estimator)))
+    chosen, brushes, alongs = [], [], []
+    panel = FactorsPanel(
+        Document(),
+        analyse(folder),
+        lambda run, estimator: chosen.append((run, estimator)),
+        brushes.append,
+        alongs.append,
+    )
     panel.show(0, "rmse", 0, None)
     assert panel.layout.children == []  # one factor: there is nothing to brush
     panel.show(1, "rmse", 0, None)
