@@ -1,8 +1,9 @@
-"""The pictures of docs/gallery.md, made by the commands that the page shows.
+"""The pictures of docs/gallery.md, made by the commands that it shows, and those of docs/view.md from its results.
 
 ``python -m bench.gallery build/docs`` writes the files of the page into an empty folder, runs its commands there, and
 puts every picture that the page shows beside the page: ``![words](gallery/boxes.svg)`` is the figure of these words in
-a report that was written, ``![words](gallery/trace-page-1.png)`` the first page of ``trace/report.pdf``.
+a report that was written, ``![words](gallery/trace-page-1.png)`` the first page of ``trace/report.pdf``, and
+``![words](gallery/view-above.png)`` a picture of ``bench.view_pictures``.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ import typst
 from rich.console import Console
 from rich.text import Text
 
+from bench import view_pictures
 from support.documented import parts
 
-PAGE = "docs/gallery.md"
+PAGE, PAGES = "docs/gallery.md", ("gallery.md", "view.md")
 SHOWN = re.compile(r"!\[([^\]]+)\]\(gallery/([\w-]+)\.(svg|png)\)")
 FIGURE = re.compile(r'<svg role="img" aria-label="([^"]*)"(.*?</svg>)', re.DOTALL)
 SIZE = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
@@ -88,11 +90,14 @@ def write_pictures(folder: Path, docs: Path) -> list[Path]:
     """
     there, written = figures_in(folder), []
     (docs / "gallery").mkdir(exist_ok=True)
-    for words, name, suffix in SHOWN.findall((docs / Path(PAGE).name).read_text(encoding="utf-8")):
+    shown = [s for page in PAGES for s in SHOWN.findall((docs / page).read_text(encoding="utf-8"))]
+    in_browser = view_pictures.taken(folder, [name for _, name, _ in shown if name in view_pictures.SHOTS])
+    for words, name, suffix in shown:
         if suffix == "svg" and words not in there:
             raise SystemExit(f"{PAGE}: no report has a figure “{words}”; there are {sorted(there)}")
         written.append(docs / "gallery" / f"{name}.{suffix}")
-        written[-1].write_bytes(there[words] if suffix == "svg" else page_of(folder, name))
+        drawn = there[words] if suffix == "svg" else in_browser.get(name) or page_of(folder, name)
+        written[-1].write_bytes(drawn)
     return written
 
 

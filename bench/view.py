@@ -7,7 +7,6 @@ the reader's action until the page shows what belongs to it; the first click com
 from __future__ import annotations
 
 import argparse
-import shutil
 import subprocess
 import sys
 import time
@@ -17,13 +16,9 @@ from typing import Any
 import numpy as np
 
 from bench import scale
+from bench.view_pictures import ARGUMENTS, BROWSER, IDLE
 
 CLICKS, STEPS = 8, 12
-ARGUMENTS = [
-    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-]  # fmt: skip
-IDLE = "window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle"
 SEARCH = "location.search"
 
 
@@ -57,6 +52,9 @@ def measure(page: Any, address: str) -> dict[str, float]:
         page.wait_for_timeout(1000)
     found["first click, with compilation"] = clicks[0]
     found["click (median)"], found["click (slowest)"] = float(np.median(clicks[1:])), max(clicks[1:])
+    page.goto(f"{address}?run=0.0.0.0.0&compared=0.1.2")  # three estimators, or those that there are
+    page.get_by_text("The scores ").first.wait_for(timeout=600_000)
+    page.wait_for_timeout(3000)
     handle, steps = page.locator("#what-if .noUi-handle").first, []
     handle.focus()
     for k in range(STEPS):
@@ -79,8 +77,7 @@ def main() -> None:
         scale.make(chosen.folder, chosen.runs)
     from playwright.sync_api import sync_playwright
 
-    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if browser is None:
+    if BROWSER is None:
         sys.exit("needs Chromium on the PATH")
     begin = time.perf_counter()
     command = [sys.executable, "-m", "harness", "view", str(chosen.folder), "--no-browser"]
@@ -88,7 +85,7 @@ def main() -> None:
         assert server.stdout is not None
         address = server.stdout.readline().strip()
         print(f"start: {time.perf_counter() - begin:.1f} s")
-        page = playwright.chromium.launch(executable_path=browser, args=ARGUMENTS).new_page()
+        page = playwright.chromium.launch(executable_path=BROWSER, args=ARGUMENTS).new_page()
         for name, seconds in measure(page, address).items():
             print(f"{name}: {seconds:.2f} s")
         print(f"memory of the server: {peak(server.pid):.0f} MiB")

@@ -159,7 +159,7 @@ def _leads(page: str, link: str) -> bool:
     """Return whether a link leads to a file, and to a heading in it."""
     if link.startswith(("https:", "http:")):
         return True
-    if page == gallery.PAGE and gallery.SHOWN.fullmatch(f"![made with the site]({link})"):
+    if page.removeprefix("docs/") in gallery.PAGES and gallery.SHOWN.fullmatch(f"![made with the site]({link})"):
         return True
     name, _, anchor = link.partition("#")
     there = (ROOT / page).parent / name if name else ROOT / page

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,9 @@ from harness.realtime import report as realtime
 from harness.reporting.document import Block, Document, Heading, Linked, Prose, Section, Sheet, plain, write
 from harness.reporting.style import number
 from harness.study.report.sections import boxes, drives
+
+RECORD = "campaign.json"
+"""What ``harness view`` reads of a campaign."""
 
 FIGURES = {
     "ideal": "5.6",
@@ -35,7 +40,7 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
 
     Args:
         results: Folder with the results of the studies.
-        out: Where ``report.html`` and ``report.pdf`` go.
+        out: Where ``report.html``, ``report.pdf`` and ``campaign.json`` go.
 
     Returns:
         The files written.
@@ -53,7 +58,23 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
         Section(lambda: _made(campaign), "How it was made"),
     ]
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
-    return write(Document(title, sections), Path(out))
+    written, record = write(Document(title, sections), Path(out)), Path(out) / RECORD
+    record.write_text(json.dumps({"title": title, "findings": _recorded(found)}, indent=1) + "\n", encoding="utf-8")
+    return [*written, record]
+
+
+def _recorded(found: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Return the findings for programs."""
+    return [
+        {
+            "finding": f.claim.text,
+            "place": f.claim.place,
+            "verdict": f.verdict.value,
+            "ours": _in_short(f.evidence),
+            "studies": list(f.claim.studies),
+        }
+        for f in found
+    ]
 
 
 def _figures(campaign: Results) -> list[Block]:

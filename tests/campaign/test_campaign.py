@@ -1,5 +1,6 @@
 """The campaign: ratios with intervals against closed forms, verdicts, and the findings on studies of known errors."""
 
+import json
 import re
 from pathlib import Path
 
@@ -189,7 +190,10 @@ def test_first_page_of_the_times_has_their_finding(campaign, tmp_path: Path):
 def test_report_is_written(campaign, tmp_path: Path):
     campaign()
     (tmp_path / "mass" / "report.html").write_text("the study")
-    html, pdf = write_campaign(tmp_path, tmp_path / "campaign")
+    html, pdf, record = write_campaign(tmp_path, tmp_path / "campaign")
+    kept = json.loads(record.read_text())["findings"]
+    assert {f["verdict"] for f in kept} <= {v.value for v in Verdict}
+    assert next(f for f in kept if f["finding"] == "EKF and UKF differ only marginally.")["studies"]
     text = html.read_text(encoding="utf-8")
     for words in (
         "How often does it fail?",

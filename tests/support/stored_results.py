@@ -1,4 +1,4 @@
-"""Small results of harness trace, identify and check, with names that no page may take for code."""
+"""Small results of harness campaign, trace, identify and check, with names that no page may take for code."""
 
 import json
 
@@ -58,10 +58,31 @@ CHECK = {
     "findings": [{"kind": "sign", "signals": ["yaw_rate"], "words": "the sign is wrong", "evidence": "slope -1"}],
     "comparisons": [{"signal": "yaw_rate", "name": "yaw rate from speed", "verdict": "disagrees", "reasons": ["sign"]}],
 }  # fmt: skip
+CAMPAIGN = {
+    "title": f"Which estimator? {NASTY}",
+    "findings": [
+        {
+            "finding": f"Few differ {NASTY}",
+            "place": "5.2",
+            "verdict": "reproduced",
+            "ours": "1.2",
+            "studies": ["study"],
+        },
+        {
+            "finding": "Mass counts",
+            "place": "5.3",
+            "verdict": "not reproduced",
+            "ours": "0.4 to 3",
+            "studies": ["tyre"],
+        },
+    ],
+}
 
 
 def write_results(folder):
-    """Write a trace, a fit and a check below a folder."""
+    """Write a campaign, a trace, a fit and a check below a folder."""
+    (folder / "campaign").mkdir()
+    (folder / "campaign" / "campaign.json").write_text(json.dumps(CAMPAIGN))
     gappy = np.where((TIME > 2) & (TIME < 3), np.nan, np.sin(TIME))
     series = {"recording": {"time": TIME, "speed": 5 + TIME, "yaw_rate": gappy},
               "comparison 0": {"time": TIME, "measured": gappy, "computed": -gappy}}  # fmt: skip

@@ -144,17 +144,21 @@ class AboveFigure:
             args={"slider": self._slider},
             code="slider.value = Math.max(slider.start, Math.min(slider.end, cb_obj.x));",
         )
-        self._map, self._near = self._make_map(), self._make_near()
-        self._whole = column(
-            row(self._play, self._by, sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "align-items": "end"}),
-            self._slider, self._near, self._note, self._numbers, self._map, sizing_mode="stretch_width",
-        )  # fmt: skip
+        self._whole: Any = None
         self.layout = column(self._said, sizing_mode="stretch_width")
+
+    def _make(self) -> Any:
+        """Return what the page shows; made for the first run, so that boxes are seen earlier."""
+        widgets = row(
+            self._play, self._by, sizing_mode="stretch_width", styles={"flex-wrap": "wrap", "align-items": "end"}
+        )
+        drive, near = self._make_map(), self._make_near()
+        return column(widgets, self._slider, near, self._note, self._numbers, drive, sizing_mode="stretch_width")
 
     def _make_map(self) -> Any:
         mapper = linear_cmap("value", list(Cividis256), 0.0, 1.0, nan_color="#bbbbbb")
         found = looks.plot(
-            "The drive: path of the first body's CoG", 420, tools="pan,wheel_zoom,reset", match_aspect=True,
+            "The drive: path of the first CoG", 420, tools="pan,wheel_zoom,reset", match_aspect=True,
             name="the drive from above",
         )  # fmt: skip
         estimated = found.multi_line(
@@ -226,6 +230,8 @@ class AboveFigure:
         if run.motion is None or run.plan is None:
             self._say("The equations of this vehicle do not say where its axles stand: there is no view from above.")
             return
+        if self._whole is None:
+            self._whole = self._make()
         moves = run.motion.isel(time=np.isfinite(run.motion["x"].values).all(axis=1).nonzero()[0])
         if moves.sizes["time"] < 2:
             self._say("The vehicle leaves the range of its equations at the start: there is nothing to see from above.")
@@ -248,9 +254,10 @@ class AboveFigure:
             if run.plan.coupling
             else ""
         )
+        large = "drawn as it is" if magnified == 1 else f"drawn {magnified} times as large"
         self._note.text = (
             f"Orange: lateral force of an axle (largest of the run: {force / 1e3:.3g} kN). Blue: direction in which an "
-            f"axle moves; against its plane (dotted) that is the slip angle, drawn {magnified} times as large. Black, "
+            f"axle moves; against its plane (dotted) that is the slip angle, {large}. Black, "
             f"and in the colour of each estimator: direction of a CoG, the sideslip angle, likewise.{others}"
             f" Wheels: lateral force over the largest that the tyre has.{ends}{self._far(run, moves)}"
         )

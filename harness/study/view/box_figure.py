@@ -66,8 +66,9 @@ class BoxFigure:
         self.plot.xaxis.major_label_overrides = {i: str(label) for i, label in enumerate(labels)}
         self.plot.xaxis.major_label_orientation = 0.0 if sum(map(len, labels)) < 90 else 0.6
         self.plot.xgrid.grid_line_color = None
-        items = [self._draw(e, chosen[estimators[e]]) for e in self.estimators]
-        self.plot.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None, ncols=4), "above")
+        self.plot.add_layout(
+            Legend(items=self._draw(chosen), orientation="horizontal", border_line_color=None, ncols=4), "above"
+        )
         for level, dashes in reference.items():
             self.plot.add_layout(Span(location=level, dimension="width", line_color=style.TRUTH, line_dash=dashes))
         self.marked = ColumnDataSource({"x": [], "y": []})
@@ -76,37 +77,44 @@ class BoxFigure:
             line_width=1.8,
         )  # fmt: skip
 
-    def _draw(self, estimator: int, look: Look) -> LegendItem:
-        """Draw the boxes and points of one estimator."""
-        own = [b for b in self._boxes if b.estimator == estimator]
-        x = np.array([self.place(b.across, estimator) for b in own])
+    def _draw(self, chosen: dict[str, Look]) -> list[LegendItem]:
+        """Draw all boxes and points; of one source each, since every glyph costs a reader time. Return the legend."""
+        own = sorted(self._boxes, key=lambda b: self.estimators.index(b.estimator))
+        styles = [chosen[self._names[b.estimator]] for b in own]
         low, middle, high = np.array([b.quartiles for b in own]).reshape(-1, 3).T
         ends = np.array([[b.values[0], b.values[-1]] for b in own]).reshape(-1, 2).T
-        line, tint = looks.colour(look.line), looks.colour(look.tint)
-        numbers = {"runs": [len(b.values) for b in own], "lost": [b.lost for b in own]}
-        source = ColumnDataSource(
-            {"x": x, "low": low, "middle": middle, "high": high, "least": ends[0], "most": ends[1], **numbers}
-        )
+        colours = [looks.colour(s.line) for s in styles]
+        source = ColumnDataSource({
+            "x": [self.place(b.across, b.estimator) for b in own], "low": low, "middle": middle, "high": high,
+            "least": ends[0], "most": ends[1], "runs": [len(b.values) for b in own], "lost": [b.lost for b in own],
+            "line": colours, "tint": [looks.colour(s.tint) for s in styles], "hatch": [looks.hatch(s) for s in styles],
+            "name": [str(self._names[b.estimator]) for b in own],
+        })  # fmt: skip
         wide = 0.85 * self.width
-        self.plot.segment("x", "least", "x", "most", source=source, color=line)
+        self.plot.segment("x", "least", "x", "most", source=source, color="line")
         box = self.plot.vbar(
-            "x", wide, "high", "low", source=source, fill_color=tint, line_color=line, fill_alpha=0.8,
-            hatch_pattern=looks.hatch(look), hatch_color=line, hatch_alpha=0.6, hatch_scale=7,
+            "x", wide, "high", "low", source=source, fill_color="tint", line_color="line", fill_alpha=0.8,
+            hatch_pattern="hatch", hatch_color="line", hatch_alpha=0.6, hatch_scale=7,
         )  # fmt: skip
-        self.plot.scatter("x", "middle", source=source, marker="dash", size=14, color=line, line_width=3)
+        self.plot.scatter("x", "middle", source=source, marker="dash", size=14, color="line", line_width=3)
         most = max(8, POINTS // max(1, len(self._boxes)))
         spread = [self._points(b, most) for b in own]
-        nothing = np.empty(0)
-        points = ColumnDataSource({k: np.concatenate([nothing, *(s[k] for s in spread)]) for k in ("x", "y")})
-        marker = {"o": "circle", "s": "square", "^": "triangle", "D": "diamond", "v": "inverted_triangle"}
-        drawn = self.plot.scatter(
-            "x", "y", source=points, marker=marker.get(look.marker, "plus"), size=5, color=line, alpha=0.55
-        )
-        name = str(self._names[estimator])
-        told = [("median", "@middle{0.000 a}"), ("quartiles", "@low{0.000 a} to @high{0.000 a}")]
+        counts, nothing = [len(s["x"]) for s in spread], np.empty(0)
+        points = ColumnDataSource({
+            **{k: np.concatenate([nothing, *(s[k] for s in spread)]) for k in ("x", "y")},
+            "line": [c for c, count in zip(colours, counts, strict=True) for _ in range(count)],
+            "marker": [looks.marker(s) for s, count in zip(styles, counts, strict=True) for _ in range(count)],
+        })  # fmt: skip
+        drawn = self.plot.scatter("x", "y", source=points, marker="marker", size=5, color="line", alpha=0.55)
+        told = [("", "@name"), ("median", "@middle{0.000 a}"), ("quartiles", "@low{0.000 a} to @high{0.000 a}")]
         told += [("smallest, largest", "@least{0.000 a}, @most{0.000 a}"), ("runs, lost", "@runs, @lost")]
         self.plot.add_tools(looks.hover([box], *told), looks.hover([drawn], ("run", "@y{0.000 a}")))
-        return LegendItem(label={"value": name}, renderers=[box, drawn])
+        firsts = {b.estimator: i for i, b in reversed(list(enumerate(own)))}
+        return [
+            LegendItem(label={"value": str(self._names[e])}, renderers=[box], index=firsts[e])
+            for e in self.estimators
+            if e in firsts
+        ]
 
     def _points(self, box: Box, most: int) -> dict[str, np.ndarray]:
         rows = box.points(most)

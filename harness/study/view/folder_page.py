@@ -11,6 +11,7 @@ from bokeh.document import Document
 from harness.common.errors import UserError
 from harness.models.quantities import print_unit, words
 from harness.reporting import style
+from harness.study.view import campaign_page
 from harness.study.view.frame import Part, address_bar, put_parts, read_record, said
 from harness.study.view.tables import table
 
@@ -33,6 +34,12 @@ def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Docume
         kinds = [kind for _, kind, *_ in listed]
         count = ", ".join(f"{kinds.count(kind)} of kind {kind}" for kind in dict.fromkeys(kinds))
         parts = [Part("Results", [shown], "A title opens the page of that result.")]
+        addresses = {path.name: str(i) for i, (path, _) in enumerate(results, 1)}
+        for path, kind in results:
+            if kind == "campaign":
+                found = read_record(path / campaign_page.FILE)
+                hint = "A study opens its page; of several, the first."
+                parts.append(Part("What the campaign found", [campaign_page.findings(found, addresses)], hint))
         put_parts(document, f"Results in {folder.name or folder}", [count], parts, address_bar())
 
     return put
@@ -58,8 +65,11 @@ def _told(folder: Path, kind: str) -> tuple[str, str]:
             attributes = found.store.attributes
             title = str(attributes.get("title") or attributes.get("study_name") or folder.name)
             return title, answer_in_short(found.main, found.store.designs)
+        if kind == "campaign":
+            record = read_record(folder / campaign_page.FILE)
+            return str(record.get("title", folder.name)), campaign_page.in_short(record)
         file = {"trace": "trace.json", "identification": "identify.json", "check": "check.json"}[kind]
-        record: dict[str, Any] = read_record(folder / file)
+        record = read_record(folder / file)
         return folder.name, _answer(record)
     except UserError as error:
         return folder.name, f"cannot be read: {error}"

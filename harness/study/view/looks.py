@@ -27,6 +27,9 @@ HATCHES = {"/": "right_diagonal_line", "\\": "left_diagonal_line", ".": "dot", "
            "|": "vertical_line", "+": "cross", "x": "diagonal_cross", "o": "ring", "*": "criss_cross"}  # fmt: skip
 
 
+MARKERS = {"o": "circle", "s": "square", "^": "triangle", "D": "diamond", "v": "inverted_triangle"}
+
+
 def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset", **further: Any) -> Any:
     """Return an empty figure as wide as the page."""
     found = figure(
@@ -88,6 +91,11 @@ def dash(look: Look) -> str | list[int]:
 def hatch(look: Look) -> str:
     """Return the hatch of an estimator's boxes."""
     return HATCHES.get(look.hatch[:1], "blank")
+
+
+def marker(look: Look) -> str:
+    """Return the marker of an estimator's points."""
+    return MARKERS.get(look.marker, "plus")
 
 
 def colour(of: tuple[float, float, float]) -> str:

@@ -18,6 +18,7 @@ KINDS: dict[str, str] = {
     "trace.json": "trace",
     "identify.json": "identification",
     "check.json": "check",
+    "campaign.json": "campaign",
 }
 """What a folder holds, by the file that says it."""
 
@@ -56,7 +57,7 @@ def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
     if not inner:
         raise UserError(
             f"{folder}: no result to show: there is none of {', '.join(KINDS)} in it, nor in a folder in it; the "
-            "commands run, trace, identify and check write them"
+            "commands run, trace, identify, check and campaign write them"
         )
     found = {f"/{i}": _later(path, beside) for i, path in enumerate(inner, 1)}
     return {"/": folder_page.build(folder, [(path, str(kind_of(path))) for path in inner]), **found}
@@ -64,7 +65,8 @@ def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
 
 def _page(folder: Path, beside: Path | None) -> Put:
     """Return the page of one result; what pages of another kind need is not imported."""
-    module = {"study": "study_page", "trace": "trace_page", "identification": "fit_page", "check": "check_page"}
+    module = {"study": "study_page", "trace": "trace_page", "identification": "fit_page", "check": "check_page",
+              "campaign": "campaign_page"}  # fmt: skip
     kind = str(kind_of(folder))
     build = import_module(f"harness.study.view.{module[kind]}").build
     found: Put = build(folder, beside) if kind == "study" else build(folder)

@@ -63,7 +63,7 @@ def other(tmp_path_factory):
 
 @pytest.fixture(scope="package")
 def results(tmp_path_factory):
-    """A folder of a trace, a fit and a check."""
+    """A folder of a campaign, a trace, a fit and a check."""
     folder = tmp_path_factory.mktemp("results")
     write_results(folder)
     return folder
@@ -91,7 +91,7 @@ def address(folder):
 
 @pytest.fixture(scope="package")
 def address_of_results(tmp_path_factory, folder):
-    """Of a folder with a study, a trace, a fit and a check."""
+    """Of a folder with a study, a campaign, a trace, a fit and a check."""
     results = tmp_path_factory.mktemp("everything")
     write_results(results)
     shutil.copytree(folder, results / "study")

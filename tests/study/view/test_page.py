@@ -167,3 +167,24 @@ def test_the_way_of_the_estimates_is_drawn_beside_the_drive(opened, folder):
     x, y = run.paths["EKF"]
     off = np.hypot(x[-1] - run.motion["x"].values[-1, 0], y[-1] - run.motion["y"].values[-1, 0])
     said(page, f"EKF {off:.3g} m")
+
+
+def test_the_worst_drive_of_an_estimator_and_where_on_it_are_found_by_choosing(opened, folder):
+    """The way of the first, second and fourth question of docs/view.md, on a car."""
+    page = opened()
+    page.get_by_label("Boxes").select_option("by drive, at 1.9 t")
+    page.wait_for_function("location.search.includes('level=1')")
+    boxes = page.get_by_label("Box", exact=True)
+    errors = h.open_results(folder)["mass"].rmse.isel(band=1, estimator=0, target=0, sample=0).values
+    worst = int(np.median(errors, axis=1).argmax())
+    offered = [o for o in boxes.locator("option").all_inner_texts() if ", EKF:" in o]
+    shown = [float(o.rsplit("median ", 1)[1].split()[0]) for o in offered]
+    assert int(np.argmax(shown)) == worst
+    boxes.select_option(offered[worst])
+    page.get_by_label("Its run").select_option("largest")
+    said(page, SAME)
+    page.wait_for_function(f"location.search.includes('run=0.1.{worst}.0.{int(errors[worst].argmax())}')")
+    page.get_by_label("Path coloured by").select_option("error of EKF: lateral velocity")
+    rows = page.locator("#what-if table tbody tr").all_inner_texts()
+    assert rows[0].startswith("EKF: RMSE, lateral velocity")
+    assert sum("RMSE" in row for row in rows) == 2  # the other estimator on the same run: is it the plant's?

@@ -26,22 +26,28 @@ def cells(page, column):
     return page.locator("table").first.locator(f"tbody tr:visible td:nth-child({column})").all_inner_texts()
 
 
-@pytest.fixture(params=["check", "identify", "study", "trace"])
+@pytest.fixture(params=["campaign", "check", "identify", "study", "trace"])
 def kind(request):
     return request.param
 
 
 def test_a_folder_leads_to_every_result(visit, address_of_results, kind):
     page = visit(address_of_results)
-    assert cells(page, 3) == ["check", "identify", "study", "trace"]
-    page.locator("tr", has_text=kind).get_by_role("link").first.click()
+    assert cells(page, 3) == ["campaign", "check", "identify", "study", "trace"]
+    page.locator("table").first.locator("tr", has=page.get_by_text(kind, exact=True)).get_by_role("link").click()
     page.wait_for_function("document.title && !document.title.startsWith('Results in')")
     page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle")
-    title = {"check": "Check of", "identify": "Which parameters fit?", "study": "How heavy", "trace": "What does the"}
+    title = {
+        "campaign": "Which estimator?",
+        "check": "Check of",
+        "identify": "Which parameters fit?",
+        "study": "How heavy",
+        "trace": "What does the",
+    }
     assert page.title().startswith(title[kind])
 
 
-@pytest.mark.parametrize("number", [1, 2, 4])
+@pytest.mark.parametrize("number", [1, 2, 3, 5])
 @pytest.mark.parametrize("width", [390, 1920])
 def test_every_page_fits_the_screen(visit, address_of_results, number, width):
     page = visit(address_of_results, str(number))
@@ -51,13 +57,13 @@ def test_every_page_fits_the_screen(visit, address_of_results, number, width):
 
 
 def test_a_trace_shows_another_recording_and_sorts_its_candidates(visit, address_of_results):
-    page = visit(address_of_results, "4")
+    page = visit(address_of_results, "5")
     figures = page.get_by_role("region", name="Before and after").locator(".bk-Figure")
     expect(figures).to_have_count(4)
     page.get_by_label("Recording").select_option("log1")
     page.wait_for_function("location.search.includes('drive=1')")
     expect(figures).to_have_count(2)  # log1 has no path
-    again = visit(address_of_results, "4" + page.evaluate("location.search"))
+    again = visit(address_of_results, "5" + page.evaluate("location.search"))
     assert again.get_by_label("Recording").input_value() == "log1"
 
 
@@ -71,7 +77,7 @@ def test_a_table_is_sorted_and_filtered(visit, address_of_results):
 
 
 def test_a_warning_of_a_check_leads_to_its_signal(visit, address_of_results):
-    page = visit(address_of_results, "1?signal=0")
+    page = visit(address_of_results, "2?signal=0")
     assert page.get_by_label("Signal", exact=True).input_value() == "speed"
     page.get_by_role("link", name="yaw rate").click()
     page.wait_for_function("location.search.includes('signal=1')")
@@ -97,3 +103,12 @@ def test_a_click_on_a_difference_leads_to_the_run_in_both_studies(visit, address
         shown = run.locator("#what-if table tbody tr").first.locator("td").nth(1).inner_text()
         value = stored[1, sample, drive, repeat, 1]
         assert float(shown.split()[0]) == pytest.approx(value, rel=0.005)
+
+
+def test_a_finding_of_the_campaign_leads_to_its_study(visit, address_of_results):
+    page = visit(address_of_results)
+    found = page.get_by_role("region", name="What the campaign found")
+    assert found.locator("tbody tr").count() == 2
+    assert found.get_by_role("link").count() == 1  # there is no page of the other one
+    found.get_by_role("link", name="study").click()
+    page.wait_for_function("document.title.startsWith('How heavy')")

@@ -70,13 +70,16 @@ def test_a_fit_and_a_check_have_their_figures(results):
 
 def test_a_folder_leads_to_each_result(results):
     found = pages([results])
-    assert list(found) == ["/", "/1", "/2", "/3"]
-    (text,) = tables(built(found["/"]))
+    assert list(found) == ["/", "/1", "/2", "/3", "/4"]
+    text, findings = sorted(tables(built(found["/"])), key=lambda t: "Mass counts" in t)
+    assert "2 findings: 1 reproduced, 1 not reproduced." in text
+    assert "not reproduced" in findings
+    assert "<script>" not in findings
     assert "&lt;script&gt;" in text
     assert "<script>" not in text
     assert "1 disagrees." in text
-    assert '<a href="2">identify</a>' in text
-    assert "Value over that at the start" in titles(built(found["/2"]))
+    assert '<a href="3">identify</a>' in text
+    assert "Value over that at the start" in titles(built(found["/3"]))
     assert [kind_of(results / name) for name in ("check", "identify", "trace")] == ["check", "identification", "trace"]
 
 
