@@ -25,10 +25,15 @@ from harness.identification.signal_noise import SignalNoise
 from harness.models.contracts import Parameter
 from harness.models.signals import SIGNALS
 
-Kind = Literal["parameter", "process", "measurement"]
+Kind = Literal["parameter", "intensity", "process", "measurement"]
+"""What a coordinate moves; an intensity is the parameter of a random process, along which a filter whose gains are held
+has no slope."""
 
 NOISE_RANGE = 1e8
 """Factor by which a variance may leave its first value, to both sides."""
+
+_LEAST_INTENSITY = 1e-6
+"""Share of its upper bound below which no intensity is sought: the process is as good as absent there."""
 
 PROCESS_PRIOR = math.log(100.0)
 """Standard deviation of the logarithm of a process-noise factor before the data: a factor of ten on the deviation."""
@@ -172,8 +177,10 @@ class Coordinates:
     def candidates(self, z: Floats, drive: int = 0) -> Candidates:
         """Return what candidates ``z (n,)`` or ``(n, candidates)`` hold in a drive."""
         columns, base = np.atleast_2d(z.T).T, self._of_drive(drive)
+        values = np.repeat(base.values, columns.shape[1], axis=1)
         tables = {
-            "parameter": np.repeat(base.values, columns.shape[1], axis=1),
+            "parameter": values,
+            "intensity": values,
             "process": np.repeat(base.process, columns.shape[1], axis=1),
             "measurement": np.repeat(base.measurement, columns.shape[1], axis=1),
         }
@@ -234,6 +241,19 @@ def parameter_coordinate(
     scale = 1.0 if logarithmic or p.per_drive else scale
     centre, lower, upper = (math.log(v) if logarithmic else v / scale for v in (value, p.lower, p.upper))
     return Coordinate(p.name, "parameter", (row,), centre, lower, upper, logarithmic, p.unit, prior, scale, drives)
+
+
+def intensity_coordinate(p: Parameter, row: int, value: float) -> Coordinate:
+    """Return the logarithm of the intensity of a random process as a coordinate, also of one that may be zero.
+
+    Args:
+        p: The parameter.
+        row: Its row.
+        value: First value.
+    """
+    least = max(p.lower, _LEAST_INTENSITY * p.upper)
+    found = parameter_coordinate(replace(p, lower=least), row, max(value, least))
+    return replace(found, kind="intensity")
 
 
 def process_coordinates(spec: ModelSpec) -> list[Coordinate]:

@@ -236,8 +236,11 @@ class FilteredModel(ABC):
         states = self.free_run(drive, self.stated()).states[:, : self.nx]
         variance = np.mean((states - states[0]) ** 2, axis=0)
         variance[[i for i in self._started if i < self.nx]] = 0.0
-        process = np.array([self.spec.process_noise[s] for s in self.nominal.states])
-        return self._with_effects(replace(drive, first_variance=variance + process))
+        return self._with_effects(replace(drive, first_variance=variance + self._start_variance()))
+
+    def _start_variance(self) -> Floats:
+        """Return the variance that the first state has besides that of the free run ``(nx,)``."""
+        return np.array([self.spec.process_noise[s] for s in self.nominal.states])
 
     def _with_effects(self, drive: Drive) -> Drive:
         """Return a drive with what the errors of its inputs do to the corrected states and to the outputs."""

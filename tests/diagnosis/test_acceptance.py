@@ -85,7 +85,7 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
         held_out = SimpleNamespace(normalised_excess_mse=normalised_excess_mse, log_likelihood=likelihood)
         score = SimpleNamespace(response=(np.ones(1),), excited=True)
         return SimpleNamespace(
-            hypothesis=SimpleNamespace(name=name, amplitudes=()),
+            hypothesis=Hypothesis(name, "effect", ()),
             fitted=SimpleNamespace(coordinates=()),
             bic=bic,
             held_out=held_out,

@@ -1,5 +1,6 @@
 """A random process that a model lacks: found where it acts, with its parameters, and nowhere else."""
 
+import copy
 import dataclasses
 from types import SimpleNamespace
 
@@ -60,7 +61,9 @@ def test_a_bank_that_wanders_is_found_and_leaves_nothing(augmented):
 def test_two_sensors_that_drift_are_found_one_after_the_other(augmented):
     true = {"sensor_drift_yaw_rate": 0.004, "sensor_drift_lateral_velocity": 0.06}
     drifting = ("sensor_drift@yaw_rate", "sensor_drift@lateral_velocity")
-    found = search(augmented, [driven(seed, drifting, **true) for seed in (84, 85, 86)])
+    untried = copy.copy(augmented)
+    untried.drifts = ()  # the rounds of a trace try the gyroscope; the lateral velocity is left for here
+    found = search(untried, [driven(seed, drifting, **true) for seed in (84, 85, 86)])
     assert found is not None
     assert {h.name for h in found.hypotheses} == set(drifting)
     assert found.white

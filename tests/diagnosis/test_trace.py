@@ -53,7 +53,7 @@ def test_at_the_neutral_values_it_is_the_extended_kalman_filter_of_the_nominal_m
     recording = driven(3, duration=25.0)
     drive = augmented.drive(recording, "drive")
     drive = dataclasses.replace(drive, between=drive.inputs)
-    own = dataclasses.replace(alone.drive(recording, "drive"), first_variance=drive.first_variance)
+    own = dataclasses.replace(alone.drive(recording, "drive"), first_variance=drive.first_variance[: alone.nx])
     found = augmented.log_likelihoods(
         [drive], dataclasses.replace(Candidates.of(spec), values=augmented.stated()[:, None])
     )[0]

@@ -1,8 +1,9 @@
 """Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
 
-Parameters move by Fisher scoring with the gains held as they are (``FilteredModel.slopes``), variances by steps of
-their own (``noise_search``). The search for the process noise begins far below: left too large it hides what the model
-lacks, and afterwards looks like an effect. Both take turns until neither gains, judged by the likelihood itself.
+Parameters move by Fisher scoring with the gains held as they are (``FilteredModel.slopes``), variances and the
+intensities of random processes by steps of their own (``noise_search``). The search for the process noise begins far
+below: left too large it hides what the model lacks, and afterwards looks like an effect. Both take turns until neither
+gains, judged by the likelihood itself.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats, Mask
-from harness.diagnosis.fitting.noise_search import along, climb
+from harness.diagnosis.fitting.noise_search import along, climb, curvatures
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import (
     Coordinate,
@@ -141,14 +142,15 @@ class Fitting:
         if self.noise_held:
             return self.only(coordinates, start, iterations)
         objective, z, parameters = self._bounded(coordinates, start)
-        n, groups = len(coordinates), self._groups
+        first, n = int(parameters.sum()), len(coordinates)
         z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH).z
-        for together in (list(range(n, n + groups)), *([j] for j in range(n, n + groups))):
+        groups = list(range(n, n + self._groups))
+        for together in (groups, *([j] for j in (*range(first, n), *groups))):
             z = along(objective, z, together, _COARSE)
         found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH), None
         for _ in range(turns):
             before = found.value
-            z, curvature = climb(objective, found.z, before, n, _ROUGH, 3 * ENOUGH, curvature)
+            z, curvature = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature)
             found = maximise(objective, z, parameters, iterations, ENOUGH)
             if found.value - before < 10 * ENOUGH:
                 break
@@ -197,7 +199,7 @@ class Fitting:
         ]  # a change time lies within its drive
         base = [replace(self._first, values=start.values[:, [i]]) for i in self._range]
         space = Coordinates(self.augmented.spec, self.augmented.names, (*moved, *self._noise), base)
-        z = np.array([c.coordinate(start.value(c)) for c in coordinates])
+        z = np.array([c.coordinate(max(start.value(c), least_of(c))) for c in coordinates])
         z = np.clip(np.concatenate([z, start.process, start.measurement]), space.lower, space.upper)
         return LogPosterior(self.augmented, self.drives, space), z, space.kind("parameter")
 
@@ -208,7 +210,10 @@ class Fitting:
         objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
         _, _, information = objective.slopes(z, parameters)
         slopes = [c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)]
-        return covariance_of(information).errors * slopes
+        rows = range(int(parameters.sum()), len(fitted.coordinates))
+        known = curvatures(objective, z, fitted.objective, rows)
+        random = np.where(known > 0, 1.0 / np.sqrt(np.where(known > 0, known, 1.0)), np.inf)
+        return np.concatenate([covariance_of(information).errors, random]) * slopes
 
     def columns(self, coordinates: Sequence[Coordinate], point: Point) -> list[Floats]:
         """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""
@@ -220,6 +225,11 @@ class Fitting:
             return in_rows(self.augmented.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i]))
 
         return self.augmented.share(of_drive, self._range)
+
+
+def least_of(c: Coordinate) -> float:
+    """Return the least value at which a fit of a coordinate begins: an intensity is sought by its logarithm."""
+    return math.exp(c.lower) if c.kind == "intensity" else -math.inf
 
 
 def in_rows(columns: Floats) -> Floats:

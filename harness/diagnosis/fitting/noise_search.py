@@ -88,6 +88,22 @@ def climb(
     return z, curvature
 
 
+def curvatures(objective: Objective, z: Floats, value: float, rows: range) -> Floats:
+    """Return second derivatives of what is maximised, its sign changed, along some coordinates ``(rows,)``.
+
+    Args:
+        objective: What is maximised.
+        z: Where ``(n,)``.
+        value: Its value there.
+        rows: The coordinates.
+    """
+    many = np.repeat(z[:, None], 2 * len(rows), axis=1)
+    for j, row in enumerate(rows):
+        many[row, 2 * j : 2 * j + 2] += (_DIFFERENCE, -_DIFFERENCE)
+    values = objective.values(many).reshape(-1, 2) if len(rows) else np.zeros((0, 2))
+    return np.asarray((2.0 * value - values.sum(axis=1)) / _DIFFERENCE**2)
+
+
 def _slopes(
     objective: Objective, z: Floats, value: float, first: int, rows: NDArray[np.intp], known: Curvature
 ) -> tuple[Floats, Curvature]:

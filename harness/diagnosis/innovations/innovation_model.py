@@ -206,12 +206,13 @@ class Linearised:
         self.active = self._active()
         self._ahead, H = self._along_states(slice(None), self.active)
         self._gain = np.zeros((len(self.states), len(self.active), kept.gain.shape[2]))
-        self._gain[:, : kept.gain.shape[1]] = kept.gain  # what the filter corrects is active, and comes first
+        corrected = self.augmented.corrected(values)  # what the filter corrects is active, and comes first
+        self._gain[:, :corrected] = kept.gain[:, :corrected]
         # A missing measurement neither corrects nor counts.
         self._whitening = kept.whitening * np.isfinite(kept.whitened)[:, :, None]
-        corrected = np.eye(len(self.active)) - self._gain @ H
+        held = np.eye(len(self.active)) - self._gain @ H
         self.innovations = InnovationModel(
-            np.ascontiguousarray(self._ahead @ corrected),
+            np.ascontiguousarray(self._ahead @ held),
             np.ascontiguousarray(self._whitening @ H),
             np.nan_to_num(kept.whitened),
             self.augmented.spec.step,
@@ -270,7 +271,7 @@ class Linearised:
 
     def _active(self) -> NDArray[np.intp]:
         """Return the states of the nominal model and those of effects that act on it, from some of the samples."""
-        nx, count = self.augmented.nx, len(self.augmented.model.states)
+        nx, count = self.augmented.corrected(self.values), len(self.augmented.model.states)
         every = slice(1, None, max(1, len(self.states) // _PROBED))
         A, H = (np.abs(m).max(axis=0) for m in self._along_states(every, np.arange(count)))
         chosen = set(range(nx)) | {j for j in range(nx, count) if H[:, j].any()}

@@ -8,7 +8,8 @@ its likelihood one run of one compiled filter, and trying an effect compiles not
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 import xarray as xr
@@ -25,11 +26,19 @@ from harness.identification.filtered_model import Candidates, FilteredModel
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
-from harness.models.assembly.placement import load_effect, split
+from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.roles import VEHICLES
+from harness.models.signals import SIGNALS
+
+DRIFT = "sensor_drift"
+"""The effect that lets the bias of a sensor wander."""
 
 _FAR = 1.0
 """s; horizon from which the errors of the inputs count as what they do to a free run: they last about as long."""
+
+
+_Kept = tuple[Floats, Floats, int, Floats, Floats, Floats]
+"""What ``time_loops.filter_whole`` needs to predict farther than a sample."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +61,18 @@ class AugmentedModel(FilteredModel):
     """The compiled filter of a nominal model and everything it may lack.
 
     Covariance and gains are those of the nominal model's extended Kalman filter, the mean is that of all effects too.
-    What is absent costs nothing: the kernels skip the effects that are neutral.
+    What is absent costs nothing: the kernels skip the effects that are neutral. The bias of a gyroscope may drift: if
+    a candidate says so, it stands in the state of the filter, behind that of the nominal model.
 
     Args:
         spec: The nominal model.
         available: Signals that the recordings hold; effects that need others are left out.
         jobs: Threads; all cores by default.
         excluded: Effects (files) that are left out.
+
+    Attributes:
+        placements: Every effect at every place that may be lacking.
+        drifts: The same of the drifts of gyroscopes.
     """
 
     def __init__(
@@ -66,22 +80,53 @@ class AugmentedModel(FilteredModel):
     ) -> None:
         self.excluded = frozenset(excluded)
         self.placements = addable_effects(spec, set(available), self.excluded)
+        self.drifts = drifting_sensors(spec, self.excluded)
         files = tuple(dict.fromkeys(split(name)[0] for name in self.placements))
-        super().__init__(spec, _assembled(spec, files), jobs, jacobians=False)
-        self._nominal_rows = [self.row(n) for n in self.nominal.parameter_names]
-        self._inputs = np.array([self.model.inputs.index(name) for name in self.nominal.inputs])
+        drifting = assembled(spec.vehicle, spec.tyre, (*spec.effects, *self.drifts), spec.sensors)
+        super().__init__(spec, _first(_assembled(spec, (*self.drifts, *files)), drifting.states), jobs, jacobians=False)
         self._limited = np.flatnonzero(np.isfinite(self._limits))
-        self._nominal = compile_model(self.nominal, spec.step)
-        self._loop = load_source("filter_whole", self._loop_source())
-
-    def _loop_source(self) -> str:
-        given = {
-            time_loops.next_state_whole: self.compiled.kernels.next_state,
-            time_loops.output_whole: self.compiled.kernels.output,
-            time_loops.NX_WHOLE: self.compiled.nx,
-            time_loops.NW_WHOLE: self.compiled.nw,
+        self._wander = {
+            list(drifting.outputs).index(split(name)[1] or ""): (
+                self.row(parameter_at(load_effect(name).PARAMETERS[0], split(name)[1] or "").name),
+                drifting.states[len(self.nominal.states) + i],
+            )
+            for i, name in enumerate(self.drifts)
         }
-        return paste(self._nominal, "filter_whole", [time_loops.filter_whole], given)
+        self._drifting = drifting
+        self._filters = {False: _Filter(self, self.nominal)}
+        self._compiling = Lock()  # candidates are fitted in threads
+
+    @property
+    def nx(self) -> int:
+        """Number of states that the filter corrects where every gyroscope drifts."""
+        return len(self._drifting.states)
+
+    def corrected(self, values: Floats) -> int:
+        """Return the number of states that the filter corrects with parameters ``(np, ...)``."""
+        return len((self._drifting if self._drifts_in(values) else self.nominal).states)
+
+    def wander(self, drive: Drive, values: Floats) -> Floats:
+        """Return the variance that drifts of sensors give the outputs of a free run ``(samples, ny)``."""
+        found, noise, first = np.zeros(drive.measurements.shape), self._drifting.noise, self._drifting.start_variance
+        for column, (row, state) in self._wander.items():
+            found[:, column] = values[row] ** 2 * (first[state] + noise[state] * (drive.time - drive.time[0]))
+        return found
+
+    def _drifts_in(self, values: Floats) -> bool:
+        return any(np.any(values[row] != 0) for row, _ in self._wander.values())
+
+    def _filter_of(self, values: Floats) -> _Filter:
+        """Return the filter for candidates; that of drifts is compiled when a gyroscope drifts for the first time."""
+        drifts = self._drifts_in(values)
+        with self._compiling:
+            if drifts not in self._filters:
+                self._filters[drifts] = _Filter(self, self._drifting)
+            return self._filters[drifts]
+
+    def _start_variance(self) -> Floats:
+        model = self._drifting
+        drifts = [model.start_variance[state] for _, state in self._wander.values()]
+        return np.concatenate([super()._start_variance(), drifts])
 
     def stated(self) -> Floats:
         """Return the parameters with which it is the nominal model ``(np,)``; those of absent effects as they start."""
@@ -104,12 +149,13 @@ class AugmentedModel(FilteredModel):
     def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
         self._filter_ahead(drive, candidates, total, notes, self._ahead((), drive, 0))
 
-    def _ahead(self, horizons: Sequence[float], drive: Drive, samples: int) -> tuple[Floats, ...]:
+    def _ahead(self, horizons: Sequence[float], drive: Drive, samples: int) -> _Kept:
         """Return what ``time_loops.keep_ahead`` needs for horizons in samples; nothing is kept of no samples."""
         lanes = np.ones((1, LANES))
         lanes[0, : len(horizons)] = horizons
         far = (lanes * self.spec.step >= _FAR).astype(float)
-        return lanes, far, drive.spread, np.zeros((samples, LANES)), np.zeros((samples, LANES))
+        vehicle = len(self.nominal.states)
+        return lanes, far, vehicle, drive.spread, np.zeros((samples, LANES)), np.zeros((samples, LANES))
 
     def predict(self, drive: Drive, point: Candidates, horizons: Sequence[float]) -> Ahead:
         """Predict the measurements of a recording at several horizons, with the model's own covariance.
@@ -124,7 +170,7 @@ class AugmentedModel(FilteredModel):
         """
         kept = self._ahead(horizons, drive, len(drive.inputs))
         self._filter_ahead(drive, point.in_lanes(), np.empty((2, LANES)), self._notes(0), kept)
-        densities, squares = (part[1:, : len(horizons)] for part in kept[3:])
+        densities, squares = (part[1:, : len(horizons)] for part in kept[4:])
         return Ahead(
             np.where(np.isfinite(densities), densities, -np.inf),
             np.where(np.isfinite(squares), squares, np.inf),
@@ -137,30 +183,81 @@ class AugmentedModel(FilteredModel):
         candidates: Candidates,
         total: Floats,
         notes: tuple[Floats, ...],
-        ahead: tuple[Floats, ...],
+        ahead: _Kept,
     ) -> None:
-        self._loop.filter_whole(
+        filter_ = self._filter_of(candidates.values)
+        nx = len(filter_.model.states)
+        drifts = filter_.model.states[len(self.nominal.states) :]
+        walks = [np.full((1, LANES), filter_.model.noise[s] * self.spec.step) for s in drifts]
+        filter_.loop(
             drive.inputs,
             drive.between,
-            self._inputs,
+            filter_.inputs,
             drive.measurements,
-            drive.effects,
+            _of_states(drive.effects, nx, self.nx),
             self.compiled.constants(candidates.values),
-            self._nominal.constants(np.ascontiguousarray(candidates.values[self._nominal_rows])),
-            candidates.process,
+            filter_.compiled.constants(np.ascontiguousarray(candidates.values[filter_.rows])),
+            np.concatenate([candidates.process, *walks]),
             candidates.measurement,
             self._first(drive, candidates.values),
-            np.repeat(drive.first_variance[:, None], LANES, axis=1),
+            np.repeat(drive.first_variance[:nx, None], LANES, axis=1),
             (self._limited, self._limits[self._limited]),
             total,
             (notes, ahead),
         )
 
 
+class _Filter:
+    """The filter of a model around the mean of an augmented one.
+
+    Args:
+        augmented: Whose first states are those of the model.
+        model: What the filter knows.
+    """
+
+    def __init__(self, augmented: AugmentedModel, model: Model) -> None:
+        self.model, whole = model, augmented.compiled
+        self.rows = [augmented.row(n) for n in model.parameter_names]
+        self.inputs = np.array([augmented.model.inputs.index(name) for name in model.inputs])
+        self.compiled = compile_model(model, augmented.spec.step)
+        given = {
+            time_loops.next_state_whole: whole.kernels.next_state,
+            time_loops.output_whole: whole.kernels.output,
+            time_loops.NX_WHOLE: whole.nx,
+            time_loops.NW_WHOLE: whole.nw,
+        }
+        source = paste(self.compiled, "filter_whole", [time_loops.filter_whole], given)
+        self.loop = load_source("filter_whole", source).filter_whole
+
+
+def _of_states(effects: Floats, nx: int, known: int) -> Floats:
+    """Return what the errors of the inputs do to the first ``nx`` of ``known`` states and to the outputs."""
+    return effects if nx == known else np.concatenate([effects[:, :nx], effects[:, known:]], axis=1)
+
+
+def _first(model: Model, states: Sequence[str]) -> Model:
+    """Return a model with some states in front of the others."""
+    order = [*states, *(s for s in model.states if s not in states)]
+    rates = dict(zip(model.states, model.derivatives, strict=True))
+    return replace(model, states=tuple(order), derivatives=type(model.derivatives)(rates[s] for s in order))
+
+
+def drifting_sensors(spec: ModelSpec, excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:
+    """Return the drifts of the gyroscopes that a model may lack: every one has a bias that wanders.
+
+    What else may be a random process is looked for behind the search (``random_process``).
+    """
+    out = excluded | {split(e)[0] for e in spec.effects}
+    if DRIFT in out:
+        return ()
+    found = (name for name in placements(spec.vehicle, spec.tyre, spec.sensors) if split(name)[0] == DRIFT)
+    return tuple(name for name in found if SIGNALS[split(name)[1] or ""].unit == "rad/s")
+
+
 def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:
     """Return the effects of the library that a model may lack, place by place.
 
-    Left out are effects that are a random process (``random_process`` finds those), effects whose inputs the recordings
+    Left out are effects that are a random process, effects whose inputs the recordings
     do not hold, and those that the model has or the user excludes.
     """
     found, without = [], excluded | {split(e)[0] for e in spec.effects}

@@ -10,7 +10,7 @@ from typing import Literal
 
 from harness.diagnosis.criteria import PRIOR
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.identification.coordinates import Coordinate, parameter_coordinate
+from harness.identification.coordinates import Coordinate, intensity_coordinate, parameter_coordinate
 from harness.models.assembly.placement import (
     load_effect,
     parameter_at,
@@ -41,6 +41,7 @@ class Hypothesis:
         shapes: Parameters that mean nothing while it is absent.
         change_times: Parameters of which every drive has its own.
         output: Column of the only output that it acts on, if it is a fault of one sensor.
+        random: Whether it is a random process: it has no response to be tested, and no simulation predicts it.
         parts: Hypotheses that it tries at once, which then stand in a model in its place; none of most.
     """
 
@@ -51,6 +52,7 @@ class Hypothesis:
     change_times: tuple[str, ...] = ()
     output: int | None = None
     parts: tuple[Hypothesis, ...] = ()
+    random: bool = False
 
     @property
     def single(self) -> tuple[Hypothesis, ...]:
@@ -93,6 +95,7 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
         found.append(one)
         if place_of(load_effect(name)) in ("tyre", "body"):
             everywhere.setdefault(split(name)[0], []).append(one)
+    found += [replace(_effect(augmented, name), random=True) for name in augmented.drifts]
     found += [_together(file, parts) for file, parts in everywhere.items() if len(parts) > 1]
     late = [h for h in found if split(h.name)[0] in _LATE]
     if len(late) > 1:
@@ -155,7 +158,8 @@ def coordinates(
         drives: Number of drives.
         known: Standard deviation with which a free parameter is known beforehand; those that are absent have no prior.
     """
-    alone = dict.fromkeys([*free, *(n for h in added if h.name != ALL_PARAMETERS for n in h.shared)])
+    plain = [h for h in added if not h.random]
+    alone = dict.fromkeys([*free, *(n for h in plain if h.name != ALL_PARAMETERS for n in h.shared)])
     known = known or {}
     many = dict.fromkeys(n for h in added if h.name == ALL_PARAMETERS for n in h.shared if n not in alone)
     change_times = dict.fromkeys(n for h in added for n in h.change_times)
@@ -163,7 +167,13 @@ def coordinates(
         *(_coordinate(model, name, std=known.get(name, math.inf) if name in free else math.inf) for name in alone),
         *(_coordinate(model, name, PRIOR) for name in many),
         *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
+        *(_intensity(model, n) for h in added if h.random for n in h.shared),
     )
+
+
+def _intensity(model: AugmentedModel, name: str) -> Coordinate:
+    row = model.row(name)
+    return intensity_coordinate(model.model.parameters[row], row, 0.0)
 
 
 def _coordinate(

@@ -58,7 +58,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
     """
     samples, nu = u.shape
     notes, ahead = kept
-    horizons, far, spread, densities, squares = ahead
+    horizons, far, vehicle, spread, densities, squares = ahead
     noise, since = R.copy(), np.zeros((1, LANES))
     w, w_whole = np.empty((NW, LANES)), np.empty((NW_WHOLE, LANES))
     x, x_prior = np.empty((NX_WHOLE, LANES)), np.empty((NX_WHOLE, LANES))
@@ -106,6 +106,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
                 keep_gain(P_prior, H, errors_now, y_now, k, notes)
         if densities.shape[0] > 0:
             keep_ahead(info, x_prior, P_prior, horizons, since, x, P, k, densities, squares)
+            follow_biases(get(since, 0) == 0.0, vehicle, x, P)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
         put(select((beyond(x, valid[0], valid[1]) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
@@ -159,6 +160,28 @@ def keep_ahead(info, x_prior, P_prior, horizons, since, x, P, k, densities, squa
     for i in range(NX):
         for j in range(NX):
             put(select(again, splat(P[i, j, 0]), get(P_prior, i, j)), P, i, j)
+
+
+def follow_biases(again, vehicle, x, P):
+    """Let every lane know of the biases of sensors what the filter, the first lane, does.
+
+    A horizon is for how long the motion is predicted. A bias is no motion: without measurements its one error would
+    count at each of thousands of samples.
+
+    Args:
+        again: Lanes that have just begun where the filter is.
+        vehicle: Number of states of the vehicle, behind which the biases stand.
+        x: Mean; written ``(nx, LANES)``.
+        P: Covariance; written.
+    """
+    for i in range(vehicle, NX):
+        put(splat(x[i, 0]), x, i)
+        for j in range(vehicle, NX):
+            put(splat(P[i, j, 0]), P, i, j)
+        for j in range(vehicle):
+            both = select(again, splat(P[i, j, 0]), splat(0.0))
+            put(both, P, i, j)
+            put(both, P, j, i)
 
 
 def choose(u, rows, chosen):

@@ -1,10 +1,11 @@
 """An effect of the library that is a random process: no simulation predicts it, but a filter with it as a state can.
 
 Such an effect has no response to test and does not lower the simulation error, so it is no candidate of the forward
-selection. Where an unknown disturbance at the ports that the effect changes explains as much as one at any other input,
-its parameters are fitted by the likelihood of a filter that holds it as a state. It is accepted if the likelihood of
-both the fitted and the held-out drives rises and the innovations on the latter become white, or almost: a random
-process that replaces another effect leaves them coloured.
+selection, but for the drifts of gyroscopes, which every recording may have. Where an unknown disturbance at the ports
+that the effect changes explains as much as one at any other input, its parameters are fitted by the likelihood of a
+filter that holds it as a state. It is accepted if the likelihood of both the fitted and the held-out drives rises and
+the innovations on the latter become white, or almost: a random process that replaces another effect leaves them
+coloured.
 """
 
 from __future__ import annotations
@@ -25,10 +26,9 @@ from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.identification.coordinates import (
-    Coordinate,
     Coordinates,
+    intensity_coordinate,
     measurement_coordinates,
-    parameter_coordinate,
     process_coordinates,
 )
 from harness.identification.data import Drive
@@ -47,9 +47,6 @@ _CLIMB = 12
 
 _ENOUGH = 1.0
 """Gain in log-likelihood of a step at which it ends; what is accepted gains dozens."""
-
-_LEAST = 1e-6
-"""Share of its upper bound below which no intensity is sought: the process is as good as absent there."""
 
 
 @dataclass(frozen=True)
@@ -129,9 +126,9 @@ def find_random_process(trace: Trace, final: ModelSpec, ranking: DisturbanceRank
 def _processes(spec: ModelSpec, augmented: AugmentedModel, suspected: list[set[str]]) -> list[str]:
     """Return the random processes of the library that a model may lack, those at the most suspected ports first.
 
-    Left out is what the model has, and what the user excludes.
+    Left out is what the model has, what the user excludes, and what the search has tried.
     """
-    out = augmented.excluded | set(spec.effects)
+    out = {*augmented.excluded, *augmented.drifts, *spec.effects}
     found = []
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
         if getattr(load_effect(name), "NOISE", None) and not {name, split(name)[0]} & out:
@@ -197,7 +194,7 @@ def _fitted(
     names = spec.model().parameter_names
     variances = np.array([spec.measurement_noise[n] for n in spec.model().outputs])
     moved = (
-        *(_logarithm(p, names.index(p.name), spec.values[p.name]) for p in parameters),
+        *(intensity_coordinate(p, names.index(p.name), spec.values[p.name]) for p in parameters),
         *process_coordinates(spec),
         *measurement_coordinates(spec, variances, signal_noise(drives)),
     )
@@ -209,12 +206,6 @@ def _fitted(
     shares = np.where(known > 0, 1.0 / np.sqrt(np.where(known > 0, known, 1.0)), math.inf)
     found = space.fitted(z)
     return found, {p.name: float(found.values[p.name] * e) for p, e in zip(parameters, shares, strict=True)}
-
-
-def _logarithm(p: Parameter, row: int, value: float) -> Coordinate:
-    """Return the logarithm of a parameter as a coordinate, also of one that may be zero."""
-    least = max(p.lower, _LEAST * p.upper)
-    return parameter_coordinate(replace(p, lower=least), row, value)
 
 
 def _parameters(name: str) -> tuple[Parameter, ...]:

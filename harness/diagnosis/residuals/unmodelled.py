@@ -184,7 +184,7 @@ def find_unmodelled(
         ranking: At ``final``.
     """
     augmented = fitting.augmented
-    moved = [c for c in final.coordinates if not c.drives]
+    moved = [c for c in final.coordinates if c.kind == "parameter" and not c.drives]
     here = _Drives(ranking, fitting, final.point, moved)
     ranked_inputs = [s.disturbance_input for s in ranking.ranked_inputs if s.gain > _NEEDED][:_ENTRIES]
     there = DisturbanceRanking(held_out.fitting, before.point, ranking.disturbance_inputs, ranked=False)
@@ -212,7 +212,7 @@ def find_unmodelled(
             return _run(augmented, held_out.drives[i], point.values[:, i], there, i, curves, turned)
 
         free = tuple(augmented.share(run, range(len(held_out.drives))))
-        error, normalised_excess_mses = simulation_error(held_out.drives, free, held_out.variances)
+        error, normalised_excess_mses = simulation_error(held_out.drives, free, held_out.floors(point))
         judgement = Judgement(before.log_likelihood + gain + by_curves, error, normalised_excess_mses, (), point)
         shift = {c.name: point.value(c) for c in moved}
         return UnmodelledDisturbance(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))

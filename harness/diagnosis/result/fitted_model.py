@@ -19,9 +19,10 @@ def fitted_model(trace: Trace, spec: ModelSpec, point: Point) -> ModelSpec:
     process = dict(zip(augmented.nominal.states, map(float, noise.process[:, 0]), strict=True))
     model = spec.model()
     known = dict(zip(augmented.names, map(float, point.values[:, 0]), strict=True))
+    noise_of = {s: q * spec.step for s, q in model.noise.items()} | spec.process_noise | process
     return replace(
         spec,
         values={n: known[n] if n in known else spec.values[n] for n in model.parameter_names},
-        process_noise={s: process.get(s, spec.process_noise.get(s, 0.0)) for s in model.states},
+        process_noise={s: noise_of.get(s, 0.0) for s in model.states},
         measurement_noise=dict(zip(model.outputs, map(float, noise.measurement[:, 0]), strict=True)),
     )

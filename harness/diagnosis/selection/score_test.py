@@ -65,7 +65,7 @@ class ScoreTest:
 
     Args:
         fitting: The recordings.
-        fitted: The fit; what it moved is projected out.
+        fitted: The fit; what it moved is projected out, but for the noise and random processes.
     """
 
     def __init__(self, fitting: Fitting, fitted: Fitted) -> None:
@@ -73,13 +73,14 @@ class ScoreTest:
         self.augmented, self.drives = fitting.augmented, fitting.drives
         self.kept = fitting.runs(fitted.point)
         self.residual = [np.nan_to_num(k.whitened).reshape(-1) for k in self.kept]
-        self.moved = fitting.columns(fitted.coordinates, fitted.point)
+        moved = [c for c in fitted.coordinates if c.kind == "parameter"]
+        self.moved = fitting.columns(moved, fitted.point)
         self._outputs = len(self.augmented.model.outputs)
         self._linearisation = Linearisation(self.augmented)
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
         self._products: dict[tuple[int, str, str], Floats] = {}
-        moved, weight = fitted.coordinates, np.array([c.prior**-2.0 for c in fitted.coordinates])
+        weight = np.array([c.prior**-2.0 for c in moved])
         away = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
         information = total([N.T @ N for N in self.moved]) + np.diag(weight)
         self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)]) + weight * away

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FAVOUR, HOPE, MOST, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
@@ -41,6 +43,18 @@ def selection_round(candidate_fits: CandidateFits, added: Added, without: list[F
     tried = SelectionRound(candidate_fits, added, without, number)
     again = tried.run()
     return tried if again is None else selection_round(candidate_fits, added, [*without, again], number)
+
+
+def random_score(fits: CandidateFits, point: Point, h: Hypothesis) -> Score:
+    """Return what a random process gains in likelihood at the best intensity of its grid, in place of a score test."""
+    points = fits.on_grids(point, h.amplitudes)
+    values = fits.augmented.log_likelihoods(fits.fitting.drives, fits.fitting.candidates(points))
+    best = int(np.argmax(values))
+    size = points[best].values[[fits.augmented.row(n) for n in h.amplitudes], 0]
+    drives = fits.fitting.drives
+    nothing = tuple(np.zeros_like(d.measurements) for d in drives)
+    gain, unknown = float(values[best] - values[0]), np.full(len(size), np.inf)
+    return Score(h, gain, size, unknown, 1.0, np.zeros(0), np.zeros((len(drives), 0)), nothing, True)
 
 
 class SelectionRound:
@@ -98,13 +112,17 @@ class SelectionRound:
     def rank(self) -> None:
         """Score everything that is not in force yet, and choose what is worth a fit."""
         self.say("score test of every effect and every fixed parameter")
-        scores = ScoreTest(self.candidate_fits.fitting, self.best).of(self.open())
+        fits, open_ = self.candidate_fits, self.open()
+        scores = ScoreTest(fits.fitting, self.best).of([h for h in open_ if not h.random])
+        scores += [random_score(fits, self.best.point, h) for h in open_ if h.random and not fits.fitting.noise_held]
         favour = {s.hypothesis: FAVOUR * (s.hypothesis.kind == "parameter") for s in scores}
         self.promised = sorted(scores, key=lambda s: self.predicted_bic_gain(s) + favour[s.hypothesis], reverse=True)
-        # The predicted gain of many things at once is large whatever is missing; it must not exclude others.
-        alone = [self.predicted_bic_gain(s) for s in self.promised if not s.hypothesis.many]
+        # The predicted gain of many things at once is large whatever is missing, and so is that of a process, which
+        # follows anything slow; it must not exclude others.
+        plain, random = ([s for s in self.promised if s.hypothesis.random == kind] for kind in (False, True))
+        alone = [self.predicted_bic_gain(s) for s in plain if not s.hypothesis.many]
         enough = MOST * max([BIC_NEEDED, *alone])
-        self.shortlist = [s for s in distinct(self.promised) if self.predicted_bic_gain(s) > enough]
+        self.shortlist = [s for s in (*distinct(plain), *random) if self.predicted_bic_gain(s) > enough]
 
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet."""
@@ -115,8 +133,9 @@ class SelectionRound:
 
     def fit_worthy(self) -> None:
         """Fit the best few."""
-        several = [s for s in self.shortlist if s.hypothesis.parts]
-        self.fit([*[s for s in self.shortlist if not s.hypothesis.many][:TRIED], *several])
+        beside = [s for s in self.shortlist if s.hypothesis.parts or s.hypothesis.random]
+        best = [s for s in self.shortlist if not (s.hypothesis.many or s.hypothesis.random)][:TRIED]
+        self.fit([*best, *beside])
         gains = [(self.judged(s).bic, self.predicted_bic_gain(s)) for s in self.tried()]
         reached, predicted = max(gains, default=(0.0, 1.0))
         short = max(1.0, reached / predicted)
@@ -160,7 +179,9 @@ class SelectionRound:
         likeliest = []
         for column, normalised_excess_mse in enumerate(self.before.normalised_excess_mses if room > 0 else ()):
             own = [
-                s for s in self.promised if s.hypothesis.output == column and self.predicted_bic_gain(s) > BIC_NEEDED
+                s
+                for s in self.promised
+                if s.hypothesis.output == column and not s.hypothesis.random and self.predicted_bic_gain(s) > BIC_NEEDED
             ]
             if normalised_excess_mse > EXCESS and own and own[0].hypothesis not in self.fits:
                 likeliest.append(own[0])

@@ -25,7 +25,7 @@ class Judgement:
         log_likelihood: Of all of them; half the logarithm of the samples less for each change time fitted there.
         error: Root mean square of measurement less free run ``(ny,)``.
         normalised_excess_mses: Mean square of that over its floor, less one, not negative ``(ny,)``. The floor is the
-            variance of the sensor's noise and of what the errors of the inputs do to a free run.
+            variance of the sensor's noise, of its drift, and of what the errors of the inputs do to a free run.
         drives: The same drive by drive; empty for what is no model of its own.
         point: Values with which it was judged; change times are those of the held-out drives.
     """
@@ -73,8 +73,17 @@ class HeldOut:
         here, change_times = self._own_change_times(added, moved_to(point, len(self.drives)))
         found = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
         likelihood = sum(d.log_likelihood for d in found) - 0.5 * change_times * np.log(self.fitting.samples)
-        error, normalised_excess_mses = simulation_error(self.drives, [d.simulated for d in found], self.variances)
+        free = [d.simulated for d in found]
+        error, normalised_excess_mses = simulation_error(self.drives, free, self.floors(here))
         return Judgement(likelihood, error, normalised_excess_mses, found, here)
+
+    def floors(self, point: Point) -> Floats:
+        """Return the variances of the simulation error of a perfect model ``(samples of all drives, ny)``.
+
+        Sensors that drift leave more, as far as the model at the point says.
+        """
+        drifts = [self.augmented.wander(d, point.values[:, i]) for i, d in enumerate(self.drives)]
+        return floors(self.drives, self.variances) + np.concatenate(drifts)
 
     def _own_change_times(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
         """Return the point with the change times of these drives: the best of a grid, then of their neighbourhood."""
@@ -95,7 +104,7 @@ class HeldOut:
         return self.fitting.only(moved, point, 10).point, len(moved)
 
 
-def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], variances: Floats) -> tuple[Floats, Floats]:
+def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], floor: Floats) -> tuple[Floats, Floats]:
     """Return error and excesses of a free run, as ``Judgement`` has them.
 
     Every sample counts by its own floor, because the errors of inputs matter more while they change.
@@ -103,12 +112,12 @@ def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], variances:
     Args:
         drives: The recordings.
         free: Outputs of the free run, by drive ``(samples, ny)``.
-        variances: Of the sensors' noise ``(ny,)``.
+        floor: Its variances if the model is perfect ``(samples of all drives, ny)``.
     """
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
     with np.errstate(invalid="ignore"):
         square = np.nanmean(errors**2, axis=0)
-        normalised = np.nanmean(errors**2 / floors(drives, variances), axis=0)
+        normalised = np.nanmean(errors**2 / floor, axis=0)
     strays = any(np.isnan(f).any() for f in free)
     return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(normalised - 1.0, 0.0)
 
