@@ -10,14 +10,16 @@ from __future__ import annotations
 import errno
 import platform
 import shlex
+import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any
 
 from rich.console import Console
@@ -56,20 +58,40 @@ def guarded(run: Callable[[], None], beside: Path | None = None) -> int:
     Raises:
         BaseException: What ends a process by itself, such as ``SystemExit``, and a pipe that nobody reads any more.
     """
-    with _said_in_words():
+    with _said_in_words(), _interrupts() as interrupted:
         try:
             run()
-        except KeyboardInterrupt:
-            return _say(
-                "interrupted", "finished runs are kept; the same command continues from there", INTERRUPTED, False
-            )
         except BrokenPipeError:
             raise
-        except (UserError, ModelError) as error:
-            return _say("error", str(error), WRONG)
-        except Exception as error:
+        except (Exception, KeyboardInterrupt) as error:
+            if interrupted or isinstance(error, KeyboardInterrupt):
+                return _say(
+                    "interrupted", "finished runs are kept; the same command continues from there", INTERRUPTED, False
+                )
+            if isinstance(error, UserError | ModelError):
+                return _say("error", str(error), WRONG)
             return _fault(error, beside)
     return DONE
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Note each Ctrl-C: a library that is interrupted may raise an error of its own in its place."""
+    noted: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -32,7 +32,9 @@ def verify(
     sample: Annotated[
         int, typer.Option("--sample", min=0, help="How many units to compute again and compare bit for bit.")
     ] = 3,
-    seed: Annotated[int | None, typer.Option("--seed", help="Of the draw of these units; random if absent.")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Of the draw of these units; random if absent.")
+    ] = None,
 ) -> None:
     """Check a result: every file against its checksum, and some units computed again.
 

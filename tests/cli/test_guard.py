@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import signal
 import subprocess
 import sys
 import warnings
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from harness.__main__ import main as command_line
 from harness.cli import guard, main, options
 from harness.cli.warned import GLYPHS, NUMBERS
 from harness.common.errors import ModelError, UserError, WorkError
@@ -155,3 +157,33 @@ def test_nothing_raw_comes_from_a_command_of_its_own_process(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == f"note: {NUMBERS}\n"
+
+
+def test_an_interrupt_that_a_library_answers_with_an_error_of_its_own_is_an_interrupt(tmp_path, capsys):
+    """pydantic raises a SchemaError where Ctrl-C comes while it builds a model."""
+
+    def run():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ValueError("cannot build the model") from None
+
+    assert guard.guarded(run, tmp_path) == 130
+    assert capsys.readouterr().err.startswith("interrupted: ")
+    assert not list(tmp_path.iterdir())
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_while_the_command_line_is_imported_is_no_traceback(monkeypatch):
+    monkeypatch.setitem(sys.modules, "harness.cli.main", None)
+    with pytest.raises(ModuleNotFoundError):
+        command_line()
+
+    class Interrupted(dict):
+        def __getattr__(self, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "harness.cli.main", Interrupted())
+    with pytest.raises(SystemExit) as ended:
+        command_line()
+    assert ended.value.code == 130
