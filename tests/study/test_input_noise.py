@@ -142,3 +142,14 @@ def test_the_report_says_what_the_inputs_make_up(tmp_path):
     exact = Analysis(read(run_study(study_of(ways={"EKF": {}}, levels=()), tmp_path / "plain", jobs=1)))
     assert inputs.blocks(exact) == []
     assert inputs.in_short(exact.main) == []
+
+
+def test_square_root_forms_are_told_of_the_errors_of_inputs_as_the_others_are():
+    kinds = [{"name": k, "kind": k} for k in ("ekf", "sr_ekf", "ukf", "sr_ukf")]
+    evaluator = StudyEvaluator(study_of({**PLANT, "noise": NOISE}, levels=(), estimator=kinds))
+    unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, r) for r in range(LANES)]
+    batch, believed = evaluator.simulate(unit, cases, 500), evaluator.parameters(unit, cases, "belief")
+    found = [evaluator.estimate(i, unit, cases, batch, believed) for i in range(len(kinds))]
+    for plain, root in ((0, 1), (2, 3)):
+        for what in ("rmse", "nees", "nis", "log_likelihood"):
+            np.testing.assert_allclose(getattr(found[root], what), getattr(found[plain], what), rtol=1e-6)
