@@ -150,6 +150,6 @@ def test_square_root_forms_are_told_of_the_errors_of_inputs_as_the_others_are():
     unit, cases = Unit(0, 0, 0, 0, 1), [Case(0, r) for r in range(LANES)]
     batch, believed = evaluator.simulate(unit, cases, 500), evaluator.parameters(unit, cases, "belief")
     found = [evaluator.estimate(i, unit, cases, batch, believed) for i in range(len(kinds))]
-    for plain, root in ((0, 1), (2, 3)):
+    for usual, root in ((0, 1), (2, 3)):
         for what in ("rmse", "nees", "nis", "log_likelihood"):
-            np.testing.assert_allclose(getattr(found[root], what), getattr(found[plain], what), rtol=1e-6)
+            np.testing.assert_allclose(getattr(found[root], what), getattr(found[usual], what), rtol=1e-6)
