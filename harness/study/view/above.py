@@ -283,7 +283,7 @@ class AboveFigure:
                 said.append(f"{name} {off:.3g} m")
         self._paths.data = {
             "xs": [run.paths[n][0][rows] for n in names], "ys": [run.paths[n][1][rows] for n in names],
-            "colour": [looks.colour(self._looks[n].line) for n in names], "name": names,
+            "colour": [looks.line(self._looks[n]) for n in names], "name": names,
         }  # fmt: skip
         if not names:
             return ""
@@ -368,9 +368,7 @@ def _geometry(run: Replayed, chosen: dict[str, Look]) -> dict[str, Any]:
             for b, o in plan.outlines.items()
         ],
         "axles": [{"name": words(n), "body": bodies.index(a.body), "x": a.x, "y": a.y} for n, a in plan.axles.items()],
-        "estimators": [
-            {"name": str(e), "colour": looks.colour(chosen[str(e)].line)} for e in run.data["estimator"].values
-        ],
+        "estimators": [{"name": str(e), "colour": looks.line(chosen[str(e)])} for e in run.data["estimator"].values],
         "wheel": min(0.17 * length, 1.0),
         "reach": 0.28 * length,
     }

@@ -29,7 +29,7 @@ def bars(
         y = np.arange(len(names))[::-1] + 0.5 - looks.NAME - thick * (g + 0.5)
         right = [min(max(v, left), most) if math.isfinite(v) else most for v in group]
         source = ColumnDataSource({"y": y, "right": right, "value": list(group), "name": list(names)})
-        line, tint = looks.colour(chosen[g].line), looks.colour(chosen[g].tint)
+        line, tint = looks.line(chosen[g]), looks.colour(chosen[g].tint)
         drawn = found.hbar("y", right="right", left=left, height=0.8 * thick, source=source,
                            fill_color=tint, line_color=line, hatch_pattern=looks.hatch(chosen[g]), hatch_color=line,
                            hatch_alpha=0.6, hatch_scale=7)  # fmt: skip

@@ -83,7 +83,7 @@ class BoxFigure:
         styles = [chosen[self._names[b.estimator]] for b in own]
         low, middle, high = np.array([b.quartiles for b in own]).reshape(-1, 3).T
         ends = np.array([[b.values[0], b.values[-1]] for b in own]).reshape(-1, 2).T
-        colours = [looks.colour(s.line) for s in styles]
+        colours = [looks.line(s) for s in styles]
         source = ColumnDataSource({
             "x": [self.place(b.across, b.estimator) for b in own], "low": low, "middle": middle, "high": high,
             "least": ends[0], "most": ends[1], "runs": [len(b.values) for b in own], "lost": [b.lost for b in own],

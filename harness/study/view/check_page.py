@@ -83,9 +83,7 @@ class _Signals:
         plot = looks.plot(words(name), 300, x_range=shared)
         values = q.scale * recording[name].astype(float)
         source = ColumnDataSource({"time": time, "value": values})
-        drawn = plot.line(
-            "time", "value", source=source, color=looks.colour(style.looks([name])[name].line), line_width=1.3
-        )
+        drawn = plot.line("time", "value", source=source, color=looks.line(style.looks([name])[name]), line_width=1.3)
         plot.add_tools(looks.hover([drawn], ("t", "@time s"), ("value", "@value{0.0000 a}")))
         for left, right in _gaps(time, values):
             plot.add_layout(
@@ -110,7 +108,7 @@ class _Signals:
         source = ColumnDataSource({"time": columns["time"], **pair})
         chosen = style.looks(["measured", "computed"])
         for side, dashes in (("measured", "solid"), ("computed", "dashed")):
-            plot.line("time", side, source=source, color=looks.colour(chosen[side].line), line_dash=dashes,
+            plot.line("time", side, source=source, color=looks.line(chosen[side]), line_dash=dashes,
                       line_width=1.5, legend_label=side)  # fmt: skip
         looks.legend_above(plot)
         plot.yaxis.axis_label, plot.xaxis.axis_label = q.unit, "time in s"

@@ -67,12 +67,12 @@ class DrivesFigure:
         plots = [
             self._lines(f"{q.words[:1].upper()}{q.words[1:]}: measured and simulated", q.unit, time, 300, [
                 (MEASURED, "measured", style.MEASURED, "solid", 1.4),
-                (BEFORE, "simulated before", looks.colour(before.line), "solid", 1.4),
-                (AFTER, "simulated after", looks.colour(after.line), "dashed", 1.6),
+                (BEFORE, "simulated before", looks.line(before), "solid", 1.4),
+                (AFTER, "simulated after", looks.line(after), "dashed", 1.6),
             ], _reach(values[MEASURED])),
             self._lines("Residual: measured less simulated", q.unit, time, 240, [
-                (f"left {BEFORE}", "before", looks.colour(before.line), "solid", 1.2),
-                (f"left {AFTER}", "after", looks.colour(after.line), "solid", 1.2),
+                (f"left {BEFORE}", "before", looks.line(before), "solid", 1.2),
+                (f"left {AFTER}", "after", looks.line(after), "solid", 1.2),
             ], _reach(left[f"left {BEFORE}"], left[f"left {AFTER}"])),
         ]  # fmt: skip
         plots[-1].xaxis.axis_label = "time in s"

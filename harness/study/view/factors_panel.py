@@ -230,7 +230,7 @@ def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval,
             "y": y, "value": [v.value for v in found], "lower": [v.lower for v in found],
             "upper": [v.upper for v in found], "name": names,
         })  # fmt: skip
-        line = looks.colour(look.line)
+        line = looks.line(look)
         plot.segment("lower", "y", "upper", "y", source=source, color=line, line_width=2.5)
         dots = plot.scatter("value", "y", source=source, color=line, size=9, marker="circle" if shift > 0 else "square")
         plot.add_tools(
@@ -256,7 +256,7 @@ def _along(found: AlongDrive) -> Any:
         source = ColumnDataSource(
             {"t": found.time, **{n: total[i, :, k] for k, n in enumerate(("value", "lower", "upper"))}}
         )
-        line = looks.colour(look.line)
+        line = looks.line(look)
         plot.varea("t", "lower", "upper", source=source, color=line, alpha=0.15)
         plot.line("t", "value", source=source, color=line, line_dash=looks.dash(look), line_width=1.8,
                   legend_label=found.design.factors[i].words)  # fmt: skip
@@ -274,7 +274,7 @@ def _box(design: Design, lower: Any, upper: Any, box: float) -> Any:
     y, line = np.arange(len(names))[::-1] - 0.22, style.looks(["alone"])["alone"]
     source = ColumnDataSource({"y": y, "left": -np.asarray(lower), "right": np.asarray(upper), "name": names})
     drawn = plot.hbar("y", left="left", right="right", height=0.36, source=source, fill_color=looks.colour(line.tint),
-                      line_color=looks.colour(line.line))  # fmt: skip
+                      line_color=looks.line(line))  # fmt: skip
     plot.add_tools(looks.hover([drawn], ("", "@name"), ("below", "@left{0.00}"), ("above", "@right{0.00}")))
     for at in (-box, box):
         plot.add_layout(Span(location=at, dimension="height", line_color="#000000", line_dash="dashed", line_width=2))

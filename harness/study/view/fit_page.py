@@ -98,7 +98,7 @@ def _intervals(estimates: Sequence[Mapping[str, Any]]) -> Any:
     source = ColumnDataSource(
         {k: [r[i] for r in rows] for i, k in enumerate(("name", "value", "low", "high"))} | {"y": y}
     )
-    line = looks.colour(style.looks(["found"])["found"].line)
+    line = looks.line(style.looks(["found"])["found"])
     found.segment("low", "y", "high", "y", source=source, line_width=3, color=line)
     marks = found.scatter("value", "y", source=source, size=9, color=line)
     found.add_layout(Span(location=1.0, dimension="height", line_color="#000000", line_dash="dashed"))

@@ -10,6 +10,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.plotting import figure
 
+from harness.common.arrays import Floats
 from harness.reporting.style import Look
 
 FONT = "DejaVu Sans, Verdana, sans-serif"
@@ -22,10 +23,13 @@ WRAPPED = """
 NAME = 0.5
 """Share of a row that its name takes where names stand inside a figure."""
 
-_TITLE = 38  # characters of a title that fit on a phone
+_TITLE = 34  # characters of a title that fit on a phone
 HATCHES = {"/": "right_diagonal_line", "\\": "left_diagonal_line", ".": "dot", "-": "horizontal_line",
            "|": "vertical_line", "+": "cross", "x": "diagonal_cross", "o": "ring", "*": "criss_cross"}  # fmt: skip
 
+
+CONTRAST = 3.0
+"""Of lines and marks against white, at the least (WCAG 2.2, 1.4.11)."""
 
 MARKERS = {"o": "circle", "s": "square", "^": "triangle", "D": "diamond", "v": "inverted_triangle"}
 
@@ -101,6 +105,20 @@ def marker(look: Look) -> str:
 def colour(of: tuple[float, float, float]) -> str:
     """Return a colour as a browser takes it."""
     return "#" + "".join(f"{round(255 * part):02x}" for part in of)
+
+
+def line(look: Look) -> str:
+    """Return the colour of an estimator's lines: that of the reports, darkened until it stands out from white."""
+    found = np.array(look.line)
+    while 1.05 / (_luminance(found) + 0.05) < CONTRAST:
+        found = 0.97 * found
+    return colour((float(found[0]), float(found[1]), float(found[2])))
+
+
+def _luminance(of: Floats) -> float:
+    """Return the relative luminance of a colour (WCAG 2.2)."""
+    linear = np.where(of <= 0.04045, of / 12.92, ((of + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 def hover(renderers: list[Any], *rows: tuple[str, str]) -> HoverTool:

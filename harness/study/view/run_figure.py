@@ -46,7 +46,7 @@ class _Slot:
         """Show an estimator."""
         if name == self._name:
             return
-        self._name, colour = name, looks.colour(look.line)
+        self._name, colour = name, looks.line(look)
         for glyph in self.areas:
             glyph.fill_color = colour
         for glyph in (*self.lines, *self.dashed):

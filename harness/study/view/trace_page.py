@@ -164,7 +164,7 @@ def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> An
     look = style.looks(["gain"])["gain"]
     marks = found.scatter(
         "x", "y", size="size", source=source, fill_color=looks.colour(look.tint), fill_alpha=0.85,
-        line_color=looks.colour(look.line),
+        line_color=looks.line(look),
     )  # fmt: skip
     found.text("x", "y", "rank", source=source, text_align="center", text_baseline="middle", text_font_size="11px")
     found.add_tools(looks.hover([marks], ("", "@name"), ("gain before", "@before{0.0 a}"), ("after", "@after{0.0 a}")))

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import harness as h
+from harness.reporting import style
 from harness.study.replay import Place
 from harness.study.results import read as read_results
+from harness.study.view import looks
 from harness.study.view.boxes import SCORES, boxes
 from harness.study.view.factors import Brush
 from harness.study.view.state import State, read
@@ -75,3 +77,13 @@ def test_what_is_not_there_is_not_asked_for(results, query):
     assert found.run in (None, Place(0, 0, 0, 0, 0))
     assert found.changes == {}
     assert found.brush is None
+
+
+def test_lines_of_all_estimators_stand_out_from_white():
+    names = ["KF", "EKF", "UKF", "CDKF", "ST-CDKF", "PF", "NARX", "other", "one more", "another"]
+    chosen = style.looks(names)
+    for look in chosen.values():
+        parts = [int(looks.line(look)[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+        assert 1.05 / (0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2] + 0.05) > 2.95
+    assert looks.line(chosen["EKF"]) == looks.colour(chosen["EKF"].line)

@@ -14,7 +14,7 @@ PIXEL = """([name, x, y]) => {
     return [box.x + view.frame.x_scale.compute(x), box.y + view.frame.y_scale.compute(y)];
 }"""
 DRAWN = """(title) => [...Bokeh.documents[0].all_models ?? Bokeh.documents[0]._all_models.values()]
-    .some((m) => m.title?.text === title)"""
+    .some((m) => m.title?.text?.replaceAll('\\n', ' ') === title)"""
 
 
 def expect(locator):

@@ -27,7 +27,8 @@ def built(put):
 
 
 def titles(document):
-    return [m.title.text for m in document.models if type(m).__name__ == "figure" and m.title.text]
+    figures = (m for m in document.models if type(m).__name__ == "figure")
+    return [m.title.text.replace("\n", " ") for m in figures if m.title.text]
 
 
 def tables(document):
