@@ -1,6 +1,7 @@
 """``harness identify`` on recordings that no filter makes sense of: what is wrong is said, and nothing is invented."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -89,3 +90,57 @@ def test_a_sensor_that_gave_nothing_is_named(folder, tmp_path):
     assert (status, found) == (2, {})
     assert "yaw_rate: channel 'yaw_rate'" in said
     assert "holds no number" in said
+
+
+def _gaps(table):
+    for first in range(0, len(table), 50):
+        table.loc[first : first + 35, "yaw_rate"] = np.nan
+
+
+WHOLE = {
+    "bursts of missing samples": (_gaps, 0, "The model|missing"),
+    "a sensor that gives nothing": (lambda t: t.__setitem__("yaw_rate", np.nan), 2, "holds no number"),
+    "a measurement of a million": (lambda t: t.__setitem__("yaw_rate", t.yaw_rate.where(t.index != 300, 1e6)), 0,
+                                   "single-sample spikes: 1"),
+    "a locked steering wheel": (lambda t: t.__setitem__("steering_wheel_angle", 8.0), 0,
+                                "Something is missing that no effect of the library explains"),
+    "standstill": (lambda t: t.__setitem__("speed", 0.0), 2, "too little excitation"),
+    "reverse": (lambda t: t.__setitem__("speed", -5.0), 0,
+                "Something is missing that no effect of the library explains"),
+}  # fmt: skip
+"""What happens to a recording, the exit status of a trace of it, and what is said."""
+
+
+@pytest.fixture(scope="module")
+def longer(tmp_path_factory):
+    """Drives that are long enough for a trace."""
+    folder = tmp_path_factory.mktemp("longer")
+    for seed, name in ((1, "first"), (2, "second")):
+        write_recording(recorded(model_of(CAR), seed, duration=24.0, speed=15.0, amplitude=0.5), folder / f"{name}.csv")
+    return folder
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("what", WHOLE)
+def test_a_whole_trace_says_in_words_what_it_cannot_explain(longer, tmp_path, what):
+    change, status, said = WHOLE[what]
+    table = pd.read_csv(longer / "first.csv")
+    change(table)
+    table.to_csv(tmp_path / "odd.csv", index=False)
+    words = [
+        "trace",
+        *LINE[1:7],
+        "--train",
+        tmp_path / "odd.csv",
+        "--test",
+        longer / "second.csv",
+        "--estimators",
+        "ekf",
+    ]
+    done = CliRunner().invoke(app, [str(w) for w in [*words, "--out", tmp_path / "out"]])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    printed = " ".join(done.output.split())
+    assert done.exit_code == status, printed
+    assert re.search(said, printed)
+    assert "Warning" not in printed
+    assert "Traceback" not in printed

@@ -157,3 +157,10 @@ def test_chunks_of_a_killed_writer_go(study, finished, copy):
     run_study(study, copy, jobs=1)
     assert bits(copy) == bits(finished)
     assert faults(copy / STORE) == []
+
+
+def test_chunks_of_earlier_stores_lie_in_folders():
+    about = {"arrays": {"rmse": ["band", "sample", "drive", "repeat"]}}
+    assert checksums.chunk_files(about, ("level", 1, 2, 0)) == {"rmse": "level/rmse/c/1/2/0/0"}
+    here = checksums.chunk_files({**about, "repeat_chunks": 2, "separator": "."}, ("level", 1, 5, 3))
+    assert here == {"rmse": "level/rmse/c.1.2.3.1"}
