@@ -75,9 +75,11 @@ def _taken_at(time: Floats, instants: Floats, values: Floats) -> bool:
     """Whether the samples of a channel were taken when the stamps say so, and not at the steady instants.
 
     What a sample differs from the mean of its neighbours is then its slope times how much later it is than theirs; the
-    slope is that of the next neighbours but one, whose noise is independent of it.
+    slope is that of the next neighbours but one, whose noise is independent of it. A value that a channel repeats was
+    taken at neither instant, and its noise is its neighbour's.
     """
-    jitter = time - instants
+    jitter, repeated = time - instants, np.append(False, values[1:] == values[:-1])
+    values = np.where(repeated, np.nan, values)
     late = jitter[2:-2] - 0.5 * (jitter[1:-3] + jitter[3:-1])
     with np.errstate(invalid="ignore", over="ignore"):
         bent = values[2:-2] - 0.5 * (values[1:-3] + values[3:-1])

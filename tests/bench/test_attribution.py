@@ -1,5 +1,6 @@
 """The proof's scoring: hand-made traces against hand-made seals, the tables of them, and what the oracle fits."""
 
+import dataclasses
 import json
 import math
 from dataclasses import replace
@@ -244,11 +245,20 @@ def test_the_interval_is_wilsons():
 
 def test_numbers_are_those_of_medium_magnitudes(several):
     table = numbers(several)
-    assert cells(table, "true effect added itself")[1].startswith("9 of 10, 90 %")
+    assert cells(table, "true effect named first")[0] == "95 %"
+    assert cells(table, "true effect named first")[1].startswith("9 of 10, 90 %")
     assert cells(table, "no effect claimed where none is")[1].startswith("1 of 2, 50 %")
     assert cells(table, "parameter error, median")[1] == "5.0 %"
     assert cells(table, "at least 90 % of the gap closed")[1].startswith("9 of 10")
     assert cells(table, "both of two effects found")[1] == "–"
+
+
+def test_numbers_of_field_recordings_have_their_own_aim_and_are_pooled_over_vehicles(several):
+    field = [dataclasses.replace(s, quality="field") for s in several]
+    assert cells(numbers(field), "true effect named first")[0] == "85 %"
+    assert len(cells(numbers(field), "true effect named first")) == 2
+    two = [*field, *(dataclasses.replace(s, vehicle="car") for s in field)]
+    assert cells(numbers(two), "true effect named first")[3].startswith("18 of 20")
 
 
 def test_shares_are_by_kind_and_magnitude(several):
@@ -322,7 +332,7 @@ def library(vehicle):
     placed = tuple(n for n in there if not getattr(load_effect(n), "NOISE", None))
     files = tuple(dict.fromkeys(split(n)[0] for n in placed))
     names = assemble(spec.vehicle, spec.tyre, files, spec.sensors, optional=True).parameter_names
-    return SimpleNamespace(nominal=spec.model(), placements=placed, names=names)
+    return SimpleNamespace(nominal=spec.model(), placements=placed, drifts=(), names=names)
 
 
 @pytest.mark.parametrize("vehicle", sorted(NOMINAL))

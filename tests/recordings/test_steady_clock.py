@@ -36,6 +36,16 @@ def test_the_signals_tell_whether_samples_were_taken_at_their_stamps(stamps, noi
     assert steadied(clock, [at_rest, motion(jittered) + white]) is clock
 
 
+@pytest.mark.parametrize("seed", [0, 15, 18])
+def test_a_channel_that_repeats_its_values_tells_nothing(seed):
+    """Speed held for two samples: its steps while the vehicle accelerates looked like samples taken at the stamps."""
+    rng, instants = np.random.default_rng(seed), STEP * np.arange(SAMPLES)
+    jittered = instants + np.clip(1e-3 * rng.standard_normal(SAMPLES), -0.4 * STEP, 0.4 * STEP)
+    speed = 20 + 3 * np.tanh((instants - 30) / 0.15) + 0.002 * rng.standard_normal(SAMPLES)
+    mended = steadied(check_clock(jittered, "file: 'time'"), [speed[np.arange(SAMPLES) // 2 * 2]])
+    assert mended.time == pytest.approx(instants, abs=1e-4)
+
+
 def test_a_clock_that_wanders_or_is_exact_or_short_stays(stamps):
     instants, jittered = stamps
     wandering = instants + 1e-3 * np.sin(0.2 * instants)
