@@ -8,9 +8,12 @@ import pytest
 from bokeh.document import Document
 
 from harness.common.errors import UserError
+from harness.study.replay import Place, Replayer
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
+from harness.study.stored import study_of
 from harness.study.view import check_page, fit_page, folder_page, pair_page, trace_page
+from harness.study.view.above import AboveFigure, Along
 from harness.study.view.bars import bars
 from harness.study.view.boxes import expected
 from harness.study.view.factors import points_of, shares, varied
@@ -169,3 +172,20 @@ def test_all_figures_of_a_design_share_one_selection_that_leads_to_a_run(folder)
     source.selected.indices = [5]
     found = points_of(analyse(folder).store.designs[1], "rmse", 0, 0, None)
     assert chosen == [((0, found.worst[5][0], 5, found.worst[5][1]), 0)]
+
+
+def test_a_number_over_the_time_of_a_drive_colours_its_path_and_no_other(folder):
+    study = study_of(folder)
+    figure = AboveFigure(analyse(folder).looks)
+    figure.show(Replayer(study).run(Place(0, 1, 1, 0, 4), [0], innovations=False, everything=True))
+    time, values = np.array([0.0, 2.0, 4.0]), np.array([0.0, 1.0, 0.0])
+    along = {n: Along(d.name, time, values, "total index") for n, d in zip(("no", "yes"), study.drives, strict=True)}
+    figure.colour_also(along)
+    document = Document()
+    document.add_root(figure.layout)
+    select = next(m for m in document.models if type(m).__name__ == "Select")
+    assert "yes" in select.options
+    assert "no" not in select.options
+    path = next(m.data for m in document.models if type(m).__name__ == "ColumnDataSource" and "yes" in m.data)
+    assert max(path["yes"]) == pytest.approx(1.0, abs=0.02)
+    assert path["yes"][0] == 0.0
