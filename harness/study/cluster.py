@@ -15,6 +15,7 @@ import logging
 import os
 import platform
 import threading
+import time
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +41,10 @@ CONNECT = 10.0
 """s to wait for a scheduler, and then for its first worker."""
 
 _LOOK = 2.0
-"""s between two looks at which workers are there while nothing is finished."""
+"""s between two looks at which workers are there."""
+
+_PAUSE = 0.02
+"""s between two looks at what is finished."""
 
 _OPENED_AT_ONCE = 4
 """Studies that a worker keeps open."""
@@ -180,20 +184,24 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
         ClusterFailure: If one unit has lost several workers, or the scheduler is gone.
         UserError: If a worker that came later runs other code or does not see the store.
     """
-    from distributed import CancelledError, KilledWorker, wait
+    from distributed import CancelledError, KilledWorker, as_completed
     from distributed.comm import CommClosedError
 
     there = _There(folder.resolve(), code_state(study), components.carried())
     pending = {client.submit(_evaluate_there, study, unit, there, pure=False) for unit in todo}
-    workers = set(client.ncores())
+    workers, looked = set(client.ncores()), time.monotonic()
+    # Waiting for all that are left anew takes the longer the more there are.
+    completed = as_completed(pending, loop=client.loop)
     try:
         while pending:
-            with contextlib.suppress(TimeoutError):
-                with client.as_current():
-                    done, pending = wait(pending, timeout=_LOOK, return_when="FIRST_COMPLETED")
-                for future in done:
-                    yield future.result()
-            workers = _report_lost(workers, set(client.ncores()), console)
+            done = completed.next_batch(block=False)
+            for future in done:
+                pending.discard(future)
+                yield future.result()
+            if not done:
+                time.sleep(_PAUSE)
+            if time.monotonic() - looked > _LOOK:
+                workers, looked = _report_lost(workers, set(client.ncores()), console), time.monotonic()
     except KilledWorker as error:
         raise ClusterFailure(
             f"a unit was lost with each of the workers that took it, the last {error.last_worker.address} (out of "
