@@ -1,0 +1,85 @@
+"""Print how far each kernel of the mass study is from the arithmetic that it does: ``python -m bench.floor``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from bench.engine import mass_study, step_times
+from bench.floor.counting import counted, counts
+from bench.floor.throughput import throughput
+from harness.engine.simd.lanes import LANES
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+from harness.study.provenance import processor
+from harness.study.run_noise import Case
+
+UNITS = {
+    "products": ("multiply", "multiply-add"),
+    "sums": ("add", "round"),
+    "choices": ("compare", "select"),
+    "quotients": ("divide", "root"),
+    "random": ("draw", "normal pair", "gather"),
+}
+"""Operations that compete for a part of the processor; at best the parts work at the same time."""
+
+_BYTES = 8 * LANES
+
+
+def operations() -> dict[str, dict[str, float]]:
+    """Return the operations on all lanes per step, by kernel of the mass study and kind; warmed up, scores included."""
+    evaluator = StudyEvaluator(mass_study())
+    unit, cases = Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
+    simulator = evaluator.compiled.simulator
+    short, long = 4, 9
+    batches = {n: evaluator.simulate(unit, cases, n) for n in (short, long)}
+    believed, found = evaluator.parameters(unit, cases, "belief"), {}
+    simulator.loop = counted(simulator.loop)
+    found["simulation with noise"] = _per_step(lambda n: evaluator.simulate(unit, cases, n), short, long)
+    for i, estimator in enumerate(evaluator.compiled.estimators):
+        if estimator.kind not in found:
+            estimator._kernels = SimpleNamespace(estimate=counted(estimator.loop))
+            found[estimator.kind] = _per_step(
+                lambda n, i=i: evaluator.estimate(i, unit, cases, batches[n], believed), short, long
+            )
+    return found
+
+
+def _per_step(run, short: int, long: int) -> dict[str, float]:
+    totals: list[Counter[str]] = []
+    for samples in (short, long):
+        counts.clear()
+        with np.errstate(all="ignore"):
+            run(samples)
+        totals.append(Counter(counts))
+    return {kind: (totals[1][kind] - totals[0][kind]) / (long - short) for kind in totals[1]}
+
+
+def main() -> None:
+    """Measure and print."""
+    console = Console(width=140)
+    with console.status("measuring"):
+        each, times, done = throughput(), step_times(), operations()
+    console.print(f"nanoseconds per operation on {LANES} lanes, one core of {processor()}:")
+    console.print(", ".join(f"{kind} {value:.2f}" for kind, value in each.items()))
+    table = Table(box=box.MARKDOWN)
+    for name in ("kernel", "operations", *UNITS, "kB moved", "floor, us", "measured, us", "share"):
+        table.add_column(name, justify="left" if name == "kernel" else "right")
+    for name, kinds in done.items():
+        busy = {unit: 1e-3 * sum(kinds.get(k, 0.0) * each[k] for k in own) / LANES for unit, own in UNITS.items()}
+        floor, arithmetic = max(busy.values()), sum(kinds.get(k, 0.0) for own in UNITS.values() for k in own)
+        moved = 1e-3 * _BYTES * (kinds.get("load", 0.0) + kinds.get("store", 0.0))
+        table.add_row(
+            name, f"{arithmetic:,.0f}", *(f"{value:.3f}" for value in busy.values()), f"{moved:.0f}",
+            f"{floor:.3f}", f"{times[name]:.3f}", f"{100 * floor / times[name]:.0f} %",
+        )  # fmt: skip
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
