@@ -105,9 +105,9 @@ def _in_step(runs: NDArray[np.int64], ratio: int) -> bool:
     """Return whether most of the short runs of equal values are multiples of one length near ``ratio``."""
     times = np.round(runs / ratio)
     short = times <= _SHORT
-    with np.errstate(divide="ignore", invalid="ignore"):  # a run of less than half an update stands for none
-        period = float(np.median(runs[short] / times[short]))
-        away = np.abs(runs[short] - np.round(runs[short] / period) * period)
+    whole = short & (times > 0)
+    period = float(np.median(runs[whole] / times[whole]))
+    away = np.abs(runs[short] - np.round(runs[short] / period) * period)
     return float(np.mean(away <= 1 + period / 8)) > 0.75
 
 

@@ -282,6 +282,14 @@ def test_a_slow_channel_that_rests_at_times_is_still_slow():
     assert new.sum() == pytest.approx(runs.sum() / 10, rel=0.02)
 
 
+def test_a_sample_that_came_early_does_not_hide_the_rate_of_a_slow_channel(recwarn):
+    runs = np.where(np.arange(800) % 25 == 24, 1, 10)  # one is no multiple of ten, not even of none
+    new, ratio = updates(np.repeat(np.random.default_rng(3).standard_normal(800), runs))
+    assert ratio == 10
+    assert new.sum() == 800
+    assert not recwarn.list
+
+
 def test_only_new_samples_of_a_slow_channel_count_as_measured(tmp_path):
     truth = drive(TIME)
     rows = np.arange(len(TIME)) // 10 * 10
