@@ -43,7 +43,8 @@ def test_numbers_and_branches_are_those_of_the_compiled_function():
     x[0] = abs(x[0])
     compiled, plain = np.empty_like(x), np.empty_like(x)
     run(x, compiled)
-    counted(run)(x, plain)
+    with np.errstate(invalid="ignore"):  # roots of lanes that are not selected
+        counted(run)(x, plain)
     np.testing.assert_allclose(plain, compiled, rtol=1e-14)
     assert counts["root"] == 4  # no lane of the first is negative
     assert counts["divide"] == 5  # a division by a number is a product
