@@ -66,7 +66,10 @@ def guarded(run: Callable[[], None], beside: Path | None = None) -> int:
         except (Exception, KeyboardInterrupt) as error:
             if interrupted or isinstance(error, KeyboardInterrupt):
                 return _say(
-                    "interrupted", "finished runs are kept; the same command continues from there", INTERRUPTED, False
+                    "interrupted",
+                    "a study or a trace goes on from what is finished, other commands begin again",
+                    INTERRUPTED,
+                    False,
                 )
             if isinstance(error, UserError | ModelError):
                 return _say("error", str(error), WRONG)

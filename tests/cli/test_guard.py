@@ -36,7 +36,11 @@ def raising(error):
         (WorkError("every worker is lost"), 1, "failed: every worker is lost\n"),
         (MemoryError(), 1, "failed: the memory does not suffice; give less at once, or fewer --jobs\n"),
         (OSError(errno.ENOSPC, "No space left on device", "scores"), 1, "failed: scores: No space left on device\n"),
-        (KeyboardInterrupt(), 130, "interrupted: finished runs are kept; the same command continues from there\n"),
+        (
+            KeyboardInterrupt(),
+            130,
+            "interrupted: a study or a trace goes on from what is finished, other commands begin again\n",
+        ),
     ],
 )
 def test_what_is_no_fault_leaves_no_file(tmp_path, capsys, error, status, said):

@@ -175,7 +175,11 @@ def test_what_costs_much_wants_yes_where_there_is_no_terminal(harness, small_stu
         (UserError("a.toml: key: wrong; do this"), 2, "error: a.toml: key: wrong; do this"),
         (ModelError("unknown tyre 'x'"), 2, "error: unknown tyre 'x'"),
         (RuntimeError("disk on fire"), 70, "fault: RuntimeError: disk on fire; this is a fault of the harness"),
-        (KeyboardInterrupt(), 130, "interrupted: finished runs are kept; the same command continues from there"),
+        (
+            KeyboardInterrupt(),
+            130,
+            "interrupted: a study or a trace goes on from what is finished, other commands begin again",
+        ),
     ],
 )
 def test_exit_status_says_what_kind_of_error(harness, small_study, tmp_path, monkeypatch, raised, status, begins):
