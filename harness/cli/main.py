@@ -43,6 +43,10 @@ if TYPE_CHECKING:
     from harness.api.results import Results
 
 
+_NONE_AT_ALL = ("--estimators",)
+"""Options of which an empty word says something: run none."""
+
+
 class _Commands(typer.core.TyperGroup):
     """Accepts ``--debug`` anywhere on the line, because it is appended to a line that failed; and no empty word."""
 
@@ -52,8 +56,9 @@ class _Commands(typer.core.TyperGroup):
         Raises:
             BadParameter: If a word is empty: as a path it would be the working directory.
         """
-        for number, word in enumerate(args, 1):
-            if not word.strip() or (word.startswith("--") and word.endswith("=")):
+        for number, (before, word) in enumerate(zip(["", *args], args, strict=False), 1):
+            option, equals, value = word.partition("=") if word.startswith("--") else (before, "", word)
+            if not value.strip() and (equals or value == word) and option not in _NONE_AT_ALL:
                 raise typer.BadParameter(
                     f"word {number} of the command is empty, as of a variable that is not set: leave it out, or write "
                     "'.' for the working directory",

@@ -30,6 +30,14 @@ def test_an_empty_word_is_not_the_working_directory(tmp_path, monkeypatch, line)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("none", [("--estimators", ""), ("--estimators=",)])
+def test_no_estimators_are_an_empty_list(none):
+    status, said = harness("trace", "-m", "car", "--train", "a.csv", "--test", "b.csv", "--out", "there", *none)
+    assert status == 2
+    assert "empty" not in said
+    assert "a.csv" in said
+
+
 @pytest.mark.parametrize(("command", "other"), [("remedy", "run"), ("run", "trace"), ("campaign", "estimate")])
 def test_a_folder_with_the_result_of_another_command_is_left_alone(tmp_path, command, other):
     (tmp_path / RESULTS[other]).mkdir()
