@@ -136,7 +136,7 @@ def test_noise_is_found_and_estimate_takes_its_file(folder, tmp_path):
         (["estimate", "-e", "ekf", "--unknown-input", "sped"], "'sped' is no input"),
         (["estimate", "-e", "ekf", "--reference", "yaw_rate=nothing"], "the recording lacks 'nothing'"),
         (["tune", "--by", "unit", "mass"], "leave out the study"),
-        (["tune", "--drives", "robustness"], "leave out the study, --drives and --only"),
+        (["tune", "--drives", "robustness"], "leave out the study, --drives, --only"),
     ],
 )
 def test_what_cannot_be_is_one_line(folder, tmp_path, words, said):

@@ -163,6 +163,15 @@ def test_nothing_raw_comes_from_a_command_of_its_own_process(tmp_path):
     assert done.stderr == f"note: {NUMBERS}\n"
 
 
+@pytest.fixture
+def in_the_foreground():
+    """Take Ctrl-C as a command on a terminal does; what a script starts in the background is told to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("in_the_foreground")
 def test_an_interrupt_that_a_library_answers_with_an_error_of_its_own_is_an_interrupt(tmp_path, capsys):
     """pydantic raises a SchemaError where Ctrl-C comes while it builds a model."""
 
