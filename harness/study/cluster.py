@@ -202,6 +202,7 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
                 time.sleep(_PAUSE)
             if time.monotonic() - looked > _LOOK:
                 workers, looked = _report_lost(workers, set(client.ncores()), console), time.monotonic()
+        _report_lost(workers, set(client.ncores()), console)
     except KilledWorker as error:
         raise ClusterFailure(
             f"a unit was lost with each of the workers that took it, the last {error.last_worker.address} (out of "
