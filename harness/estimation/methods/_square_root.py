@@ -36,6 +36,11 @@ from harness.engine.kernel_names import (
 )
 
 
+def memory_size(nx: int, ny: int) -> int:
+    """Return how many rows of memory the filter carries: the factor, row by row, 0 at first."""
+    return nx * nx
+
+
 def factor_before(before, belief, factor):
     """Write the factor a step begins with ``(nx, nx, LANES)``; return the lanes in which it had to be repaired.
 

@@ -11,13 +11,9 @@ import numpy as np
 
 from harness.engine.kernel_names import LANES, NW, NX, NY, get, next_jacobian, output_jacobian, put, splat
 from harness.estimation.methods._square_root import correct_by_array, factor_before, put_noise, put_source, room
+from harness.estimation.methods._square_root import memory_size as memory_size
 
 KALMAN_TYPE = True
-
-
-def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries: the factor, row by row, 0 at first."""
-    return nx * nx
 
 
 def workspace():

@@ -36,15 +36,11 @@ from harness.estimation.methods._square_root import (
     take_away,
     triangularise,
 )
+from harness.estimation.methods._square_root import memory_size as memory_size
 from harness.estimation.methods.ukf import Settings as Settings
 from harness.estimation.methods.ukf import tuning as tuning
 
 KALMAN_TYPE = True
-
-
-def memory_size(nx: int, ny: int) -> int:
-    """Return how many rows of memory the filter carries: the factor, row by row, 0 at first."""
-    return nx * nx
 
 
 def workspace():
