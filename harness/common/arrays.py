@@ -7,3 +7,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+def batches(values: Floats, dimensions: int) -> Floats:
+    """Return an array of one batch, which has so many dimensions, with an axis in front; one that has it as it is."""
+    return values[None] if values.ndim == dimensions else values

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
+from harness.common.components import remembered
 from harness.common.errors import ModelError
 from harness.models.contracts import Parameter
 from harness.models.roles import VEHICLES
@@ -46,6 +48,12 @@ def broken_relations(vehicle: str, values: Mapping[str, float]) -> list[tuple[st
 
 def loading_parameters(vehicle: str) -> dict[str, Parameter]:
     """Return the quantities that describe a vehicle's load, from which several of its parameters follow together."""
+    return dict(_loading_parameters(vehicle))
+
+
+@remembered
+@functools.lru_cache(maxsize=64)
+def _loading_parameters(vehicle: str) -> dict[str, Parameter]:  # looking for the vehicle reads folders
     return {p.name: p for p in getattr(VEHICLES.load(vehicle), "LOADING", ())}
 
 

@@ -8,7 +8,7 @@ A compiled model offers, with ``x (nx, LANES)``, ``u (nu, LANES)``, ``p (np, LAN
 and a work array ``w (nw, LANES)``:
 
 ==========================================  ================================================================
-``constants(p, c)``                         what depends on parameters only
+``constants(p, c)``                         what depends on parameters only, of batches ``(..., nc, LANES)``
 ``drift(x, u, c, dx)``                      dx/dt; of a discrete model the state one sample later
 ``drift_jacobian(x, u, c, J)``              d(dx/dt)/dx, dense ``(nx, nx, LANES)``
 ``next_state(x, u, c, xn, w)``              one sample ahead (Ziaukas 2.9 for Euler)
@@ -51,6 +51,8 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.extending import _Intrinsic
 
+from harness.common.arrays import batches
+from harness.common.cache import cache_folder
 from harness.common.errors import ModelError, UserError
 from harness.common.sources import digest, is_own
 from harness.engine import kernel_names
@@ -98,12 +100,6 @@ DUALS = Exchange({lanes: dual, lane_math: dual_functions, kernel_names: kernel_n
 _FROM = re.compile(r"^from[ \t]+(\.*[\w.]*)[ \t]+import\b", re.MULTILINE)
 _WHOLE = re.compile(r"^import[ \t]+([\w.]+)", re.MULTILINE)
 _generated: set[str] = set()
-
-
-def cache_folder() -> Path:
-    """Return the folder of generated modules: ``$HARNESS_CACHE`` or ``~/.cache/robustness-harness``."""
-    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "robustness-harness"
-    return Path(os.environ.get("HARNESS_CACHE", default))
 
 
 def is_on_disk(function: Dispatcher) -> bool:
@@ -247,17 +243,21 @@ class CompiledModel:
         return np.array([float(values[n]) for n in self.model.parameter_names])
 
     def constants(self, parameters: np.ndarray) -> np.ndarray:
-        """Return the constants for parameter vectors of shape ``(np, lanes)``, shape ``(nc, lanes)``."""
-        c = np.zeros((self.nc, self.lanes))
-        self.kernels.constants(np.ascontiguousarray(parameters, dtype=float), c)
+        """Return the constants for parameter vectors of shape ``(np, lanes)``, shape ``(nc, lanes)``.
+
+        Of several batches both have their axis in front.
+        """
+        given = batches(np.ascontiguousarray(parameters, dtype=float), 2)
+        c = np.zeros((len(given), self.nc, self.lanes))
+        self.kernels.constants(given, c)
         for i, rows in enumerate(self._amplitudes, len(self.equations.constants)):
-            c[i] = any(_in_force(parameters[row], neutral) for row, neutral in rows)
-        return c
+            c[:, i] = np.any([_in_force(given[:, row], neutral) for row, neutral in rows], axis=0)[:, None]
+        return c[0] if np.ndim(parameters) == 2 else c
 
 
-def _in_force(parameter: np.ndarray, neutral: float | None) -> bool:
-    """Return whether a parameter of lanes or duals has another value than its neutral one, or a derivative."""
-    return bool(np.any(parameter[: lanes.LANES] != neutral) or np.any(parameter[lanes.LANES :]))
+def _in_force(parameter: np.ndarray, neutral: float | None) -> np.ndarray:
+    """Return of each batch whether a parameter of lanes or duals has another value than its neutral one, or a slope."""
+    return np.any(parameter[:, : lanes.LANES] != neutral, axis=1) | np.any(parameter[:, lanes.LANES :], axis=1)
 
 
 @functools.lru_cache(maxsize=64)

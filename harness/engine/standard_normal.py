@@ -135,26 +135,27 @@ def fill(words, widths, inside, heights, found):
     """Write standard normal numbers.
 
     Args:
-        words: Of the seed of each lane ``(lanes, 1 + words)``, see ``seed_words``.
+        words: Of the seed of each lane ``(batches * lanes, 1 + words)``, see ``seed_words``.
         widths: Of the layers, over the largest word ``(256,)``.
         inside: Words below these lie inside the rectangle of their layer ``(256,)``.
         heights: Of the density at the layers' edges ``(256,)``.
-        found: Written ``(samples, width, lanes)``.
+        found: Written ``(batches, samples, width, lanes)``.
     """
-    samples, width, lanes = found.shape
+    batches, samples, width, lanes = found.shape
     states = np.empty((lanes, 4), np.uint64)
-    for lane in range(lanes):
-        begin(words[lane], states[lane])
-    for k in range(samples):
-        for i in range(width):
-            for lane in range(lanes):
-                word = draw(states[lane])
-                layer, at = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(0x000FFFFFFFFFFFFF)
-                x = np.float64(np.int64(at)) * widths[layer]
-                if at < inside[layer]:
-                    found[k, i, lane] = -x if (word >> np.uint64(8)) & np.uint64(1) else x
-                else:
-                    found[k, i, lane] = refused(word, states[lane], widths, inside, heights)
+    for b in range(batches):
+        for lane in range(lanes):
+            begin(words[b * lanes + lane], states[lane])
+        for k in range(samples):
+            for i in range(width):
+                for lane in range(lanes):
+                    word = draw(states[lane])
+                    layer, at = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(0x000FFFFFFFFFFFFF)
+                    x = np.float64(np.int64(at)) * widths[layer]
+                    if at < inside[layer]:
+                        found[b, k, i, lane] = -x if (word >> np.uint64(8)) & np.uint64(1) else x
+                    else:
+                        found[b, k, i, lane] = refused(word, states[lane], widths, inside, heights)
 
 
 def seed_words(entropy: int, keys: ArrayLike) -> NDArray[np.uint64]:
@@ -189,16 +190,16 @@ def _words_of(number: int) -> list[int]:
 
 
 def standard_normal(words: NDArray[np.uint64], samples: int, width: int) -> NDArray[np.float64]:
-    """Return standard normal numbers ``(samples, width, LANES)``.
+    """Return standard normal numbers ``(samples, width, LANES)``, of several batches with their axis in front.
 
     Args:
-        words: Of the seed of each lane, from ``seed_words`` ``(LANES, 1 + words)``.
+        words: Of the seed of each lane, from ``seed_words`` ``(LANES, 1 + words)``; of several batches all rows.
         samples: Of each lane.
         width: Numbers of a sample.
     """
-    found = np.empty((samples, width, LANES))
+    found = np.empty((len(words) // LANES, samples, width, LANES))
     _compiled().fill(words, wi_double, ki_double, fi_double, found)
-    return found
+    return found if len(found) > 1 else found[0]
 
 
 @functools.cache

@@ -1,7 +1,8 @@
-"""The loops over time that compiled modules are made of: simulate a batch, estimate and score a batch.
+"""The loops over time that compiled modules are made of: simulate batches, estimate and score batches.
 
 Both are pasted behind a model's kernels (``harness.engine.compile``) and run without Python and without the GIL. A
-batch is ``LANES`` runs of one drive; they may differ in parameters and noise.
+batch is ``LANES`` runs of one drive; they may differ in parameters and noise. Several batches are done one after the
+other in one call, because a call from Python takes as long as some steps.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from harness.engine.kernel_names import (
     NW,
     NX,
     NY,
+    Belief,
     Info,
     StandIn,
     State,
@@ -68,6 +70,18 @@ def surprised(info):
 
 
 def simulate(u, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
+    """Simulate batches of one drive with process and measurement noise.
+
+    The arguments are those of ``simulate_batch``, all but ``u``, ``limits`` and ``needed`` with an axis of batches in
+    front.
+    """
+    for b in range(noise.shape[0]):
+        simulate_batch(
+            u, c[b], deviation_x[b], deviation_y[b], limits, needed, x0[b], noise[b], truth[b], y[b], left_at[b]
+        )
+
+
+def simulate_batch(u, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
     """Simulate a batch with process and measurement noise.
 
     Args:
@@ -103,6 +117,26 @@ def simulate(u, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y
 
 
 def estimate(inputs, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
+    """Run the estimator over batches and score it against the truth while it runs.
+
+    The arguments are those of ``estimate_batch``. With an axis of batches in front come all that end in ``LANES`` but
+    ``belief.input_errors``; that of ``inputs`` may have the length 1, where all batches have the same.
+    """
+    u, between, moved, moved_at = inputs
+    for b in range(y.shape[0]):
+        own, own_errors = min(b, u.shape[0] - 1), min(b, moved.shape[0] - 1)
+        told = u[own], between[own], moved[own_errors], moved_at[own_errors]
+        held = Belief(
+            belief.constants[b], belief.process_noise[b], belief.measurement_noise[b], belief.tuning,
+            belief.input_errors, belief.priors,
+        )  # fmt: skip
+        begun = State(first.mean[b], first.covariance[b], first.memory[b])
+        estimate_batch(
+            told, y[b], truth[b], rows, until[b], held, begun, limits, options, bounds, scores[b], per_run[b], kept[b]
+        )
+
+
+def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
     """Run the estimator over a batch and score it against the truth while it runs.
 
     Args:

@@ -55,7 +55,7 @@ from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, batches
 from harness.common.errors import UserError
 from harness.config.roles import ESTIMATORS
 from harness.engine import parameter_loops, time_loops
@@ -105,8 +105,9 @@ class Sums:
     """What a loop over time sums up of runs, from which their scores are made.
 
     Attributes:
-        errors: Of each target ``(3, targets, runs)``; as is ``per_run``, see ``harness.engine.time_loops.estimate``.
-        per_run: ``(10, runs)``.
+        errors: Of each target ``(3, targets, runs)``; see ``harness.engine.time_loops.estimate_batch``, also for the
+            next.
+        per_run: ``(10, runs)``. Of several batches both have their axis in front.
         kept: As in ``Scores``.
     """
 
@@ -207,8 +208,7 @@ class Estimator:
         if self.is_random:
             self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
         else:
-            size = int(file.memory_size(compiled.nx, compiled.ny))
-            self._first_memory = lambda seeds: np.zeros((size, LANES))
+            self._memory_size = int(file.memory_size(compiled.nx, compiled.ny))
         kernels = kernels_of(file, uncertain, parameters=bool(compiled.model.within))
         self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels))
         valid, first = compiled.model.valid, compiled.model.start_variance
@@ -228,19 +228,22 @@ class Estimator:
         """Return the first state.
 
         Args:
-            mean: ``(nx,)`` or ``(nx, LANES)``.
+            mean: ``(nx,)`` or ``(nx, LANES)``; of several batches ``(batches, nx, LANES)``, and so is all else.
             variance: Of each state; same shapes, or a covariance ``(nx, nx)``.
             seeds: One per lane, for estimators that draw random numbers; by default the same for all.
         """
-        nx = self.compiled.nx
-        x, P = np.empty((nx, LANES)), np.zeros((nx, nx, LANES))
-        x[:] = np.reshape(mean, (nx, -1))
+        nx, lead = self.compiled.nx, np.shape(mean)[:-2]
+        x, P = np.empty((*lead, nx, LANES)), np.zeros((*lead, nx, nx, LANES))
+        x[:] = np.reshape(mean, (*lead, nx, -1))
         if np.shape(variance) == (nx, nx):
             P[:] = np.asarray(variance)[:, :, None]
         else:
-            P.reshape(-1, LANES)[:: nx + 1] = np.reshape(variance, (nx, -1))
-        chosen = [np.random.SeedSequence(0)] * LANES if seeds is None and self.is_random else seeds or []
-        return State(x, P, self._first_memory(chosen))
+            P.reshape(*lead, -1, LANES)[..., :: nx + 1, :] = np.reshape(variance, (*lead, nx, -1))
+        if not self.is_random:
+            return State(x, P, np.zeros((*lead, self._memory_size, LANES)))
+        chosen = [np.random.SeedSequence(0)] * (x.size // nx) if seeds is None else seeds
+        memory = [self._first_memory(chosen[k : k + LANES]) for k in range(0, len(chosen), LANES)]
+        return State(x, P, np.stack(memory) if lead else memory[0])
 
     def step(self, state: State, u_before: Floats, u: Floats, y: Floats, belief: Belief) -> tuple[State, Info]:
         """Take one sample: state in, new state and info out; nothing is changed in place.
@@ -283,6 +286,8 @@ class Estimator:
     ) -> Sums:
         """Run over a batch and sum up what scores are made of while it runs; ``scores`` makes them.
 
+        Of several batches, all that ends in ``LANES`` has their axis in front, but for inputs that all have in common.
+
         Args:
             inputs: What the estimator knows ``(samples, nu, LANES)``.
             measurements: ``(samples, ny, LANES)``; NaN where missing.
@@ -296,32 +301,36 @@ class Estimator:
             since: Scores begin at this sample.
         """
         told = (inputs, *(uncertain or UncertainInputs(inputs, self._no_errors, self._no_errors)))
-        if uncertain is not None and uncertain.at.shape[2]:
+        if uncertain is not None and uncertain.at.shape[-2]:
             size = self.compiled.nx + self.compiled.ny
-            belief = belief._replace(input_errors=np.zeros((size, uncertain.at.shape[2], LANES)))
+            belief = belief._replace(input_errors=np.zeros((size, uncertain.at.shape[-2], LANES)))
         rows, unknown, options = self._compared(truth_names, since)
-        samples, targets = inputs.shape[0], len(self.compiled.signal_names)
-        sums, per_run = np.empty((3, targets, LANES)), np.empty((10, LANES))
-        kept = np.empty((samples if keep else 0, 2, targets, LANES))
+        samples, targets, lead = truth.shape[-3], len(self.compiled.signal_names), truth.shape[:-3]
+        sums, per_run = np.empty((*lead, 3, targets, LANES)), np.empty((*lead, 10, LANES))
+        kept = np.empty((*lead, samples if keep else 0, 2, targets, LANES))
         self._kernels.estimate(
-            told,
-            measurements,
-            truth,
+            tuple(batches(each, dimensions) for each, dimensions in zip(told, (3, 3, 4, 4), strict=True)),
+            batches(measurements, 3),
+            batches(truth, 3),
             rows,
-            until.reshape(1, LANES),
-            belief,
-            first,
+            until.reshape(-1, 1, LANES),
+            belief._replace(
+                constants=batches(belief.constants, 2),
+                process_noise=batches(belief.process_noise, 2),
+                measurement_noise=batches(belief.measurement_noise, 2),
+            ),
+            State(batches(first.mean, 2), batches(first.covariance, 3), batches(first.memory, 2)),
             self._limits,
             options,
             self._bounds,
-            sums,
-            per_run,
-            kept,
+            batches(sums, 3),
+            batches(per_run, 2),
+            batches(kept, 4),
         )
         if unknown is not None:
-            sums[:, unknown] = np.nan
+            sums[..., unknown, :] = np.nan
         if keep:
-            kept[:, :, ~self.gives] = np.nan
+            kept[..., ~self.gives, :] = np.nan
         return Sums(sums, per_run, kept if keep else None)
 
     def _compared(

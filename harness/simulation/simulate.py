@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, batches
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.engine import time_loops
@@ -21,12 +20,14 @@ from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from harness.config import ModelSpec
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Simulated runs of one drive, ``LANES`` at a time.
+    """Simulated runs of one drive, ``LANES`` at a time; of several batches every array has their axis in front.
 
     Attributes:
         truth: Signals asked for, ``(samples, ns, LANES)``.
@@ -67,7 +68,7 @@ class Simulator:
         noise: Floats,
         x0: Floats,
     ) -> Batch:
-        """Simulate ``LANES`` runs.
+        """Simulate ``LANES`` runs, or several batches of them: then all but the inputs have their axis in front.
 
         Args:
             inputs: ``(samples, nu, LANES)``.
@@ -77,24 +78,24 @@ class Simulator:
             noise: Standard normal numbers, ``(samples, nx + ny, LANES)``.
             x0: First state, ``(nx, LANES)``.
         """
-        samples = inputs.shape[0]
-        truth = np.empty((samples, len(self.compiled.signal_names), LANES))
-        y = np.empty((samples, self.compiled.ny, LANES))
-        left = np.empty((1, LANES))
+        samples, lead = inputs.shape[0], noise.shape[:-3]
+        truth = np.empty((*lead, samples, len(self.compiled.signal_names), LANES))
+        y = np.empty((*lead, samples, self.compiled.ny, LANES))
+        left = np.empty((*lead, LANES))
         self.loop(
             inputs,
-            constants,
-            np.sqrt(variance_x),
-            np.sqrt(variance_y),
+            batches(constants, 2),
+            batches(np.sqrt(variance_x), 2),
+            batches(np.sqrt(variance_y), 2),
             self.limits,
             self._needed,
-            x0,
-            noise,
-            truth,
-            y,
-            left,
+            batches(x0, 2),
+            batches(noise, 3),
+            batches(truth, 3),
+            batches(y, 3),
+            left.reshape(-1, 1, LANES),
         )
-        return Batch(truth, y, left[0])
+        return Batch(truth, y, left)
 
 
 def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -> Floats:
@@ -171,6 +172,8 @@ def simulate_drive(
     Raises:
         UserError: If the vehicle leaves the range in which its equations hold.
     """
+    import xarray as xr  # whose import takes a good part of the start of a study, which does without
+
     model = spec.model()
     outputs = list(model.outputs)
     wanted = tuple(dict.fromkeys([*model.states, *signals, *SENSORS.load(spec.sensors).OUTPUTS.values()]))

@@ -87,31 +87,34 @@ class CompiledStudy:
         return DriveInputs(profile, *(in_lanes(table) for table in tables))
 
     def measured(self, measurements: Floats) -> Floats:
-        """Return the measurements that the belief has outputs for, in their order, ``(samples, ny, LANES)``."""
+        """Return the measurements that the belief has outputs for, in their order, ``(..., samples, ny, LANES)``."""
         if self._measured == list(range(self.plant.ny)):
             return measurements
-        return np.ascontiguousarray(measurements[:, self._measured])
+        return np.ascontiguousarray(measurements[..., self._measured, :])
 
     def known(self, drive: int, batch: Batch) -> Floats:
-        """Return the belief's inputs ``(samples, nu, LANES)``, those that the plant supplies filled in."""
-        inputs = self.drives[drive].belief[: len(batch.truth)]
+        """Return the belief's inputs ``(samples, nu, LANES)``, those that the plant supplies filled in.
+
+        Of several batches these have their axis in front; what all have in common has none.
+        """
+        inputs = self.drives[drive].belief[: batch.truth.shape[-3]]
         if not self.supplied:
             return inputs
-        inputs = inputs.copy()
+        inputs = np.broadcast_to(inputs, (*batch.truth.shape[:-3], *inputs.shape)).copy()
         outputs = list(self.plant.model.outputs)
         for name in self.supplied:
             column = self.belief.model.inputs.index(name)
             if name in outputs:
-                inputs[:, column] = batch.measurements[:, outputs.index(name)]
+                inputs[..., column, :] = batch.measurements[..., outputs.index(name), :]
             else:
-                inputs[:, column] = batch.truth[:, self.plant.signal_names.index(name)]
+                inputs[..., column, :] = batch.truth[..., self.plant.signal_names.index(name), :]
         return inputs
 
     def first_variance(self, process: Floats) -> Floats:
-        """Return the first covariance ``(nx, LANES)``: the process noise (Ziaukas 2023, 5.1 and 6.1) if not stated."""
+        """Return the first variances ``(..., nx, LANES)``; not stated, the process noise (Ziaukas 2023, 5.1, 6.1)."""
         first = process.copy()
         for state, variance in self.belief.model.start_variance.items():
-            first[self.belief.model.states.index(state)] = variance
+            first[..., self.belief.model.states.index(state), :] = variance
         return first
 
 

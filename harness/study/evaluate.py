@@ -22,7 +22,7 @@ from harness.study.design import RunParameters, Unit, points, run_parameters, sc
 from harness.study.error_windows import ErrorWindows
 from harness.study.noisy_inputs import NoisyInputs
 from harness.study.parameter_truth import parameter_truth
-from harness.study.run_noise import Case, RunNoise
+from harness.study.run_noise import Case, Cases, RunNoise, in_whole_batches
 from harness.study.scores import (
     ESTIMATOR_DIVERGED,
     OK,
@@ -96,9 +96,9 @@ class StudyEvaluator:
         numbers = len(self.compiled.plant.signal_names) + self.compiled.plant.ny + len(self.study.plant.input_noise)
         return max(1, _SIMULATED_AT_ONCE // (8 * LANES * numbers * len(self.compiled.drives[unit.drive].plant)))
 
-    def _cases(self, unit: Unit) -> list[Case]:
-        repeats = range(self.study.designs[unit.design].repeats)[unit.repeats]
-        return [Case(s, r) for s in range(unit.first, unit.stop) for r in repeats]
+    def _cases(self, unit: Unit) -> Cases:
+        repeats = np.arange(self.study.designs[unit.design].repeats)[unit.repeats]
+        return np.stack(np.meshgrid(np.arange(unit.first, unit.stop), repeats, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
         """Return the scores of a unit: ``(sample, repeat, estimator[, target])`` by name, SI units."""
@@ -111,24 +111,22 @@ class StudyEvaluator:
         words = self.noise.words(unit, cases)
         left, signals = np.empty(len(cases)), len(self.compiled.signals)
         totals = [Sums(np.empty((3, signals, len(cases))), np.empty((10, len(cases)))) for _ in estimators]
-        groups = [slice(first, first + LANES) for first in range(0, len(cases), LANES)]
-        at_once = self._batches_at_once(unit)
+        at_once = self._batches_at_once(unit) if windows is None and self._noisy is None else 1
         # Stage by stage, so that one is done with the caches before the next begins.
-        for some in (groups[k : k + at_once] for k in range(0, len(groups), at_once)):
-            batches = [self.simulate(unit, cases[lanes], plant=plant.of(lanes), words=words[lanes]) for lanes in some]
-            for lanes, batch in zip(some, batches, strict=True):
-                left[lanes] = batch.left_at[: len(cases[lanes])]
+        for first in range(0, len(cases), LANES * at_once):
+            lanes = slice(first, first + LANES * at_once)
+            group, believed_there = cases[lanes], believed.of(lanes)
+            batch = self.simulate(unit, group, plant=plant.of(lanes), believed=believed_there, words=words[lanes])
+            left[lanes] = batch.left_at.reshape(-1)[: len(group)]
             for e, total in enumerate(totals):
-                beliefs = [believed.of(lanes) for lanes in some]
-                begun = [self.begin(e, unit, cases[g], each) for g, each in zip(some, beliefs, strict=True)]
-                for lanes, batch, belief, start in zip(some, batches, beliefs, begun, strict=True):
-                    sums = self.sums(e, unit.drive, start, batch, belief, windows is not None)
-                    runs = len(cases[lanes])
-                    total.errors[..., lanes], total.per_run[:, lanes] = sums.errors[..., :runs], sums.per_run[:, :runs]
-                    if windows is not None:
-                        over_time = self.windows.rmse(batch, estimators[e].scores(sums), windows)
-                        flat = result[OVER_TIME].reshape(len(cases), *result[OVER_TIME].shape[2:])
-                        flat[lanes, e] = over_time[:runs]
+                begun = self.begin(e, unit, group, believed_there)
+                sums = self.sums(e, unit.drive, begun, batch, believed_there, windows is not None)
+                total.errors[..., lanes] = in_a_row(sums.errors, 3)[..., : len(group)]
+                total.per_run[:, lanes] = in_a_row(sums.per_run, 2)[:, : len(group)]
+                if windows is not None:
+                    over_time = self.windows.rmse(batch, estimators[e].scores(sums), windows)
+                    flat = result[OVER_TIME].reshape(len(cases), *result[OVER_TIME].shape[2:])
+                    flat[lanes, e] = over_time[: len(group)]
         for e, total in enumerate(totals):
             self.enter(result, unit, e, left, estimators[e].scores(total))
         return result
@@ -144,10 +142,10 @@ class StudyEvaluator:
         result[STATUS] = np.full(shape, PENDING, dtype=np.int8)
         return result
 
-    def parameters(self, unit: Unit, group: list[Case], side: Literal["plant", "belief"]) -> RunParameters:
+    def parameters(self, unit: Unit, group: Cases, side: Literal["plant", "belief"]) -> RunParameters:
         """Return what plant or belief holds in each run, and in lanes without a run what it holds in the last one."""
         design = self.study.designs[unit.design]
-        rows = [c.sample for c in group] + [group[-1].sample] * (-len(group) % LANES)
+        rows = in_whole_batches(np.asarray(group)[:, 0])
         if unit.design not in self._points:  # two threads that come at once lay out the same
             self._points[unit.design] = points(self.study, design).values
         values = self._points[unit.design][unit.band, rows]
@@ -156,14 +154,17 @@ class StudyEvaluator:
     def simulate(
         self,
         unit: Unit,
-        group: list[Case],
+        group: Cases,
         samples: int | None = None,
         plant: RunParameters | None = None,
         believed: RunParameters | None = None,
         words: NDArray[np.uint64] | None = None,
         simulator: Simulator | None = None,
     ) -> Batch:
-        """Simulate up to ``LANES`` runs of a unit, with the noise that belongs to them.
+        """Simulate runs of a unit, with the noise that belongs to them.
+
+        Up to ``LANES`` runs are one batch. Of more, here as in ``begin`` and ``sums``, every array has an axis of
+        batches in front.
 
         Args:
             unit: The unit.
@@ -180,14 +181,15 @@ class StudyEvaluator:
         words = self.noise.words(unit, group) if words is None else words
         batch = simulator.run(
             inputs,
-            model.constants(plant.values.T),
-            np.ascontiguousarray(plant.process_noise.T),
-            np.ascontiguousarray(plant.measurement_noise.T),
+            model.constants(in_batches(plant.values)),
+            in_batches(plant.process_noise),
+            in_batches(plant.measurement_noise),
             standard_normal(words, len(inputs), model.nx + model.ny),
-            first_state(model.model, plant.values.T, self.compiled.drives[unit.drive].profile),
+            in_batches(first_state(model.model, plant.values.T, self.compiled.drives[unit.drive].profile).T),
         )
+        deviations = np.sqrt(in_batches(plant.input_noise))
         errors = {
-            signal: np.sqrt(plant.input_noise[:, i]) * self.noise.of_input(unit, group, len(inputs), signal)
+            signal: deviations[..., i, None, :] * self.noise.of_input(unit, group, len(inputs), signal)
             for i, signal in enumerate(self.study.plant.input_noise)
         }
         batch = replace(batch, input_errors=errors) if errors else batch
@@ -197,11 +199,12 @@ class StudyEvaluator:
 
     def _with_parameters(self, batch: Batch, plant: RunParameters, believed: RunParameters) -> Batch:
         """Add what is true of the parameters that the belief is not sure of."""
-        still = parameter_truth(self.study.plant, self.study.belief, plant, believed)
-        return replace(batch, truth=np.concatenate([batch.truth, np.tile(still, (len(batch.truth), 1, 1))], axis=1))
+        still = in_batches(parameter_truth(self.study.plant, self.study.belief, plant, believed).T)[..., None, :, :]
+        shape = (*batch.truth.shape[:-2], *still.shape[-2:])
+        return replace(batch, truth=np.concatenate([batch.truth, np.broadcast_to(still, shape)], axis=-2))
 
     def estimate(
-        self, index: int, unit: Unit, group: list[Case], batch: Batch, believed: RunParameters, keep: bool = False
+        self, index: int, unit: Unit, group: Cases, batch: Batch, believed: RunParameters, keep: bool = False
     ) -> Scores:
         """Run one estimator over a simulated batch with what the belief holds in each lane, and score it."""
         sums = self.sums(index, unit.drive, self.begin(index, unit, group, believed), batch, believed, keep)
@@ -226,17 +229,15 @@ class StudyEvaluator:
             round(self.study.score_after / self.study.plant.step),
         )
 
-    def begin(self, index: int, unit: Unit, group: list[Case], believed: RunParameters) -> tuple[Belief, State]:
+    def begin(self, index: int, unit: Unit, group: Cases, believed: RunParameters) -> tuple[Belief, State]:
         """Return what an estimator believes and its first state, with what the belief holds in each lane."""
         estimator = self.compiled.estimators[index]
         believed = scale_noise(believed, self.study.belief, self.study.estimators[index].noise)
-        process = np.ascontiguousarray(believed.process_noise.T)
+        process, model = in_batches(believed.process_noise), self.compiled.belief
         belief = estimator.belief(
-            self.compiled.belief.constants(believed.values.T),
-            process,
-            np.ascontiguousarray(believed.measurement_noise.T),
+            model.constants(in_batches(believed.values)), process, in_batches(believed.measurement_noise)
         )
-        mean = first_state(self.compiled.belief.model, believed.values.T, self.compiled.drives[unit.drive].profile)
+        mean = in_batches(first_state(model.model, believed.values.T, self.compiled.drives[unit.drive].profile).T)
         name = self.study.estimators[index].name
         seeds = self.noise.seeds(unit, group, name) if estimator.is_random else None
         return belief, estimator.init(mean, self.compiled.first_variance(process), seeds)
@@ -264,3 +265,17 @@ class StudyEvaluator:
         status = np.where(diverged, ESTIMATOR_DIVERGED, np.where(lost, PLANT_DIVERGED, OK))
         first = np.where(diverged | lost, np.where(diverged, scores.diverged_at, left) * self.study.plant.step, np.nan)
         result[STATUS][:, :, e], result["time_of_divergence"][:, :, e] = status.reshape(runs), first.reshape(runs)
+
+
+def in_batches(rows: Floats) -> Floats:
+    """Return numbers of runs ``(runs, n)`` as kernels take them: ``(n, LANES)``, of more ``(batches, n, LANES)``."""
+    if len(rows) == LANES:
+        return np.ascontiguousarray(rows.T)
+    return np.ascontiguousarray(rows.reshape(len(rows) // LANES, LANES, rows.shape[1]).transpose(0, 2, 1))
+
+
+def in_a_row(values: Floats, dimensions: int) -> Floats:
+    """Return numbers of batches ``(..., LANES)``, of so many dimensions each, with all runs behind each other."""
+    if values.ndim == dimensions:
+        return values
+    return values.transpose(*range(1, dimensions), 0, dimensions).reshape(*values.shape[1:-1], -1)

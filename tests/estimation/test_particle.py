@@ -219,6 +219,15 @@ def test_roughening_keeps_particles_apart(compiled):
     assert distinct[1] > 60  # those redrawn since the last time are their own again
 
 
+def test_several_batches_begin_as_each_alone(compiled):
+    estimator, seeds = Estimator("particle", compiled), np.random.SeedSequence(1).spawn(2 * LANES)
+    mean = np.random.default_rng(2).normal(size=(2, 3, LANES))
+    both = estimator.init(mean, mean**2, seeds)
+    for batch, own in enumerate((seeds[:LANES], seeds[LANES:])):
+        for found, wanted in zip(both, estimator.init(mean[batch], mean[batch] ** 2, own), strict=True):
+            np.testing.assert_array_equal(found[batch], wanted)
+
+
 # --- resampling
 
 

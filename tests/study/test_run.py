@@ -5,6 +5,7 @@ import io
 import json
 import shutil
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -242,6 +243,26 @@ def test_levels_share_their_noise_and_runs_do_not(evaluator, study):
     heavy_noise = heavy.measurements[:, 0] - heavy.truth[:, place]
     np.testing.assert_allclose(light_noise, heavy_noise, atol=1e-12)
     assert np.abs(np.corrcoef(light_noise[:, :5].T) - np.eye(5)).max() < 0.1
+
+
+def test_batches_in_one_call_have_the_bits_of_each_alone(study, monkeypatch):
+    """Two batches and a part of one, which differ in parameters, noise and, at the end, in lanes without a run."""
+    designs = (replace(study.designs[0], repeats=21), replace(study.designs[1], base_samples=21))
+    evaluator = StudyEvaluator(replace(study, designs=designs))
+    every = [Unit(0, 1, 1, 0, 1), Unit(1, 0, 0, 0, 21)]
+    calls = []
+    real = evaluator.compiled.simulator.loop
+    evaluator.compiled.simulator.loop = lambda *given: calls.append(len(given[7])) or real(*given)
+    monkeypatch.setattr("harness.study.evaluate._SIMULATED_AT_ONCE", 2**30)
+    together = [evaluator.evaluate(unit) for unit in every]
+    assert calls == [3, 3]
+    monkeypatch.setattr("harness.study.evaluate._SIMULATED_AT_ONCE", 1)
+    alone = [evaluator.evaluate(unit) for unit in every]
+    assert calls[2:] == [1] * 6
+    for one, other in zip(together, alone, strict=True):
+        for name, values in one.items():
+            assert values.tobytes() == other[name].tobytes(), name
+        assert np.all(one["status"] == OK)
 
 
 def test_scores_are_what_the_kept_estimates_say(evaluator, study, finished):

@@ -133,10 +133,12 @@ def kernel(eqs: Equations, name: str, arguments: str, stores: Sequence[Assignmen
 
 
 def constants_kernel(eqs: Equations) -> str:
-    """Return the kernel that computes the constants from the parameters."""
+    """Return the kernel that computes the constants of batches from their parameters."""
     read = set().union(*(e.free_symbols for e in eqs.constants.values())) if eqs.constants else set()
     names = eqs.model.parameter_names
-    lines = [f"{name} = get(p, {i})" for i, name in enumerate(names) if symbol(name) in read]
+    lines = [f"{name} = get(p, b, {i})" for i, name in enumerate(names) if symbol(name) in read]
     for i, (name, expr) in enumerate(eqs.constants.items()):
-        lines += [f"{name} = {text(expr)}", f"put({name}, c, {i})"]
-    return function("constants", "p, c", lines)
+        lines += [f"{name} = {text(expr)}", f"put({name}, c, b, {i})"]
+    return function(
+        "constants", "p, c", ["for b in range(p.shape[0]):", *(f"    {line}" for line in lines or ["pass"])]
+    )
