@@ -282,7 +282,7 @@ def cache(
     clear: Annotated[bool, typer.Option("--clear", help="Delete the compiled kernels.")] = False,
 ) -> None:
     """Show or clear the compiled kernels."""
-    from harness.engine.compile import cache_folder
+    from harness.common.cache import cache_folder
 
     folder = cache_folder()
     # Only what load_source and numba wrote: the folder is the user's choice and may hold other things.

@@ -17,14 +17,16 @@ import functools
 import hashlib
 import importlib.util
 import inspect
+import json
 import sys
 import sysconfig
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 
 from harness.common import components
+from harness.common.cache import kept
 
 _PROJECT = frozenset({__name__.partition(".")[0]})
 _STANDARD = tuple(Path(sysconfig.get_path(key)).resolve() for key in ("stdlib", "platstdlib"))
@@ -207,6 +209,17 @@ def _read(name: str) -> _File:
     assert path is not None
     source = path.read_text(encoding="utf-8")
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    found = json.loads(
+        kept(
+            "sources",
+            f"{sys.version} {package}\n{source}",
+            lambda: json.dumps(astuple(_parsed(source, package))).encode(),
+        )
+    )
+    return _File(tuple(_Import(*each) for each in found[0]), found[1])
+
+
+def _parsed(source: str, package: str) -> _File:
     imports: list[_Import] = []
     lines = source.splitlines()
     for statement in _set_aside(ast.parse(source)):

@@ -14,6 +14,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from harness.common.cache import cache_folder
 from harness.common.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,7 +41,10 @@ def registry() -> pint.UnitRegistry:
     """Return the project's one unit registry (quantities of two registries do not mix)."""
     import pint
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    try:  # reading pint's definitions takes ten times as long as what it keeps of them
+        return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=cache_folder() / "units")
+    except Exception:  # whatever reading damaged pickles raises, or writing where nothing may be written
+        return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
 def to_si(value: object, unit: str, where: str) -> float:

@@ -11,6 +11,18 @@ and finds its rate,
 
 from __future__ import annotations
 
-from harness.recordings.load import inputs, load_recording, measurements, updated
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from harness.recordings.load import inputs, load_recording, measurements, updated
 
 __all__ = ["inputs", "load_recording", "measurements", "updated"]
+
+
+def __getattr__(name: str) -> Any:
+    """Return what ``load`` offers, which is imported when it is asked for: simulated drives do without."""
+    if name not in __all__:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    from harness.recordings import load
+
+    return getattr(load, name)

@@ -1,7 +1,7 @@
 """Compile the kernels of a study before its first unit, in further processes where several are missing.
 
 Numba compiles under one lock, so threads do not help. What a further process compiles comes through the cache
-(``harness.engine.compile.cache_folder``) and has the bits of what this one compiles. A further process that fails
+(``harness.common.cache``) and has the bits of what this one compiles. A further process that fails
 leaves its kernels to this one, which says what is wrong with them.
 """
 

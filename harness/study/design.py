@@ -18,13 +18,16 @@ estimator sees the same runs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib.metadata
+import io
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.cache import kept
 from harness.config import NOISE_SCALES, DesignSpec, FactorSpec, ModelSpec, Study
 from harness.config.bounds import settled
 
@@ -36,6 +39,10 @@ LARGEST_UNIT = 1024
 
 MANY_UNITS = 1024
 """Units of a design above which units grow."""
+
+
+_MOST_KEPT = 2**21
+"""Numbers of points that are kept from one process to the next."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +127,13 @@ class Unit:
 
 def unit_box(samples: int, dimensions: int) -> NDArray[np.float64]:
     """Return the first points of SALib's Sobol sequence in the unit box, shape ``(samples, dimensions)``."""
-    from SALib.sample import sobol_sequence
 
-    return np.asarray(sobol_sequence.sample(samples, dimensions), dtype=np.float64)
+    def drawn() -> NDArray[np.float64]:
+        from SALib.sample import sobol_sequence
+
+        return np.asarray(sobol_sequence.sample(samples, dimensions), dtype=np.float64)
+
+    return _kept(drawn, "SALib", f"sobol {samples} {dimensions}", samples * dimensions)
 
 
 def saltelli_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
@@ -133,12 +144,16 @@ def saltelli_points(samples: int, dimensions: int, seed: int) -> NDArray[np.floa
         dimensions: Number of factors.
         seed: Seed of the scrambling.
     """
-    from SALib.sample import sobol
 
-    names = [str(i) for i in range(dimensions)]
-    box = {"num_vars": dimensions, "names": names, "bounds": [[0.0, 1.0]] * dimensions}
-    found = sobol.sample(box, samples, calc_second_order=False, scramble=True, seed=np.random.default_rng(seed))
-    return np.asarray(found, dtype=np.float64)
+    def drawn() -> NDArray[np.float64]:
+        from SALib.sample import sobol
+
+        names = [str(i) for i in range(dimensions)]
+        box = {"num_vars": dimensions, "names": names, "bounds": [[0.0, 1.0]] * dimensions}
+        found = sobol.sample(box, samples, calc_second_order=False, scramble=True, seed=np.random.default_rng(seed))
+        return np.asarray(found, dtype=np.float64)
+
+    return _kept(drawn, "SALib", f"saltelli {samples} {dimensions} {seed}", samples * (dimensions + 2) * dimensions)
 
 
 def scrambled_points(samples: int, dimensions: int, seed: int) -> NDArray[np.float64]:
@@ -146,10 +161,36 @@ def scrambled_points(samples: int, dimensions: int, seed: int) -> NDArray[np.flo
 
     Scrambled, every point is uniform in the box, so that shares of points estimate shares of the box.
     """
-    from scipy.stats import qmc
 
-    generator = qmc.Sobol(d=dimensions, scramble=True, seed=np.random.default_rng(seed))
-    return np.asarray(generator.random(samples), dtype=np.float64)
+    def drawn() -> NDArray[np.float64]:
+        from scipy.stats import qmc
+
+        generator = qmc.Sobol(d=dimensions, scramble=True, seed=np.random.default_rng(seed))
+        return np.asarray(generator.random(samples), dtype=np.float64)
+
+    return _kept(drawn, "scipy", f"scrambled {samples} {dimensions} {seed}", samples * dimensions)
+
+
+def _kept(drawn: Callable[[], NDArray[np.float64]], package: str, which: str, numbers: int) -> NDArray[np.float64]:
+    """Return points ``(points, dimensions)`` from an earlier process: the package's import takes longer than they do.
+
+    Args:
+        drawn: Makes them.
+        package: That makes them.
+        which: All that they depend on besides its version and NumPy's and SciPy's.
+        numbers: How many numbers that may be; of many none is kept.
+    """
+    if numbers > _MOST_KEPT:
+        return drawn()
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in dict.fromkeys((package, "numpy", "scipy"))]
+
+    def packed() -> bytes:
+        file = io.BytesIO()
+        np.save(file, drawn(), allow_pickle=False)
+        return file.getvalue()
+
+    found: NDArray[np.float64] = np.load(io.BytesIO(kept("points", f"{which} {versions}", packed)), allow_pickle=False)
+    return found
 
 
 def _scaled(factor: FactorSpec, band: int, unit: NDArray[np.float64]) -> NDArray[np.float64]:

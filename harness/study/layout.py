@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
@@ -26,6 +25,8 @@ from harness.study.provenance import code_state, commit, processor
 from harness.study.scores import FLAGS, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from harness.study.evaluate import StudyEvaluator
 
 _RUN = ("band", "sample", "drive", "repeat", "estimator")
@@ -102,6 +103,8 @@ def _scores(over_time: bool) -> dict[str, tuple[tuple[str, ...], str, dict[str, 
 
 def _known(study: Study, design: DesignSpec, evaluator: StudyEvaluator) -> xr.Dataset:
     """Return what is known of a design before its first run: values of the factors, coordinates, attributes."""
+    import xarray as xr  # a store that is there already is continued without
+
     table = points(study, design)
     targets = list(study.targets)
     variables: dict[str, Any] = {}

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 import zarr
 from numpy.typing import NDArray
 
@@ -37,6 +36,8 @@ from harness.study.layout import as_text, create, root_attributes, words
 from harness.study.scores import OVER_TIME, PENDING, STATUS
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from harness.study.evaluate import StudyEvaluator
 
 STORE = "scores.zarr"

@@ -12,7 +12,16 @@ from SALib.util import scale_samples
 from scipy.stats import qmc
 
 from harness.config import load_study
-from harness.study.design import Unit, points, run_parameters, unit_box, unit_shape, units
+from harness.study.design import (
+    Unit,
+    points,
+    run_parameters,
+    saltelli_points,
+    scrambled_points,
+    unit_box,
+    unit_shape,
+    units,
+)
 from support.small_study import EKF, SEMITRAILER
 
 STUDY = f"""\
@@ -215,3 +224,14 @@ def test_units_are_even(study):
 
 def test_unit_gives_its_samples_as_a_slice():
     assert Unit(0, 0, 0, 3, 6).samples == slice(3, 6)
+
+
+@pytest.mark.parametrize(
+    "points", [lambda: unit_box(8, 2), lambda: saltelli_points(4, 2, 1), lambda: scrambled_points(8, 2, 1)]
+)
+def test_points_that_were_kept_are_those_that_were_drawn(points, tmp_path, monkeypatch):
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path))
+    drawn, kept = points(), points()
+    assert [file.parent.name for file in tmp_path.rglob("*") if file.is_file()] == ["points"]
+    monkeypatch.setattr("harness.study.design._MOST_KEPT", 0)
+    assert drawn.tobytes() == kept.tobytes() == points().tobytes()
