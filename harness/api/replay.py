@@ -129,7 +129,7 @@ class Replays(StoredRuns):
             raise UserError(f"name at least one estimator; there are: {', '.join(names)}")
         chosen = None if wanted is None else [_index("estimator", name, names) for name in wanted]
         found = self.replayer.run(place, chosen, changes)
-        return Replay(found, None if changes else self.comparison(found), changes)
+        return Replay(found, None if changes else self.comparison(found, self.stored(found)), changes)
 
     @staticmethod
     def changes(plant: Mapping[str, Any] | None, belief: Mapping[str, Any] | None) -> list[Change]:

@@ -211,6 +211,7 @@ class Replayer:
             self.evaluator.simulate(unit, case, samples=3),
             self.evaluator.parameters(unit, case, "belief"),
         )
+        self.evaluator.simulate(unit, case, samples=3, simulator=self._watching)
         self._scores(estimator, Place(0, 0, 0), batch, believed)
         self._follow(estimator, Place(0, 0, 0), batch, believed)
 

@@ -163,6 +163,10 @@ class StoredRuns:
         self.replayer = Replayer(self.study)
         self._stored, self._now = attributes_of(folder), root_attributes(self.study)
 
-    def comparison(self, run: Replayed) -> Comparison:
-        """Return whether the scores of a run are those of the store."""
-        return compare(run, stored_scores(self.folder, self.study, run), self._stored, self._now, self.study)
+    def stored(self, run: Replayed) -> dict[str, np.ndarray]:
+        """Return what the store has of a run, see ``stored_scores``."""
+        return stored_scores(self.folder, self.study, run)
+
+    def comparison(self, run: Replayed, stored: Mapping[str, np.ndarray]) -> Comparison:
+        """Return whether the scores of a run are those that are ``stored``."""
+        return compare(run, stored, self._stored, self._now, self.study)

@@ -74,8 +74,8 @@ class BoxFigure:
         self.marked = ColumnDataSource({"x": [], "y": []})
         self.plot.scatter(
             "x", "y", source=self.marked, marker="star", size=16, fill_color="#ffffff", line_color="#000000",
-            line_width=1.8,
-        )  # fmt: skip
+            line_width=1.8, level="overlay",
+        )  # fmt: skip  # of its own level, so that thousands of points are not painted anew for it
 
     def _draw(self, chosen: dict[str, Look]) -> list[LegendItem]:
         """Draw all boxes and points; of one source each, since every glyph costs a reader time. Return the legend."""

@@ -23,6 +23,9 @@ SCORES = {
 }
 """What boxes may be of, in words."""
 
+RANKS = {"": "…", "0": "smallest", "0.5": "median", "1": "largest"}
+"""Runs that can be chosen by their rank, from 0 to 1, in words."""
+
 POINTS = 3000
 """Runs drawn as points; of more, as many of each box, evenly by rank and always the smallest and the largest."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from bokeh.document import Document
 from bokeh.events import SelectionGeometry
-from bokeh.layouts import column
+from bokeh.layouts import column, row
 from bokeh.models import (
     BasicTicker,
     ColorBar,
@@ -19,6 +20,7 @@ from bokeh.models import (
     LegendItem,
     LinearColorMapper,
     LogColorMapper,
+    RangeSlider,
     Select,
     Span,
 )
@@ -32,7 +34,7 @@ from harness.study.report.sections.over_time import AlongDrive
 from harness.study.results import Design
 from harness.study.scores import PENDING
 from harness.study.view import looks
-from harness.study.view.boxes import SCORES, unit_of
+from harness.study.view.boxes import RANKS, SCORES, unit_of
 from harness.study.view.factors import PARALLEL, Brush, Points, points_of, shares, varied
 from harness.study.view.frame import said
 
@@ -69,8 +71,15 @@ class FactorsPanel:
         self.layout = column(sizing_mode="stretch_width")
         self._estimator = Select(title="Estimator", width=260)
         self._estimator.on_change("value", lambda _a, _o, _n: self._draw())
+        self._part = Select(title="Points by", width=260)
+        self._part.on_change("value", lambda _a, _o, _n: self._set_range())
+        self._range = RangeSlider(title="between", start=0.0, end=1.0, value=(0.0, 1.0), step=0.01, width=300)
+        self._range.on_change("value_throttled", lambda _a, _o, new: self._by_range(*new))
+        self._rank = Select(title="Their run", options=list(RANKS.items()), value="", width=120)
+        self._rank.on_change("value", lambda _a, _o, new: self._by_rank(new))
         self._shown: tuple[int, str, int, int | None] | None = None
         self._points: Points | None = None
+        self._source = ColumnDataSource()
         self._busy = False
 
     def show(self, design: int, score: str, target: int, drive: int | None) -> None:
@@ -99,7 +108,10 @@ class FactorsPanel:
         self._told_along(None)
         self._points = points_of(design, score, target, estimator, drive)
         label = SCORES[score] + style.in_unit(unit_of(score, design.targets[target]))
-        self.layout.children = [said(_HINT), self._estimator, *self._brushed(design, label)]
+        figures = self._brushed(design, label)
+        self._set_parts(design)
+        chosen = row(self._estimator, self._part, self._range, self._rank, styles=_WRAPPED, sizing_mode="stretch_width")
+        self.layout.children = [said(_HINT), chosen, *figures]
         if score == "rmse" and drive is None:
             self._document.add_next_tick_callback(partial(self.explain, self._shown, estimator))
 
@@ -131,6 +143,7 @@ class FactorsPanel:
             **{f"share {k}": lines[:, k] for k in range(lines.shape[1])},
             **{f"factor {i}": points.values[:, i] for i in factors},
         })  # fmt: skip
+        self._source = source
         if self.brush is not None:
             columns = lines if self.brush.figure == PARALLEL else points.values[:, [int(self.brush.figure)]]
             source.selected.indices = self.brush.held(columns, points.scores)
@@ -176,6 +189,51 @@ class FactorsPanel:
             column(*plots, sizing_mode="stretch_width", styles=_BESIDE),
         ]
 
+    def _set_parts(self, design: Design) -> None:
+        """Offer the factors to those who choose points by keyboard."""
+        self._busy = True
+        self._part.options = [(str(i), f"{f.words}{style.in_unit(f.unit)}") for i, f in enumerate(design.factors)
+                              if i in varied(design)]  # fmt: skip
+        if self._part.value not in dict(self._part.options):
+            self._part.value = self._part.options[0][0]
+        self._busy = False
+        self._set_range()
+
+    def _set_range(self) -> None:
+        """Let the ends of the range be those of its factor, or of the part that is selected."""
+        if self._busy or self._points is None:
+            return
+        values = self._points.values[:, int(self._part.value)]
+        low, high = float(values.min()), float(values.max())
+        brushed = self.brush if self.brush is not None and self.brush.figure == self._part.value else None
+        part = (low, high) if brushed is None else (max(low, brushed.x0), min(high, brushed.x1))
+        digits = max(0, min(6, 2 - math.floor(math.log10(high - low))))
+        self._range.update(start=low, end=high, step=(high - low) / 100, value=part,
+                           format=f"0[.]{'0' * digits}" if digits else "0")  # fmt: skip
+
+    def _by_range(self, low: float, high: float) -> None:
+        """Select the points with a factor between two values, whatever their score."""
+        assert self._points is not None
+        scores = self._points.scores[np.isfinite(self._points.scores)]
+        if not scores.size:
+            return
+        ends = float(scores.min()), float(scores.max())
+        beyond = 0.01 * (ends[1] - ends[0]) + 1e-12
+        whole = low <= self._range.start and high >= self._range.end
+        self.brush = None if whole else Brush(self._part.value, low, high, ends[0] - beyond, ends[1] + beyond)
+        held = self.brush and self.brush.held(self._points.values[:, [int(self._part.value)]], self._points.scores)
+        self._source.selected.indices = held or []
+        self._brushed_to(self.brush)
+
+    def _by_rank(self, rank: str) -> None:
+        """Lead to the worst run of a selected point: that of the smallest, of the median or of the largest score."""
+        if not rank or self._points is None:
+            return
+        scores, held = self._points.scores, self._source.selected.indices or range(len(self._points.scores))
+        known = sorted((i for i in held if np.isfinite(scores[i])), key=lambda i: float(scores[i]))
+        if known:
+            self._lead_to(known[round(float(rank) * (len(known) - 1))])
+
     def _on_brush(self, figure: str) -> Callable[[Any], None]:
         def told(event: Any) -> None:
             g = event.geometry
@@ -190,10 +248,15 @@ class FactorsPanel:
         if not indices and self.brush is not None:
             self.brush = None
             self._brushed_to(None)
-        if len(indices) == 1 and self._points is not None:
-            band, sample = map(int, self._points.places[indices[0]])
-            drive, repeat = map(int, self._points.worst[indices[0]])
-            self._choose((band, drive, sample, repeat), int(self._estimator.value))
+        self._rank.value = ""
+        if len(indices) == 1:
+            self._lead_to(indices[0])
+
+    def _lead_to(self, point: int) -> None:
+        assert self._points is not None
+        band, sample = map(int, self._points.places[point])
+        drive, repeat = map(int, self._points.worst[point])
+        self._choose((band, drive, sample, repeat), int(self._estimator.value))
 
     def _explained(self, number: int, target: int, estimator: int) -> list[Any]:
         """Return Sobol indices, over the drive where they are kept, or the tolerance box."""
@@ -283,8 +346,10 @@ def _box(design: Design, lower: Any, upper: Any, box: float) -> Any:
     return plot
 
 
+_WRAPPED = {"flex-wrap": "wrap", "align-items": "end", "gap": "10px 18px"}
 _BESIDE = {"display": "grid", "grid-template-columns": "repeat(auto-fit, minmax(min(300px, 100%), 1fr))"}
 _HINT = (
     "A line is a point of the design. Drag over a part of any figure: the same points stand out in all of them; reset "
-    "shows all again. A click on one point computes its worst run again."
+    "shows all again. A click on one point computes its worst run again. By keyboard: choose points by a factor, and a "
+    "run of theirs."
 )

@@ -128,11 +128,13 @@ class RunFigure:
                 v for k, v in columns.items() if k.startswith(("truth", "estimate", "innovation", "ni", "ne", "value"))
             ]
             rows = kept(lines, max(0, int(first) - 2), min(len(time), int(stop) + 1))
-            source.data = {k: v[rows] for k, v in columns.items()}
+            data = {k: v[rows] for k, v in columns.items()}
+            if not all(np.array_equal(v, source.data[k], equal_nan=True) for k, v in data.items()):
+                source.data = data  # inputs are those of the drive whatever a slider changes
 
     def _plot(self, title: str, height: int, **further: Any) -> Any:
         found = looks.plot(title, height, x_range=self._range, **further)
-        found.vspan("t", source=self._cursor, line_color="#D55E00", line_width=1.2)
+        found.vspan("t", source=self._cursor, line_color="#D55E00", line_width=1.2, level="overlay")  # moves alone
         found.js_on_event(Tap, self._to_here)
         return found
 

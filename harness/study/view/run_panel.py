@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -35,10 +38,13 @@ from harness.study.motion import published
 from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
 from harness.study.scores import FLAGS, STATUS
-from harness.study.stored import StoredRuns, stored_scores
+from harness.study.stored import StoredRuns
 from harness.study.view import looks, tables
 from harness.study.view.above import AboveFigure
 from harness.study.view.run_figure import RunFigure
+
+_GIVEN_WAY = 0.1
+"""Pause between two estimators that are made ready, s: a click that waits comes first."""
 
 _SAVE = """
 if (cb_obj.value == '') return;
@@ -77,6 +83,24 @@ class Runs(StoredRuns):
     def __init__(self, folder: Path, beside: Path | None = None) -> None:
         super().__init__(folder, beside)
         self.pool = ThreadPoolExecutor(1)
+        self._one, self._prepared = threading.Lock(), False
+
+    def compute(self, *run: Any) -> Replayed:
+        """Compute a run again, see ``harness.study.replay.Replayer.run``."""
+        with self._one:
+            return self.replayer.run(*run)
+
+    def prepare(self) -> None:
+        """Load or compile what clicks will need, one estimator after the other, while the reader still reads."""
+        if not self._prepared:
+            self._prepared = True
+            threading.Thread(target=self._prepare, daemon=True).start()
+
+    def _prepare(self) -> None:
+        for estimator in range(len(self.study.estimators)):
+            with self._one, contextlib.suppress(UserError, ModelError):  # a click says what is wrong
+                self.replayer.warm_up(estimator)
+            time.sleep(_GIVEN_WAY)
 
 
 def parameters_of(study: Study) -> dict[str, Parameter]:
@@ -174,7 +198,7 @@ class RunPanel:
         self._document.js_on_event(DocumentReady, self.above.draw)
         roots["compared"].on_change("active", lambda _a, _o, new: self._again(compared=tuple(sorted(new))))
         roots["signals"].on_change("value", lambda _a, _o, _n: self._draw())
-        roots["parameters"].on_change("value", lambda _a, _o, _n: self._make_sliders())
+        roots["parameters"].on_change("value", lambda _a, _o, _n: self._set_sliders())
         roots["reset"].on_click(lambda: self._again(changes={}))
         for name, kind, make in (
             ("study_file", "application/toml", lambda run: run.study.text),
@@ -223,13 +247,14 @@ class RunPanel:
         place, compared, values, fast = wanted
 
         everything = not fast or any(s in self._beyond for s in self.roots["signals"].value)
+        known = self._stored_scores if self._place is not None and self._place[:2] == wanted[:2] and fast else None
 
         def work() -> None:
             changes = [Change(name, value) for name, value in values.items()]
             try:
-                run: Any = self._runs.replayer.run(place, compared, changes, not fast, everything)
-                stored = stored_scores(self._runs.folder, self._runs.study, run)
-                words_ = self._runs.comparison(run).words if not changes else ""
+                run: Any = self._runs.compute(place, compared, changes, not fast, everything)
+                stored = self._runs.stored(run) if known is None else known
+                words_ = self._runs.comparison(run, stored).words if not changes else ""
                 done = partial(self._done, wanted, run, stored, words_)
             except (UserError, ModelError) as error:
                 done = partial(self._failed, str(error))
@@ -262,9 +287,9 @@ class RunPanel:
         roots["verdict"].text = words_ or f"This run is in no store: {said}."
         self._setting = True
         roots["compared"].active = list(compared)
-        if not self._sliders or not values:
-            self._make_sliders()
         self._setting = False
+        if not self._sliders or not values:
+            self._set_sliders()
         for name in ("study_file", "csv"):
             roots[name].disabled = fast
         roots["reset"].disabled = not values
@@ -305,26 +330,31 @@ class RunPanel:
         columns = {key: [row[i] for row in rows] for i, key in enumerate(("score", "this run", "as stored"))}
         self.roots["scores"].text = tables.rows_of(columns, still=True)
 
-    def _make_sliders(self) -> None:
-        """Put a slider for each chosen parameter, at what the run has."""
+    def _set_sliders(self) -> None:
+        """Put a slider for each chosen parameter, at what the run has; those that are there stay."""
         if self._run is None:
             return
-        found: dict[str, Slider] = {}
+        self._setting, found = True, dict[str, Slider]()
         changes = self._place[2] if self._place is not None else {}
         own = {f.parameter: f.lower[0] for f in self._run.study.designs[0].factors if f.of != "belief"}
         for name in self.roots["parameters"].value:
             parameter = self._parameters[name]
             value = changes.get(name, own.get(name, self._run.plant.get(name, 1.0))) / parameter.unit
             low, high = min(parameter.lower, value), max(parameter.upper, value)
-            slider = Slider(
-                title=parameter.words, start=low, end=high, value=value, step=(high - low) / 200,
-                format=_format(high - low), sizing_mode="stretch_width",
-            )  # fmt: skip
-            slider.on_change("value", self._sliding(name, parameter.unit, fast=True))
-            slider.on_change("value_throttled", self._sliding(name, parameter.unit, fast=False))
-            found[name] = slider
-        self._sliders = found
-        self.roots["sliders"].children = list(found.values())
+            ends: dict[str, Any] = {"start": low, "end": high, "step": (high - low) / 200, "value": value}
+            slider = found[name] = self._sliders.get(name) or self._slider(parameter, ends)
+            slider.update(**ends)
+        if self._sliders != found:
+            self._sliders, self.roots["sliders"].children = found, list(found.values())
+        self._setting = False
+
+    def _slider(self, parameter: Parameter, ends: Mapping[str, Any]) -> Slider:
+        slider = Slider(
+            title=parameter.words, format=_format(ends["end"] - ends["start"]), sizing_mode="stretch_width", **ends
+        )
+        slider.on_change("value", self._sliding(parameter.name, parameter.unit, fast=True))
+        slider.on_change("value_throttled", self._sliding(parameter.name, parameter.unit, fast=False))
+        return slider
 
     def _sliding(self, name: str, unit: float, fast: bool) -> Callable[[str, float, float], None]:
         def moved(_attribute: str, _old: float, new: float) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from bokeh.document import Document
 from bokeh.events import Tap
 from bokeh.layouts import column
-from bokeh.models import CheckboxButtonGroup, RadioButtonGroup, Select
+from bokeh.models import CheckboxButtonGroup, CustomJS, RadioButtonGroup, Select
 
 from harness.models.quantities import words
 from harness.reporting import style
@@ -23,15 +23,17 @@ from harness.study.report.sections.over_time import AlongDrive
 from harness.study.view import looks
 from harness.study.view.above import Along
 from harness.study.view.box_figure import BoxFigure
-from harness.study.view.boxes import SCORES, Box, boxes, expected, unit_of
+from harness.study.view.boxes import RANKS, SCORES, Box, boxes, expected, unit_of
 from harness.study.view.factors import Brush
 from harness.study.view.factors_panel import FactorsPanel
 from harness.study.view.frame import address_bar, arguments_of, fill, said, seconds_of
 from harness.study.view.run_panel import RunPanel, Runs
 from harness.study.view.state import read
 
+_SEEN = 1500
+"""Time in ms after which a page that was asked for is seen."""
+
 _ALL = "all"
-_RANKS = {"": "…", "0": "smallest", "0.5": "median", "1": "largest"}
 
 
 class StudyPage:
@@ -58,6 +60,8 @@ class StudyPage:
         self._widgets = self._make_widgets()
         self._add_roots()
         self._redraw()
+        if context is not None:
+            document.add_timeout_callback(runs.prepare, _SEEN)
         if self.state.run is not None:
             self._panel.show(self.state.run, self.state.compared, self.state.changes)
 
@@ -79,7 +83,7 @@ class StudyPage:
                 labels=design.estimators, active=list(state.estimators), stylesheets=[looks.WRAPPED]
             ),
             "box": Select(title="Box", width=360),
-            "rank": Select(title="Its run", options=list(_RANKS.items()), value="", width=120),
+            "rank": Select(title="Its run", options=list(RANKS.items()), value="", width=120),
         }
         for name in ("design", "target", "drive", "level"):
             found[name].on_change("value", self._on_select(name))
@@ -87,6 +91,7 @@ class StudyPage:
         found["scale"].on_change("active", lambda _a, _o, new: self._change(log=bool(new)))
         found["estimators"].on_change("active", lambda _a, _o, new: self._change(estimators=tuple(sorted(new))))
         found["rank"].on_change("value", self._by_rank)
+        found["box"].js_on_change("value", CustomJS(args={"rank": found["rank"]}, code="rank.value = '';"))
         return found
 
     def _on_select(self, name: str) -> Callable[[str, str, str], None]:

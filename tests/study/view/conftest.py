@@ -91,9 +91,11 @@ def address(folder):
 
 @pytest.fixture(scope="package")
 def address_of_results(tmp_path_factory, folder):
-    """Of a folder with a study, a campaign, a trace, a fit and a check."""
+    """Of a folder with a study, a campaign, a trace, a fit and a check, and that check four times more."""
     results = tmp_path_factory.mktemp("everything")
     write_results(results)
+    for k in range(4):  # so many rows that a word filters them
+        shutil.copytree(results / "check", results / f"z-check-{k}")
     shutil.copytree(folder, results / "study")
     with served(results) as found:
         yield found

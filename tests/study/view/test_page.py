@@ -6,7 +6,9 @@ import pytest
 import harness as h
 from harness.config import load_study
 from harness.study.replay import Place, Replayer
+from harness.study.report import analyse
 from harness.study.stored import study_of
+from harness.study.view.factors import points_of
 
 SAME = "The scores are those of the store, to the last bit."
 PLACE_OF = """([x, y]) => {
@@ -140,6 +142,16 @@ SELECTED = """() => {
 }"""
 
 
+LOWER = """() => {
+    const models = [...Bokeh.documents[0]._all_models.values()];
+    return models.find((m) => m.type === 'RangeSlider').value[0];
+}"""
+HELD = """(title) => {
+    const models = [...Bokeh.documents[0]._all_models.values()];
+    return models.find((m) => m.type === 'Figure' && m.title.text.startsWith(title))?.hold_render;
+}"""
+
+
 def test_what_is_brushed_and_the_time_stand_in_the_address(opened, folder):
     page = opened("?design=1&run=1.0.0.5.0&compared=0")
     said(page, SAME)
@@ -157,6 +169,35 @@ def test_what_is_brushed_and_the_time_stand_in_the_address(opened, folder):
     said(again, SAME)
     again.wait_for_function(HERE, arg=2.0)
     assert again.evaluate(SELECTED) == count
+
+
+def test_points_of_a_design_and_a_run_of_theirs_are_chosen_by_keyboard(opened, folder):
+    page = opened("?design=1")
+    page.get_by_label("Points by").select_option("mass in t")
+    handle = page.locator(".noUi-handle-lower").first
+    handle.focus()
+    for _ in range(5):  # half of the range
+        handle.press("PageUp")
+    page.wait_for_function("location.search.includes('brush=0%2C')")
+    found = points_of(analyse(folder).store.designs[1], "rmse", 0, 0, None)
+    held = np.flatnonzero(found.values[:, 0] >= page.evaluate(LOWER))
+    assert 0 < len(held) < 64
+    page.wait_for_function(f"({SELECTED})() === {len(held)}")
+    page.get_by_label("Their run").select_option("largest")
+    said(page, SAME)
+    worst = held[np.argmax(found.scores[held])]
+    place = f"1.0.{found.worst[worst][0]}.{found.places[worst][1]}.{found.worst[worst][1]}"
+    page.wait_for_function(f"location.search.includes('run={place}')")
+
+
+def test_what_is_out_of_sight_is_painted_when_it_comes_near(opened):
+    page = opened("?run=0.1.1.0.4&compared=0")
+    said(page, SAME)
+    page.wait_for_function(f"({HELD})('Input') === true")
+    assert page.evaluate(HELD, "RMSE") is False
+    page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
+    page.wait_for_function(f"({HELD})('Input') === false")
+    page.wait_for_function(f"({HELD})('RMSE') === true")
 
 
 def test_the_way_of_the_estimates_is_drawn_beside_the_drive(opened, folder):

@@ -74,6 +74,13 @@ def test_a_table_is_sorted_and_filtered(visit, address_of_results):
     page.get_by_role("button", name="kind").press("Enter")
     assert rising == sorted(rising)
     assert cells(page, 2) == rising[::-1]
+    shown = page.get_by_role("region", name="Results").locator("tbody tr:visible")
+    expect(shown).to_have_count(9)
+    page.get_by_label("rows with").fill("Z-Check-2")
+    expect(shown).to_have_count(1)
+    expect(shown).to_contain_text("z-check-2")
+    page.get_by_label("rows with").fill("")
+    expect(shown).to_have_count(9)
 
 
 def test_a_warning_of_a_check_leads_to_its_signal(visit, address_of_results):
