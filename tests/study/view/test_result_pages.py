@@ -33,8 +33,8 @@ def kind(request):
 
 def test_a_folder_leads_to_every_result(visit, address_of_results, kind):
     page = visit(address_of_results)
-    assert cells(page, 3) == ["campaign", "check", "identify", "study", "trace"]
-    page.locator("table").first.locator("tr", has=page.get_by_text(kind, exact=True)).get_by_role("link").click()
+    assert cells(page, 3)[:5] == ["campaign", "check", "identify", "study", "trace"]
+    page.locator("table").first.locator("tr", has=page.get_by_text(kind, exact=True)).get_by_role("link").first.click()
     page.wait_for_function("document.title && !document.title.startsWith('Results in')")
     page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents[0].is_idle")
     title = {
