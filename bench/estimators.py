@@ -39,6 +39,7 @@ KINDS = (
     "innovation_ekf",
     "h_infinity",
     "enkf",
+    "moving_horizon",
 )
 SEMITRAILER: dict[str, Any] = {
     "targets": ["lateral_force_axle_21", "articulation_angle"],

@@ -11,7 +11,8 @@ and, where the default in ``DEFAULTS`` does not serve,
 ``Settings``                    pydantic model of its settings in a study; by default it has none
 ``HAS_COVARIANCE``              whether it states an error covariance
 ``tuning(settings, nx, ny)``    the numbers its kernel reads
-``memory_size(nx, ny)``         rows of memory it carries beside mean and covariance
+``memory_size(settings, compiled)``
+                                rows of memory it carries beside mean and covariance, all zero at first
 ``write_covariance(state, work)``
                                 kernel: writes the covariance of a state that ``step`` left, for an estimator that goes
                                 on without it; called only where somebody reads it
@@ -24,7 +25,7 @@ and of an estimator that is made for particular signals, such as a trained netwo
 ``estimates(settings, folder)`` the signals it estimates; it has no score for any other target
 ``files(settings, folder)``     the files it reads: a store is not resumed with others
 
-and of one whose memory depends on its settings, or begins with other than zeros, such as random numbers,
+and of one whose memory begins with other than zeros, such as random numbers,
 
 ``first_memory(settings, nx, ny, seeds)``
                                 in place of ``memory_size``: the memory before the first step, ``(rows, LANES)``;
@@ -129,7 +130,7 @@ DEFAULTS: dict[str, Any] = {
     "LINEAR": False,
     "MONTE_CARLO": False,
     "tuning": lambda settings, nx, ny: [0.0],
-    "memory_size": lambda nx, ny: 0,
+    "memory_size": lambda settings, compiled: 0,
     "files": lambda settings, folder: (),
     "write_covariance": time_loops.write_covariance,
 }
@@ -208,7 +209,7 @@ class Estimator:
         if self.is_random:
             self._first_memory = partial(file.first_memory, chosen, compiled.nx, compiled.ny)
         else:
-            self._memory_size = int(file.memory_size(compiled.nx, compiled.ny))
+            self._memory_size = int(file.memory_size(chosen, compiled))
         kernels = kernels_of(file, uncertain, parameters=bool(compiled.model.within))
         self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels))
         valid, first = compiled.model.valid, compiled.model.start_variance

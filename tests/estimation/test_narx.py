@@ -357,8 +357,8 @@ def test_training_command_refuses_bad_arguments(tmp_path, capsys):
 
 
 def test_place_and_workspace_agree():
-    assert narx.memory_size(10, 1) == 1 + MEMORY
     _, compiled = semitrailer_belief()
+    assert narx.memory_size(narx.Settings(network="n"), compiled) == 1 + MEMORY
     wide = small_network(hidden=(WIDTH,))
     assert len(placed(wide, compiled, Path("n.npz"))) == 5 + 4 * 2 + 3 * 2 + 3 + len(wide.parameters)
     with pytest.raises(UserError, match="too many"):

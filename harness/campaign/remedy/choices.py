@@ -120,8 +120,11 @@ class Remedy:
 
 AS_IT_IS = Remedy()
 
-BANK = {1: 5, 2: 3, 3: 3}
-"""Values of each parameter in a bank, by the number of parameters: of more there would be too many filters."""
+VALUES = 2
+"""Values of each parameter in a bank: each filter estimates from there on, and two begin near enough to the truth."""
+
+MOST_BANKED = 3
+"""Parameters up to which a bank is tried: of more there would be too many filters."""
 
 
 def parameters(study: Study) -> list[FactorSpec]:
@@ -144,13 +147,15 @@ def prior(factor: FactorSpec) -> float:
 def hypotheses(factors: Sequence[FactorSpec]) -> dict[str, list[float]]:
     """Return values of each parameter for a bank of filters, over what the study varies.
 
-    Both ends are among them; between them steps are of one ratio where values are positive, else of one size.
+    A hypothesis stands for all values that are nearer to it than to another one; together they stand for the range, in
+    parts of one ratio where values are positive, else of one size.
     """
     found = {}
     for f in factors:
         low, high = float(np.min(f.lower)), float(np.max(f.upper))
-        spaced = np.geomspace if low > 0 else np.linspace
-        found[f.parameter] = [float(v) for v in spaced(low, high, BANK[len(factors)])]
+        middles = (np.arange(VALUES) + 0.5) / VALUES
+        values = low * (high / low) ** middles if low > 0 else low + (high - low) * middles
+        found[f.parameter] = [float(v) for v in values]
     return found
 
 
@@ -245,7 +250,7 @@ def singles(drivers: Sequence[str], considers: bool, tunable: bool) -> Iterator[
         yield Remedy(estimated=tuple(drivers))
     if considers:
         yield Remedy(considered=tuple(drivers))
-        if len(drivers) in BANK:
+        if len(drivers) <= MOST_BANKED:
             yield Remedy(banked=tuple(drivers))
         for kind in ADAPTED:
             yield Remedy(adapted=kind)
@@ -258,7 +263,7 @@ def pairs(drivers: Sequence[str], chosen: Sequence[Equipment], considers: bool) 
         yield Remedy(estimated=tuple(drivers), equipment=equipment)
         if considers:
             yield Remedy(considered=tuple(drivers), equipment=equipment)
-            if len(drivers) in BANK:
+            if len(drivers) <= MOST_BANKED:
                 yield Remedy(banked=tuple(drivers), equipment=equipment)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from harness.engine.kernel_names import NY, cholesky, get, mahalanobis, put, select, splat
+from harness.engine.kernel_names import NY, any_of, cholesky, get, mahalanobis, put, select, splat
+
+NEGLIGIBLE = 1e-15
+"""Share in a mixture up to which a component is left out: what it adds is lost in rounding."""
 
 
 def normalise(weights):
@@ -16,7 +19,9 @@ def normalise(weights):
 
 
 def moments(shares, means, covariances, n, mean, P):
-    """Write mean and covariance of the first ``n`` components of a mixture; what has no share may be no number.
+    """Write mean and covariance of the first ``n`` components of a mixture.
+
+    What has no share to speak of (``NEGLIGIBLE``) is left out, and may be no number: soon most of a bank.
 
     Args:
         shares: Probabilities ``(M, LANES)``.
@@ -32,15 +37,18 @@ def moments(shares, means, covariances, n, mean, P):
             put(splat(0.0), P, a, b)
     for i in range(shares.shape[0]):
         share = get(shares, i)
-        for a in range(n):
-            put(get(mean, a) + select(share > 0.0, share * get(means, i, a), 0.0), mean, a)
+        if any_of(share > NEGLIGIBLE):
+            for a in range(n):
+                put(get(mean, a) + select(share > NEGLIGIBLE, share * get(means, i, a), 0.0), mean, a)
     for i in range(shares.shape[0]):
         share = get(shares, i)
+        if not any_of(share > NEGLIGIBLE):
+            continue
         for a in range(n):
             away = get(means, i, a) - get(mean, a)
             for b in range(a + 1):
                 value = get(covariances, i, a, b) + away * (get(means, i, b) - get(mean, b))
-                put(get(P, a, b) + select(share > 0.0, share * value, 0.0), P, a, b)
+                put(get(P, a, b) + select(share > NEGLIGIBLE, share * value, 0.0), P, a, b)
     for a in range(n):
         for b in range(a):
             put(get(P, a, b), P, b, a)

@@ -16,7 +16,9 @@ and Hassibi 2000, chapter 12).
 from __future__ import annotations
 
 import numpy as np
+from pydantic import BaseModel
 
+from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import (
     INPUT_ERRORS,
     LANES,
@@ -36,9 +38,9 @@ from harness.engine.kernel_names import (
 )
 
 
-def memory_size(nx: int, ny: int) -> int:
+def memory_size(settings: BaseModel, compiled: CompiledModel) -> int:
     """Return how many rows of memory the filter carries: the factor, row by row, 0 at first."""
-    return nx * nx
+    return compiled.nx**2
 
 
 def factor_before(before, belief, factor):

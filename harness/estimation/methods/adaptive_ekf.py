@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import LANES, NY, get, put, select, splat
 from harness.estimation.methods._input_errors import correct
 from harness.estimation.methods._linearised import (
@@ -43,9 +44,9 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
     return [settings.forgetting, float(settings.iterations)]
 
 
-def memory_size(nx: int, ny: int) -> int:
+def memory_size(settings: BaseModel, compiled: CompiledModel) -> int:
     """Return how many rows of memory the filter carries: ``alpha`` and ``beta`` of each measurement, 0 at first."""
-    return 2 * ny
+    return 2 * compiled.ny
 
 
 def workspace():

@@ -24,7 +24,6 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.common.units import to_si
@@ -148,10 +147,10 @@ def _cells(values: Sequence[float], prior: float, name: str) -> list[tuple[float
     return [(float(v), float(q), float(w)) for v, q, w in zip(values, squares, widths, strict=True)]
 
 
-def first_memory(settings: Settings, nx: int, ny: int, seeds: Sequence[np.random.SeedSequence]) -> Floats:
-    """Return the memory before the first step, all zero: hypotheses without a probability yet."""
+def memory_size(settings: Settings, compiled: CompiledModel) -> int:
+    """Return the number of rows of memory, all zero at first: hypotheses without a probability yet."""
     count = prod(len(v) for v in settings.hypotheses.values())
-    return np.zeros((count * (1 + nx + nx * nx) + len(settings.hypotheses), LANES))
+    return count * (1 + compiled.nx + compiled.nx**2) + len(settings.hypotheses)
 
 
 def workspace():

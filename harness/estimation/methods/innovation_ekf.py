@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import LANES, NX, NY, exp, get, maximum, minimum, put, select, splat
 from harness.estimation.methods._input_errors import correct
 from harness.estimation.methods._linearised import linear_workspace, predict, residual_square, with_measurement_noise
@@ -47,9 +48,9 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
     return [float(settings.adapts == "process"), 1.0 / settings.window]
 
 
-def memory_size(nx: int, ny: int) -> int:
+def memory_size(settings: BaseModel, compiled: CompiledModel) -> int:
     """Return how many rows it carries: variances of the sensors, 0 at first, and the logarithm of the factor."""
-    return ny + 1
+    return compiled.ny + 1
 
 
 def workspace():

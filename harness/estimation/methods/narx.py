@@ -48,7 +48,7 @@ def files(settings: Settings, folder: Path) -> tuple[Path, ...]:
     return (find(settings.network, folder),)
 
 
-def memory_size(nx: int, ny: int) -> int:
+def memory_size(settings: BaseModel, compiled: CompiledModel) -> int:
     """Return the rows of memory: how many samples the delays hold, then the regressor."""
     return 1 + MEMORY
 

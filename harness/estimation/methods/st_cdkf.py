@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import (
     LANES,
     NW,
@@ -65,9 +66,9 @@ def tuning(settings: Settings, nx: int, ny: int) -> list[float]:
     return [*weights, float(settings.fading), settings.forgetting, settings.softening]
 
 
-def memory_size(nx: int, ny: int) -> int:
+def memory_size(settings: BaseModel, compiled: CompiledModel) -> int:
     """Return how many rows of memory the filter carries: the residual variance of each output, 0 at first."""
-    return ny
+    return compiled.ny
 
 
 def workspace():
