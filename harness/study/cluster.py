@@ -43,8 +43,24 @@ CONNECT = 10.0
 _LOOK = 2.0
 """s between two looks at which workers are there."""
 
-_PAUSE = 0.02
+_PAUSE = 0.1
 """s between two looks at what is finished."""
+
+_TASK = 1.0
+"""s that a task takes at most where it has several units."""
+
+_OF_UNKNOWN_LENGTH = 8
+"""Units of a task where nobody knows how long they take."""
+
+_TASKS_EACH = 8
+"""Tasks that each worker has at least, so that all of them end at about the same time."""
+
+_QUIET = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Of our own processes nobody looks at the dashboard, for which each would be sampled a hundred times a second."""
 
 _OPENED_AT_ONCE = 4
 """Studies that a worker keeps open."""
@@ -76,7 +92,10 @@ def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Cli
         ) from None
     with contextlib.ExitStack() as stack:
         if scheduler is None:
+            import dask
+
             processes = workers or os.cpu_count()
+            stack.enter_context(dask.config.set(_QUIET))
             cluster = stack.enter_context(
                 distributed.LocalCluster(
                     n_workers=processes,
@@ -168,10 +187,12 @@ def _refuse_other_code(who: str, expected: dict[str, str], found: dict[str, str]
         )
 
 
-def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], console: Console) -> Iterator[Unit]:
+def evaluate(
+    client: Client, study: Study, folder: Path, todo: Sequence[Unit], console: Console, seconds: float | None = None
+) -> Iterator[Unit]:
     """Evaluate units on the workers, which write the scores; return each unit when it is in the store.
 
-    A unit whose worker is lost is given to another one.
+    A unit whose worker is lost is given to another one. Short units are handed out several at a time.
 
     Args:
         client: Of the cluster, its workers checked by ``check_workers``.
@@ -179,6 +200,7 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
         folder: Result folder with the store.
         todo: What is to be evaluated.
         console: Where lost workers are reported.
+        seconds: How long a unit takes, about; ``None`` where that is not known.
 
     Raises:
         ClusterFailure: If one unit has lost several workers, or the scheduler is gone.
@@ -188,7 +210,9 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
     from distributed.comm import CommClosedError
 
     there = _There(folder.resolve(), code_state(study), components.carried())
-    pending = {client.submit(_evaluate_there, study, unit, there, pure=False) for unit in todo}
+    several = _in_a_task(len(todo), sum(client.ncores().values()), seconds)
+    tasks = [todo[first : first + several] for first in range(0, len(todo), several)]
+    pending = {client.submit(_evaluate_there, study, units, there, pure=False) for units in tasks}
     workers, looked = set(client.ncores()), time.monotonic()
     # Waiting for all that are left anew takes the longer the more there are.
     completed = as_completed(pending, loop=client.loop)
@@ -197,7 +221,7 @@ def evaluate(client: Client, study: Study, folder: Path, todo: Sequence[Unit], c
             done = completed.next_batch(block=False)
             for future in done:
                 pending.discard(future)
-                yield future.result()
+                yield from future.result()
             if not done:
                 time.sleep(_PAUSE)
             if time.monotonic() - looked > _LOOK:
@@ -233,11 +257,24 @@ class _There:
     components: components.Carried
 
 
-def _evaluate_there(study: Study, unit: Unit, there: _There) -> Unit:
-    """Evaluate a unit and write its scores; runs on a worker."""
+def _in_a_task(units: int, workers: int, seconds: float | None) -> int:
+    """Return how many units a task has: to hand one out and take it back costs as much as a few hundred short runs.
+
+    Args:
+        units: That are left to do.
+        workers: How many work at a time.
+        seconds: How long a unit takes, about; ``None`` where that is not known.
+    """
+    wanted = _OF_UNKNOWN_LENGTH if seconds is None else int(_TASK / max(seconds, _TASK / units))
+    return max(1, min(wanted, units // (_TASKS_EACH * max(workers, 1))))
+
+
+def _evaluate_there(study: Study, units: Sequence[Unit], there: _There) -> Sequence[Unit]:
+    """Evaluate units and write their scores; runs on a worker."""
     evaluator, store = _open(study, there)
-    store.write(unit, evaluator.evaluate(unit))
-    return unit
+    for unit in units:
+        store.write(unit, evaluator.evaluate(unit))
+    return units
 
 
 def _open(study: Study, there: _There) -> tuple[StudyEvaluator, Store]:

@@ -148,10 +148,10 @@ def _run(
     if store is not None and left < total:
         console.print(f"{total - left:,} of {total:,} runs are in {store.path} already")
     if todo:
-        _plan(evaluator(), todo, workers, console, agree)
+        plan = _plan(evaluator(), todo, workers, console, agree)
         compiled = time.perf_counter()
         store = store or Store(study, evaluator, out)
-        _evaluate(evaluator(), store, todo, total, workers, console, client, lock)
+        _evaluate(evaluator(), store, todo, total, plan, console, client, lock)
         seconds = time.perf_counter() - compiled
         record = {
             "started": started.isoformat(timespec="seconds"),
@@ -179,8 +179,8 @@ def _run(
             bound.write(evaluator(), out)
 
 
-def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console: Console, agree: Agree | None) -> None:
-    """Compile, say what is left to do and what it takes, and ask where that is much."""
+def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console: Console, agree: Agree | None) -> Plan:
+    """Compile, say what is left to do and what it takes, ask where that is much, and return it."""
     from harness.study import plan
 
     study = evaluator.study
@@ -188,11 +188,12 @@ def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console
         found = plan.of(study, None, todo, workers)
         _ask(found, console, agree)
         _warm_up(evaluator, workers, console)
-        return
+        return found
     _warm_up(evaluator, workers, console)
     with console.status("timing the first runs"):
         found = plan.of(study, evaluator, todo, workers)
     _ask(found, console, agree)
+    return found
 
 
 def _ask(found: Plan, console: Console, agree: Agree | None) -> None:
@@ -215,7 +216,7 @@ def _evaluate(
     store: Store,
     todo: Sequence[Unit],
     total: int,
-    workers: int,
+    plan: Plan,
     console: Console,
     client: Client | None,
     lock: Lock,
@@ -223,12 +224,13 @@ def _evaluate(
     """Evaluate units in threads or on a cluster, and show progress."""
     study, left = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
     if client is None:
-        finished = _in_threads(evaluator, store, todo, workers)
+        finished = _in_threads(evaluator, store, todo, plan.workers)
     else:
         from harness.study import cluster
 
         cluster.check_workers(client, study, store.folder, console)
-        finished = cluster.evaluate(client, study, store.folder, todo, console)
+        each = None if plan.seconds is None else plan.seconds * min(plan.workers, len(todo)) / len(todo)
+        finished = cluster.evaluate(client, study, store.folder, todo, console, each)
     columns = (
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(total - left),
         TextColumn("left"), TimeRemainingColumn(),

@@ -175,9 +175,9 @@ def test_a_worker_that_comes_late_is_checked_as_well(study, alone, monkeypatch):
     unit = Unit(0, 0, 0, 0, 1)
     monkeypatch.setattr(cluster, "_opened", {})
     with pytest.raises(UserError, match="runs other code"):
-        cluster._evaluate_there(study, unit, there(alone, code_state(study) | {"engine": "other"}))
+        cluster._evaluate_there(study, [unit], there(alone, code_state(study) | {"engine": "other"}))
     with pytest.raises(UserError, match="does not see"):
-        cluster._evaluate_there(study, unit, there(alone / "nowhere", code_state(study)))
+        cluster._evaluate_there(study, [unit], there(alone / "nowhere", code_state(study)))
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://here"])
@@ -219,3 +219,20 @@ def test_a_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UserError, match=r"pip install --editable '\.\[cluster\]'"), cluster.connected(None):
         pass
+
+
+@pytest.mark.parametrize(
+    ("units", "workers", "seconds", "several"),
+    [
+        (1000, 2, 0.01, 62),
+        (100_000, 2, 0.01, 100),
+        (1000, 2, 0.6, 1),
+        (1000, 2, 30.0, 1),
+        (10, 4, 0.001, 1),
+        (1000, 2, None, 8),
+        (3, 0, 0.0, 1),
+        (1, 1, 0.0, 1),
+    ],
+)
+def test_short_units_are_handed_out_together(units, workers, seconds, several):
+    assert cluster._in_a_task(units, workers, seconds) == several
