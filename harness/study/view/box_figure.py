@@ -28,6 +28,7 @@ class BoxFigure:
         log: Whether the axis is logarithmic.
         title: Of the figure, if the score does not say all.
         reference: Lines across all boxes, the dashes of each by its value.
+        across: What the labels are of.
 
     Attributes:
         plot: The figure.
@@ -45,6 +46,7 @@ class BoxFigure:
         log: bool,
         title: str = "",
         reference: Mapping[float, str] = MappingProxyType({}),
+        across: str = "",
     ) -> None:
         self._boxes, self._names = [b for b in boxes if len(b.values)], estimators
         self._log = log and all((b.values > 0).all() for b in self._boxes)
@@ -62,6 +64,7 @@ class BoxFigure:
         )
         self.plot.toolbar.active_drag = None
         self.plot.yaxis.axis_label = SCORES[score] + style.in_unit(unit)
+        self.plot.xaxis.axis_label = across
         self.plot.xaxis.ticker = FixedTicker(ticks=list(range(len(labels))))
         self.plot.xaxis.major_label_overrides = {i: str(label) for i, label in enumerate(labels)}
         self.plot.xaxis.major_label_orientation = 0.0 if sum(map(len, labels)) < 90 else 0.6

@@ -31,6 +31,7 @@ from harness.reporting import style
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import limits_of, tolerances
 from harness.study.report.sections.over_time import AlongDrive
+from harness.study.report.sections.tolerance import value_at
 from harness.study.results import Design
 from harness.study.scores import PENDING
 from harness.study.view import looks
@@ -274,15 +275,16 @@ class FactorsPanel:
             return plots
         if design.sampling == "tolerance":
             borne = tolerances(design, limits_of(self._analysis.store.attributes)).get((target, estimator))
-            return [] if borne is None else [_box(design, borne.lower, borne.upper, borne.box)]
+            return [] if borne is None else [tolerance_box(design, borne.lower, borne.upper, borne.box)]
         return []
 
 
 def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval, ...]) -> Any:
     """Return first-order and total indices with their 95 % intervals."""
     names = [f.words for f in design.factors]
+    ends = min(0.0, *(v.lower for v in (*first, *total))), max(1.0, *(v.upper for v in (*first, *total)))
     plot = looks.plot("Sobol indices, 95 % intervals", 120 + 56 * len(names), tools="reset",
-                      x_range=(-0.05, max(1.05, *(t.upper for t in total))), y_range=(-0.6, len(names) - 0.4),
+                      x_range=(ends[0] - 0.05, ends[1] + 0.05), y_range=(-0.6, len(names) - 0.4),
                       name="Sobol indices")  # fmt: skip
     items = []
     for (name, found, shift), look in zip(
@@ -328,9 +330,12 @@ def _along(found: AlongDrive) -> Any:
     return plot
 
 
-def _box(design: Design, lower: Any, upper: Any, box: float) -> Any:
+def tolerance_box(design: Design, lower: Any, upper: Any, box: float) -> Any:
     """Return how far each factor alone may go, and all at once, as shares of the box of the study."""
-    names = [f.words for f in design.factors]
+    names = [
+        f"{f.words}: {style.number(value_at(f, -below))} to {style.with_unit(value_at(f, above), f.unit)}"
+        for f, below, above in zip(design.factors, lower, upper, strict=True)
+    ]
     plot = looks.plot("Tolerated shares of the box: alone; all at once: dashed", 110 + 44 * len(names),
                       tools="reset", x_range=(-1.05, 1.05), y_range=(-0.6, len(names) - 0.4),
                       name="tolerance box")  # fmt: skip

@@ -72,7 +72,8 @@ def names_inside(plot: Any, names: Sequence[str], left: float) -> None:
         {"x": [left] * len(names), "y": np.arange(len(names))[::-1] + 0.5 - NAME, "name": list(names)}
     )
     plot.text("x", "y", "name", source=source, text_baseline="bottom", text_font={"value": FONT}, text_font_size="13px",
-              text_color="#111111", x_offset=4, y_offset=-1)  # fmt: skip
+              text_color="#111111", x_offset=4, y_offset=-1, background_fill_color="#ffffff", padding=2,
+              level="overlay")  # fmt: skip
     plot.yaxis.visible = False
     plot.ygrid.grid_line_color = None
 

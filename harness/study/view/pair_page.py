@@ -19,6 +19,7 @@ from harness.models.quantities import words
 from harness.reporting import style
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
+from harness.study.report.sections.boxes import factors_of
 from harness.study.results import Design
 from harness.study.view.box_figure import BoxFigure
 from harness.study.view.boxes import SCORES, Box, scores_of, sorted_box, unit_of
@@ -161,7 +162,16 @@ class _PairPage:
         what = SCORES[score] + ("" if score in ("nees", "nis", "time_of_divergence") else f" of the {quantity.words}")
         title, looks_ = f"{what}: second less first", self._analysis.looks
         self._figure = BoxFigure(
-            found, pair.first.bands, pair.estimators, looks_, score, quantity, False, title, {0.0: "dashed"}
+            found,
+            pair.first.bands,
+            pair.estimators,
+            looks_,
+            score,
+            quantity,
+            False,
+            title,
+            {0.0: "dashed"},
+            factors_of(pair.first),
         )
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]

@@ -19,6 +19,7 @@ from harness.study.replay import Place
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
+from harness.study.report.sections.boxes import factors_of
 from harness.study.report.sections.over_time import AlongDrive
 from harness.study.view import looks
 from harness.study.view.above import Along
@@ -139,7 +140,8 @@ class StudyPage:
         labels = design.bands if state.level is None else design.drives
         target = design.targets[state.target]
         self._figure = BoxFigure(found, labels, design.estimators, self._analysis.looks, state.score, target, state.log,
-                                 reference=expected(design, state.score))  # fmt: skip
+                                 reference=expected(design, state.score),
+                                 across=factors_of(design) if state.level is None else "drive")  # fmt: skip
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
         unit = unit_of(state.score, target)

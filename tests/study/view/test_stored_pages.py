@@ -17,7 +17,7 @@ from harness.study.view.above import AboveFigure, Along
 from harness.study.view.bars import bars
 from harness.study.view.boxes import expected
 from harness.study.view.factors import points_of, shares, varied
-from harness.study.view.factors_panel import FactorsPanel
+from harness.study.view.factors_panel import FactorsPanel, tolerance_box
 from harness.study.view.pages import kind_of, pages
 from support.stored_results import NASTY
 
@@ -138,6 +138,16 @@ def test_a_bar_is_as_long_as_its_value():
     (drawn,) = (r for r in plot.renderers if type(r.glyph).__name__ == "HBar")
     assert list(drawn.data_source.data["right"]) == [1.0, 0.0]
     assert drawn.glyph.left == 0.0
+
+
+def test_a_tolerance_box_has_its_ends_in_the_units_of_its_factors(folder):
+    one = analyse(folder).store.designs[1].factors[0]
+    linear = replace(one, nominal=2.0, lower=np.array([1.8, 1.0]), upper=np.array([2.2, 4.0]), unit="t")
+    across = replace(linear, log=True, unit="")
+    design = replace(analyse(folder).store.designs[1], factors=[linear, across])
+    figure = tolerance_box(design, [0.5, 0.5], [1.0, 0.5], 0.25)
+    (names,) = (r.data_source.data["name"] for r in figure.renderers if type(r.glyph).__name__ == "Text")
+    assert names == ["mass: 1.50 to 4.00 t", "mass: 1.41 to 2.83"]
 
 
 def test_all_figures_of_a_design_share_one_selection_that_leads_to_a_run(folder):

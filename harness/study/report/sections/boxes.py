@@ -59,15 +59,19 @@ def heading(design: Design) -> str:
     return f"How large is the error {where} {varied(design)}?"
 
 
-def factor_label(design: Design) -> str:
-    """Return the label of the axis of levels, e.g. ``trailer mass of the plant``, in as many lines as it needs."""
+def factors_of(design: Design) -> str:
+    """Return what the levels of a design are of, e.g. ``trailer mass of the plant``."""
     owners = {"plant": " of the plant", "belief": " believed", "both": " of plant and belief"}
     if len({f.of for f in design.factors}) == 1:
-        label = varied(design) + owners[design.factors[0].of]
-    elif len(design.factors) > NAMED:
-        label = varied(design)
-    else:
-        label = ", ".join(f.words + owners[f.of] for f in design.factors) or design.name
+        return varied(design) + owners[design.factors[0].of]
+    if len(design.factors) > NAMED:
+        return varied(design)
+    return ", ".join(f.words + owners[f.of] for f in design.factors) or design.name
+
+
+def factor_label(design: Design) -> str:
+    """Return the label of the axis of levels in as many lines as it needs."""
+    label = factors_of(design)
     if design.matched is not None:
         label += f" (grey: {design.matched_is})"
     return textwrap.fill(label, _LABEL)
