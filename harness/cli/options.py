@@ -132,8 +132,8 @@ def quantity(given: str, unit: str, option: str) -> float:
 
 
 def listed(given: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of an option that is repeated, or holds several with commas between them, each once."""
-    return tuple(dict.fromkeys(n for each in given for n in (part.strip() for part in each.split(",")) if n))
+    """Return the names of an option that is repeated, or holds several with commas between them."""
+    return tuple(n for each in given for n in (part.strip() for part in each.split(",")) if n)
 
 
 def command() -> str:

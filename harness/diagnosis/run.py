@@ -25,7 +25,7 @@ from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study
 from harness.diagnosis.selection.forward_selection import trace
 from harness.diagnosis.selection.parameter_changes import Changes, single_changes
 from harness.identification.data import Drive
-from harness.identification.measured_file import names_of
+from harness.identification.measured_file import names_of, refuse_repeated
 from harness.recordings.warnings import recording_warnings
 
 UNFINISHED = "unfinished"
@@ -82,6 +82,7 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
         UserError, ModelError: If recordings, model or study do not fit each other, or the folder cannot be written to.
     """
     recordings = task.train + task.test
+    refuse_repeated(task.estimators, "estimators")
     refuse_recordings(recordings, task.spec)
     if task.study is not None:
         refuse_study(task.study, task.spec)

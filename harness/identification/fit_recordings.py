@@ -19,7 +19,7 @@ from harness.config import ModelSpec
 from harness.identification.contract import Fit, Problem, load_method, settings_of
 from harness.identification.data import Drive, refuse_the_same
 from harness.identification.innovations import Innovations
-from harness.identification.measured_file import names_of
+from harness.identification.measured_file import names_of, refuse_repeated
 from harness.identification.over_time import FILE, series_of
 from harness.identification.report import answer, document
 from harness.identification.result import Judged, judge, write_outcome
@@ -112,6 +112,7 @@ def _check_free(spec: ModelSpec, names: Sequence[str]) -> None:
     for name in names:
         if name not in known:
             raise UserError(f"free: the model has no parameter '{name}'{closest(name, known)}")
+    refuse_repeated(names, "free")
 
 
 def write_fit(found: Fitted, folder: Path, command: str) -> list[Path]:

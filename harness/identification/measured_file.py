@@ -72,13 +72,25 @@ def fitted_parameters(spec: ModelSpec, named: Sequence[str], where: str) -> tupl
     """Return the parameters to fit: those named, or the cornering stiffnesses.
 
     Raises:
-        UserError: If the model has no parameter of a name.
+        UserError: If the model has no parameter of a name, or one is named twice.
     """
     model = spec.model()
+    refuse_repeated(named, where)
     for i, name in enumerate(named):
         if name not in model.parameter_names:
             raise UserError(f"{where}[{i}]: the model has no parameter '{name}'{closest(name, model.parameter_names)}")
     return tuple(named) or tuple(p.name for p in model.parameters if p.unit in ("N/rad", "1/rad"))
+
+
+def refuse_repeated(names: Sequence[str], where: str) -> None:
+    """Refuse a name that stands twice among several: the second may have been meant to be another.
+
+    Raises:
+        UserError: If there is one.
+    """
+    for name in dict.fromkeys(names):
+        if names.count(name) > 1:
+            raise UserError(f"{where}: '{name}' is named {names.count(name)} times; name it once")
 
 
 class SpanTable(Table):
