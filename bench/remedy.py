@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.campaign.remedy.run import time_of_step
 from harness.common.arrays import Floats
 from harness.config import Study, build_study, load_study
 from harness.study.design import Unit, units
@@ -248,10 +249,20 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
     settled = {"score_after": "60 s"}
     unknown = {"unknown_parameters": [{"name": "trailer_mass", "prior": "12 t"}]}
     known = list(runs(study({}, "stability_control", "ekf", settled, of="both", levels=levels)))
+    studies = {
+        name: study(
+            unknown,
+            "stability_control",
+            settings["kind"],
+            {**settled, "estimator": [{"name": name, **settings}]},
+            levels=levels,
+        )
+        for name, settings in filters.items()
+    }
+    times = _step_times([study({}, "stability_control", "ekf", {}), *studies.values()])
     rows = []
-    for name, settings in filters.items():
-        further = {**settled, "estimator": [{"name": name, **settings}]}
-        found = list(runs(study(unknown, "stability_control", settings["kind"], further, levels=levels)))
+    for (name, of), seconds in zip(studies.items(), times[1:], strict=True):
+        found = list(runs(of))
         for level in levels:
             mine = [(k, f) for k, f in zip(known, found, strict=True) if f.level == level]
             ratio = np.median([f.rmse[0] / k.rmse[0] for k, f in mine])
@@ -267,7 +278,7 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
                 f"{inside:.0f} %",
                 f"{nees:.2f}",
             ]
-            rows.append([name, level, *cells, f"{sum(f.lost for _, f in mine)}"])
+            rows.append([name, level, *cells, f"{sum(f.lost for _, f in mine)}", f"{seconds / times[0]:.1f}"])
     header = [
         "estimator",
         "plant",
@@ -278,8 +289,14 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
         "force inside its 95 % band",
         "NEES/dof",
         "lost",
+        "time of a step over the EKF's",
     ]
     table(header, rows)
+
+
+def _step_times(studies: Sequence[Study]) -> list[float]:
+    """Return the time of a step of each study, the least of several taken in turn, so that a busy machine slows all."""
+    return [float(t) for t in np.min([[time_of_step(s, 3) for s in studies] for _ in range(4)], axis=0)]
 
 
 PARTS = {f.__name__: f for f in (estimated, considered, unweighed, straight, steering, particles, bank, alternatives)}
