@@ -51,3 +51,15 @@ def refuse_unfit(command: str, out: Path) -> None:
             f"{out} holds a result of 'harness {others[0]}' ({RESULTS[others[0]]}), and its report would be written "
             "over; choose another folder with --out"
         )
+
+
+def refuse_input(out: Path, *inputs: Path) -> None:
+    """Refuse to write over a file that the command reads.
+
+    Raises:
+        UserError: If the output is one of the inputs, by whatever path.
+    """
+    if any(each.exists() and out.exists() and out.samefile(each) for each in inputs):
+        raise UserError(
+            f"--out {out}: this is a file that the command reads, and it would be written over; name another"
+        )

@@ -20,6 +20,7 @@ from harness.cli.options import (
     command,
     study_path,
 )
+from harness.cli.outputs import refuse_input
 from harness.cli.recorded_options import (
     BankOption,
     ChannelsOption,
@@ -142,6 +143,7 @@ def _study(study: str, drives: str, budget: int, repeats: int, only: Sequence[st
     from harness.study.tune import write_tuning
 
     loaded = load_study(study_path(study), tuned=False)
+    refuse_input(out, loaded.path, Path(drives))
     training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
     console = Console(stderr=True)
     with console.status("tuning") as status:
@@ -179,6 +181,7 @@ def _worst_case(
     if out.suffix != ".toml":
         raise UserError(f"--out {out}: name a TOML file, such as tuned.toml")
     loaded = load_study(study_path(study), tuned=False)
+    refuse_input(out, loaded.path, Path(drives))
     names = [d.name for d in loaded.designs]
     if design is not None and design not in names:
         raise UserError(f"--design {design}: study '{loaded.name}' has no such design{closest(design, names)}")

@@ -36,9 +36,12 @@ def view(
         import bokeh  # noqa: F401
     except ImportError:
         raise UserError("harness view needs Bokeh: pip install 'robustness-harness[view]'") from None
+    from harness.common.files import refuse_url
     from harness.study.view.pages import pages
     from harness.study.view.server import Page
 
+    for folder in folders:
+        refuse_url(folder)
     console = Console(stderr=True)
     with console.status("reading the results and building the models"):
         page = Page(pages(folders, study), port)

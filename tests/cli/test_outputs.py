@@ -5,6 +5,7 @@ from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.cli.outputs import RESULTS
+from harness.common.files import BUNDLED_STUDIES
 
 
 def harness(*arguments):
@@ -63,3 +64,23 @@ def test_a_folder_that_may_not_be_written_to_is_refused_before_anything_is_compu
     status, said = harness("check", "none.csv", "--out", tmp_path / "new" / "deeper")
     assert status == 2
     assert f"nothing may be written to {tmp_path}" in said
+
+
+@pytest.mark.parametrize("objective", ["likelihood", "worst-case"])
+@pytest.mark.parametrize("over", ["mine.toml", "drives.toml"])
+def test_a_study_or_its_drives_are_not_written_over_by_what_is_tuned(tmp_path, objective, over):
+    study = (BUNDLED_STUDIES / "kalman-heading.toml").read_text(encoding="utf-8")
+    files = {"mine.toml": study, "drives.toml": '[[drive]]\nname = "one"\nkind = "sine"\nduration = "2 s"\n'}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    words = ["--drives", tmp_path / "drives.toml", "--objective", objective, "--out", tmp_path / "." / over]
+    status, said = harness("tune", tmp_path / "mine.toml", *words)
+    assert status == 2
+    assert "this is a file that the command reads" in said
+    assert {name: (tmp_path / name).read_text() for name in files} == files
+
+
+def test_a_url_that_is_viewed_is_named_as_it_was_given():
+    status, said = harness("view", "s3://bucket/results", "--no-browser")
+    assert status == 2
+    assert "s3://...: of the commands only run, report, status and verify take a URL" in said
