@@ -122,7 +122,7 @@ class AboveFigure:
         self._paths = ColumnDataSource({"xs": [], "ys": [], "colour": [], "name": []}, name="estimated paths")
         self._along: dict[str, Along] = {}
         self._run: Replayed | None = None
-        self.begin_at = 0.0
+        self.begin_at, self._begun = 0.0, False
         self._path = ColumnDataSource({name: [] for name in ("x0", "y0", "x1", "y1", "value")})
         self._extent = ColumnDataSource({"x": [], "y": []})
         self._slider = Slider(title="Time in s", start=0.0, end=1.0, value=0.0, step=0.01, sizing_mode="stretch_width")
@@ -225,7 +225,7 @@ class AboveFigure:
         return found
 
     def show(self, run: Replayed) -> None:
-        """Draw a run; the slider stays where it is."""
+        """Draw a run; the slider stays where it is, at first at the largest force of an axle."""
         self._run = run
         if run.motion is None or run.plan is None:
             self._say("The equations of this vehicle do not say where its axles stand: there is no view from above.")
@@ -244,8 +244,11 @@ class AboveFigure:
         self._extent.data = _extent(run.plan, moves, geometry["reach"])
         self._geometry.data = {"json": [json.dumps(geometry)]}
         self._slider.end = max(self._slider.start + 0.01, float(moves["time"].values[begins[-1]]))
-        self._slider.value = min(self._slider.value or self.begin_at, self._slider.end)
-        self.begin_at = 0.0
+        if not self._begun:
+            most = np.nan_to_num(np.abs(moves["lateral_force"].values)).max(axis=1)[begins]
+            begin_at = self.begin_at or float(moves["time"].values[begins[int(np.argmax(most))]])
+            self._slider.value, self._begun = begin_at, True
+        self._slider.value = min(self._slider.value, self._slider.end)
         self._frames.data = frames
         guessed = [words(b) or "vehicle" for b, o in run.plan.outlines.items() if not o.stated]
         ends = f" The ends of the {' and the '.join(guessed)} are guessed (dashed)." if guessed else ""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models import ColumnDataSource, HoverTool, NoOverlap
 from bokeh.plotting import figure
 
 from harness.common.arrays import Floats
@@ -52,6 +52,7 @@ def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset
         axis.axis_label_text_font_style = "normal"
         axis.axis_label_text_font_size = axis.major_label_text_font_size = "13px"
         axis.minor_tick_line_color = None
+        axis.major_label_policy = NoOverlap()
         axis.axis_label_text_color = axis.major_label_text_color = "#111111"
     found.title.text_font, found.title.text_font_size = FONT, "13px"
     found.title.text_color = "#111111"

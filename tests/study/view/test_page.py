@@ -111,6 +111,8 @@ def test_the_vehicle_from_above_follows_the_slider(opened, folder):
     page.get_by_label("Path coloured by").wait_for()
     study = study_of(folder)
     run = Replayer(study).run(Place(0, 1, 1, 0, 4), everything=True)
+    most = np.abs(run.motion["lateral_force"].values).max(axis=1)
+    page.wait_for_function(HERE, arg=float(run.motion["time"].values[int(np.argmax(most))]))  # where it begins
     slip = np.abs(run.motion["slip_angle"].values[:, 0])
     wanted = float(run.motion["time"].values[int(np.argmax(slip))])
     page.evaluate(SET_TIME, wanted)
