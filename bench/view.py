@@ -73,11 +73,14 @@ def until_painted(page: Any, doing: Callable[[], Any]) -> float:
     return time.perf_counter() - begin
 
 
-def timed(page: Any, server: int, doing: Sequence[Callable[[], Any]]) -> tuple[list[float], str]:
-    """Do one thing after the other; return the time of each, and in words what processor time one takes."""
+def timed(page: Any, server: int, doing: Sequence[Callable[[], Callable[[], Any]]]) -> tuple[list[float], str]:
+    """Do one thing after the other; return the time of each, and in words what processor time one takes.
+
+    Each is called and gives what is done then, from which on time counts.
+    """
     times, begin = [], (spent(server), browser_spent(server))
     for each in doing:
-        times.append(until_painted(page, each))
+        times.append(until_painted(page, each()))
         page.wait_for_timeout(REST)
     own, other = ((now - b) / len(doing) for now, b in zip((spent(server), browser_spent(server)), begin, strict=True))
     return times, f"{own:.2f} s of the server's processor time, {other:.2f} s of the browser's"
@@ -93,26 +96,27 @@ def measure(page: Any, address: str, server: int) -> Iterator[str]:
     count = boxes.locator("option").count()
     estimators = page.evaluate("Bokeh.documents[0].get_model_by_name('compared').labels.length")
 
-    def click(k: int, first: int) -> Callable[[], Any]:
-        boxes.select_option(index=k % count)
-        return lambda: rank.select_option(["largest", "median"][(k + first) % 2])
+    def click(k: int, which: int) -> Callable[[], Callable[[], Any]]:
+        def choose() -> Callable[[], Any]:
+            boxes.select_option(index=k % count)
+            return lambda: rank.select_option(["largest", "median"][which % 2])
+
+        return choose
 
     first, _ = timed(page, server, [click(0, 0)])
     yield f"first click: {first[0]:.2f} s"
-    others = [timed(page, server, [click(k, 0)])[0][0] for k in range(1, estimators)]
+    others, _ = timed(page, server, [click(k, k) for k in range(1, estimators)]) if estimators > 1 else ([], "")
     if others:
         yield f"first click of each further estimator: at most {max(others):.2f} s"
-    clicks, cost = [], ""
-    for k in range(CLICKS):
-        (each,), cost = timed(page, server, [click(k * (estimators + 1) + 1, k)])
-        clicks.append(each)
+    clicks, cost = timed(page, server, [click(k * (estimators + 1) + 1, k) for k in range(CLICKS)])
     yield f"click: {np.median(clicks):.2f} s, at most {max(clicks):.2f} s; {cost}"
     page.goto(f"{address}?run=0.0.0.0.0&compared=0.1.2")  # three estimators, or those that there are
     page.get_by_text("The scores ").first.wait_for(timeout=600_000)
     page.wait_for_timeout(2 * REST)
     handle = page.locator("#what-if .noUi-handle").first
     handle.focus()
-    moves = [lambda k=k: handle.press("ArrowRight" if k < STEPS / 2 else "ArrowLeft") for k in range(STEPS)]
+    keys = ["ArrowRight"] * (STEPS // 2) + ["ArrowLeft"] * (STEPS // 2)
+    moves = [lambda key=key: lambda: handle.press(key) for key in keys]
     steps, cost = timed(page, server, moves)
     yield f"step of a slider: {np.median(steps):.2f} s, at most {max(steps):.2f} s; with the rest after it {cost}"
 
