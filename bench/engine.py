@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def _step_times(study: Study, samples: int, rounds: int) -> dict[str, float]:
     work: dict[str, Callable[[], object]] = {"simulation with noise": lambda: evaluator.simulate(unit, cases, samples)}
     for i, kind in enumerate(e.kind for e in study.estimators):
         work[kind] = lambda i=i: evaluator.estimate(i, unit, cases, batch, believed)
-    return {name: 1e6 * t / samples / LANES for name, t in quickest(work, rounds).items()}
+    return {name: 1e6 * t / samples / LANES for name, t in quickest(work, rounds, time.thread_time).items()}
 
 
 def workers(rounds: int = 3) -> float:
