@@ -32,6 +32,7 @@ from harness.engine.kernel_names import (
     splat,
     sqrt,
 )
+from harness.engine.simd.memory import borrowed, retain
 
 LARGEST = 1e150
 """Largest magnitude of a number that enters a score: squares of millions of them can be summed."""
@@ -98,7 +99,9 @@ def simulate_batch(u, c, deviation_x, deviation_y, limits, needed, x0, noise, tr
         left_at: First sample outside the limits, or at which a signal that is needed is no number, written
             ``(1, LANES)``; ``samples`` if there is none.
     """
-    x, ahead, w = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
+    owned = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
+    x, ahead, w = borrowed(owned)
+    u, c, truth, y, noise = borrowed((u, c, truth, y, noise))
     samples = u.shape[0]
     put(splat(1.0 * samples), left_at, 0)
     for i in range(NX):
@@ -114,6 +117,7 @@ def simulate_batch(u, c, deviation_x, deviation_y, limits, needed, x0, noise, tr
         next_state(x, u[k], c, ahead, w)
         for i in range(NX):
             put(get(ahead, i) + get(deviation_x, i) * get(noise, k, i), x, i)
+    retain(owned)
 
 
 def estimate(inputs, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
@@ -159,8 +163,7 @@ def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options
             samples with a measurement, those inside, log-likelihood, repairs, sample of divergence.
         kept: Estimates and standard deviations of the targets, written ``(samples or 0, 2, ns, LANES)``.
     """
-    u, between, moved, moved_at = inputs
-    work = workspace()
+    (u, between, moved, moved_at), y, truth, belief = borrowed((inputs, y, truth, belief))
     covariance = np.zeros((NX, NX, LANES))
     mean, memory = np.empty((NX, LANES)), np.empty(first.memory.shape)
     for i in range(NX):
@@ -168,12 +171,16 @@ def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options
         put(get(first.covariance, i, i), covariance, i, i)
     for i in range(memory.shape[0]):
         put(get(first.memory, i), memory, i)
-    before = State(mean, covariance, memory)
-    after = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(first.memory.shape))
     row = np.zeros((4, LANES))
-    info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
-    s, slopes = np.empty((NS, LANES)), np.empty((NS, NX, LANES))
-    factor, error, scratch = np.zeros((NX, NX, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
+    owned = (
+        workspace(),
+        State(mean, covariance, memory),
+        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(first.memory.shape)),
+        Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
+        (np.empty((NS, LANES)), np.empty((NS, NX, LANES))),
+        (np.zeros((NX, NX, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))),
+    )
+    work, before, after, info, (s, slopes), (factor, error, scratch) = borrowed(owned)
     samples, every, comparable, stated = u.shape[0], int(options[0]), options[1] > 0.5, options[2] > 0.5
     scores[:] = 0.0
     per_run[:] = 0.0
@@ -203,6 +210,7 @@ def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options
         if kept.shape[0] > 0:
             write_covariance(before, work)
             keep(before, u[k], belief, s, slopes, kept[k])
+    retain(owned)
 
 
 def spread_of_inputs(x, between, u, moved, moved_at, belief):

@@ -30,6 +30,7 @@ from harness.engine.kernel_names import (
 )
 from harness.engine.simd import lanes as plain
 from harness.engine.simd.dual import tangent_of, value_of
+from harness.engine.simd.memory import borrowed, retain
 from harness.engine.time_loops import outside, step, workspace
 
 
@@ -50,15 +51,19 @@ def innovate(u, between, y, errors, belief, x0, P0, memory0, limits, total, note
         notes: What ``note`` writes to.
     """
     samples, nu = u.shape
-    work, scratch = workspace(), scratchpad()
-    before = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy())
-    after = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy())
+    row = np.zeros((4, LANES))
+    owned = (
+        (workspace(), scratchpad()),
+        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy()),
+        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy()),
+        Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
+        (np.empty((nu, LANES)), np.empty((nu, LANES)), np.empty((NY, LANES))),
+    )
+    (work, scratch), before, after, info, (u_before, u_now, y_now) = borrowed(owned)
+    u, between, y, errors, belief, notes = borrowed((u, between, y, errors, belief, notes))
     for i in range(NX):
         put(get(x0, i), before.mean, i)
         put(get(P0, i), before.covariance, i, i)
-    row = np.zeros((4, LANES))
-    info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
-    u_before, u_now, y_now = np.empty((nu, LANES)), np.empty((nu, LANES)), np.empty((NY, LANES))
     put(splat(0.0), total, 0)
     put(splat(1.0 * samples), total, 1)
     for k in range(1, samples):
@@ -72,6 +77,7 @@ def innovate(u, between, y, errors, belief, x0, P0, memory0, limits, total, note
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
         put(select((outside(before.mean, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
+    retain(owned)
 
 
 def fill(values, numbers):
@@ -271,6 +277,7 @@ def run_free(u, between, constants, x0, limits, states, outputs, left_at):
     """
     samples, nu = u.shape
     w, u_now = np.empty((NW, LANES)), np.empty((nu, LANES))
+    u, between, states, outputs = borrowed((u, between, states, outputs))
     put(splat(1.0 * samples), left_at, 0)
     for i in range(NX):
         put(get(x0, i), states, 0, i)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from harness.engine.simd.memory import borrowed
 from harness.engine.time_loops import advance
 from harness.realtime.clock import nanoseconds
 
@@ -22,6 +23,7 @@ def timed_steps(before, u, y, belief, work, after, info, ticks):
         info: Written.
         ticks: Time before and after each step in ns, written ``(steps, 2)``.
     """
+    before, u, y, belief, work, after, info = borrowed((before, u, y, belief, work, after, info))
     for k in range(ticks.shape[0]):
         ticks[k, 0] = nanoseconds()
         advance(before, u[k], u[k + 1], y[k + 1], belief, work, after, info)

@@ -19,6 +19,7 @@ from harness.engine.kernel_names import (
     signals_jacobian,
     splat,
 )
+from harness.engine.simd.memory import borrowed, retain
 from harness.engine.time_loops import advance, outside, workspace, write_covariance
 
 
@@ -40,13 +41,17 @@ def estimate_recording(u, between, y, errors, belief, first, limits, rows, kept)
             its limits ``(samples, 5)``.
     """
     samples, nu = u.shape
-    work = workspace()
-    before = State(first.mean.copy(), first.covariance.copy(), first.memory.copy())
-    after = State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(first.memory.shape))
     row = np.zeros((4, LANES))
-    info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
-    u_before, u_now, y_now = np.empty((nu, LANES)), np.empty((nu, LANES)), np.empty((NY, LANES))
-    s, slopes, left = np.empty((NS, LANES)), np.empty((NS, NX, LANES)), np.empty((1, LANES))
+    owned = (
+        workspace(),
+        State(first.mean.copy(), first.covariance.copy(), first.memory.copy()),
+        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(first.memory.shape)),
+        Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
+        (np.empty((nu, LANES)), np.empty((nu, LANES)), np.empty((NY, LANES))),
+        (np.empty((NS, LANES)), np.empty((NS, NX, LANES)), np.empty((1, LANES))),
+    )
+    work, before, after, info, (u_before, u_now, y_now), (s, slopes, left) = borrowed(owned)
+    u, between, y, errors, belief, kept = borrowed((u, between, y, errors, belief, kept))
     estimate, deviation, covariance, innovation, spread, facts = kept
     fill_lanes(u[0], u_now)
     keep_signals(before, u_now, belief, s, slopes, rows, estimate[0], deviation[0], covariance[0])
@@ -68,6 +73,7 @@ def estimate_recording(u, between, y, errors, belief, first, limits, rows, kept)
             innovation[k, a] = info.innovation[a, 0]
             for b in range(NY):
                 spread[k, a, b] = info.innovation_covariance[a, b, 0]
+    retain(owned)
 
 
 def fill_lanes(values, numbers):

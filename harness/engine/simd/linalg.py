@@ -83,13 +83,14 @@ def scalar_updates(x_prior, P_prior, predicted, H, seen, y, r, x, P, work, info)
     nis, log_likelihood, count = splat(0.0), splat(0.0), splat(0.0)
     for i in range(n):
         put(get(x_prior, i), x, i)
-        for j in range(n):
+        for j in range(n if m == 0 else 0):  # else the first measurement brings it over
             put(get(P_prior, i, j), P, i, j)
+    P_before = P_prior
     for a in range(m):
         measured = get(y, a) == get(y, a)
         s = get(r, a)
         rest = get(y, a) - get(predicted, a)
-        _times_row(P, H, seen, a, slope)
+        _times_row(P_before, H, seen, a, slope)
         for c in range(seen.shape[1]):
             j = seen[a, c]
             if j < 0:
@@ -102,7 +103,8 @@ def scalar_updates(x_prior, P_prior, predicted, H, seen, y, r, x, P, work, info)
             k = select(measured, get(slope, i) * inverse, 0.0)
             put(k, gain, i)
             put(get(x, i) + k * rest, x, i)
-        _joseph(P, H, seen, a, get(r, a), gain, slope)
+        _joseph(P_before, H, seen, a, get(r, a), gain, slope, P)
+        P_before = P
         nis = nis + rest * rest * inverse
         log_likelihood = log_likelihood + select(
             measured, -0.5 * (rest * rest * inverse + log(s) + 1.8378770664093453), 0.0
@@ -210,8 +212,8 @@ def _times_row(P, H, seen, a, product):
 
 
 @_jit
-def _joseph(P, H, seen, a, r, gain, slope):
-    """Overwrite P by (I - K h) P (I - K h)' + K r K' for one measurement row h, slope = P h'.
+def _joseph(P_before, H, seen, a, r, gain, slope, P):
+    """Write (I - K h) P (I - K h)' + K r K' for one measurement row h, slope = P h'; P may be the one before.
 
     Row by row of the lower triangle: a row of (I - K h) P and its product with h' need nothing that was overwritten.
     """
@@ -221,9 +223,9 @@ def _joseph(P, H, seen, a, r, gain, slope):
             j = seen[a, c]
             if j < 0:
                 break
-            v = v + (get(P, i, j) - k * get(slope, j)) * get(H, a, j)
+            v = v + (get(P_before, i, j) - k * get(slope, j)) * get(H, a, j)
         for j in range(i + 1):
-            value = get(P, i, j) - k * get(slope, j) + (k * r - v) * get(gain, j)
+            value = get(P_before, i, j) - k * get(slope, j) + (k * r - v) * get(gain, j)
             put(value, P, i, j)
             put(value, P, j, i)
 
