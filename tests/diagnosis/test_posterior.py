@@ -219,6 +219,30 @@ def test_a_horizon_begins_again_where_the_filter_is(augmented, predicted):
     assert np.isfinite(drive.measurements).all()
 
 
+def test_two_models_are_weighed_among_themselves_however_much_likelier_a_third_is(augmented):
+    """Beside it both probabilities are zero to the last digit, and the first in the list would be taken."""
+    bank, gain = (h for h in hypotheses(augmented, FREE) if h.name in ("road_bank", "steering_ratio_nonlinear"))
+    known, models = {}, []
+    for added, density in (((), -3000.0), ((bank,), -2000.0), ((bank, gain), 0.0)):
+        fitted = SimpleNamespace(coordinates=(), added=added)
+        models.append((added, fitted))
+        known[id(fitted)] = comparison._Predicted(added, fitted, (), 0.0, np.full((24, 5), density / 24))
+    fits = SimpleNamespace(augmented=augmented, free=FREE)
+    assert comparison._likeliest_of(fits, [], models[:2], known) is models[1]
+    assert comparison._likeliest_of(fits, [], models, known) is models[2]
+
+
+def test_what_none_of_the_models_can_be_driven_at_says_nothing():
+    blocks = np.zeros((3, 4, 3))
+    blocks[0, :, 0], blocks[1, :, 0], blocks[2, :, 0] = 1.0, 2.0, 3.0
+    blocks[:, 2, 2] = -np.inf
+    blocks[2, 1, 1] = -np.inf
+    found = p.shared_horizons(blocks)
+    assert found[:2] == pytest.approx(np.array([[0.5] * 4, [1.0] * 4]))
+    assert not np.isfinite(found[2]).all()
+    assert p.shared_horizons(blocks[2:]) == pytest.approx(np.full((1, 4), 3.0))
+
+
 def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     """A search among neighbours: an addition less, or another one in its place."""
     gain, mass, inertia, cog, lag = (
@@ -247,13 +271,11 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
         augmented = SimpleNamespace(share=lambda work, tasks: [work(t) for t in tasks])
         fits = SimpleNamespace(models=models, fit=fit, start=lambda base, score: base, augmented=augmented, say=print)
 
-        def compared(fits, rounds, known):
-            order = sorted(fits.models.values(), key=lambda m: -likely.get(frozenset(m[0]), 0.0))
-            return SimpleNamespace(
-                models=[SimpleNamespace(added=[SimpleNamespace(hypotheses=(h,)) for h in m[0]]) for m in order]
-            )
+        def likeliest_of(fits, rounds, models, known):
+            return max(models, key=lambda m: likely.get(frozenset(m[0]), 0.0))
 
-        monkeypatch.setattr(comparison, "_compared", compared)
+        monkeypatch.setattr(comparison, "_likeliest_of", likeliest_of)
+        monkeypatch.setattr(comparison, "_compared", lambda fits, rounds, known: None)
         return set(comparison.likeliest(fits, rounds, added, SimpleNamespace(point=None))[0])
 
     both, instead, alone = (frozenset(x) for x in ((gain, mass), (mass, inertia), (lag,)))

@@ -31,6 +31,7 @@ from harness.diagnosis.selection.posterior import (
     coverage,
     interval,
     probabilities,
+    shared_horizons,
 )
 from harness.diagnosis.selection.priors import log_odds, log_size
 from harness.diagnosis.selection.score_test import cosine
@@ -67,10 +68,10 @@ def likeliest(
         added, best = _lessened(fits, rounds, added, best, known)
         seen.add(frozenset(added))
         _fit_alternatives(fits, rounds, added, best)
-        posterior = _compared(fits, rounds, known)
-        kept, fitted = next(m for m in _ranked(fits, posterior) if _neighbours(m[0], added))
+        near = [m for m in fits.models.values() if _neighbours(m[0], added)]
+        kept, fitted = _likeliest_of(fits, rounds, near, known)
         if frozenset(kept) in seen:
-            return added, best, posterior
+            return added, best, _compared(fits, rounds, known)
         added, best = kept, fitted
 
 
@@ -83,16 +84,25 @@ def _lessened(
         if frozenset(rest) not in fits.models:
             fits.say(f"is {h.name.replace('_', ' ')} still needed?")
             fits.fit(rest, _without(fits, best.point, h, rest))
-        both = (set(added), set(rest))
-        kept, fitted = next(m for m in _ranked(fits, _compared(fits, rounds, known)) if set(m[0]) in both)
+        both = [fits.models[frozenset(a)] for a in (added, rest)]
+        kept, fitted = _likeliest_of(fits, rounds, both, known)
         if set(kept) == set(rest):
             added, best = kept, fitted
     return added, best
 
 
-def _ranked(fits: CandidateFits, posterior: Posterior) -> list[tuple[Added, Fitted]]:
-    """Return all models that were fitted, the likeliest first."""
-    return [fits.models[frozenset(a.hypotheses[0] for a in m.added)] for m in posterior.models]
+def _likeliest_of(
+    fits: CandidateFits,
+    rounds: Sequence[Round],
+    models: Sequence[tuple[Added, Fitted]],
+    known: dict[int, _Predicted],
+) -> tuple[Added, Fitted]:
+    """Return the likeliest of some models that were fitted, weighed among themselves.
+
+    Beside all others both may have no probability that a number can hold.
+    """
+    weighed = _weighed(fits, rounds, models, known)
+    return models[int(np.argmax(probabilities(weighed.priors, weighed.densities)))]
 
 
 def _neighbours(one: Added, added: Added) -> bool:
@@ -105,29 +115,55 @@ def _neighbours(one: Added, added: Added) -> bool:
     return len(new) <= len(lost) <= 1 and not any(h.many for h in new) and not (new and any(h.clock for h in lost))
 
 
-def _compared(fits: CandidateFits, rounds: Sequence[Round], known: dict[int, _Predicted]) -> Posterior:
-    """Return how likely every model is that was fitted; ``known`` keeps what each predicts, by its fit."""
-    fits.say("how likely is each model?")
-    models = [m for m in fits.models.values() if id(m[1]) not in known]
-    known |= {id(p.fitted): p for p in fits.augmented.share(lambda model: _predicted(fits, *model), models)}
-    predicted = [known[id(fitted)] for _, fitted in fits.models.values()]
-    blocks = np.array([p.blocks for p in predicted])
-    possible = np.isfinite(blocks).all(axis=1).any(axis=0)  # at this horizon at least one model can be driven
+@dataclass(frozen=True)
+class _Weighed:
+    """Models with what is compared of them, in their order.
+
+    Attributes:
+        predicted: The held-out drives as each predicts them.
+        classes: Its additions, with what is alike.
+        priors: Logarithms ``(models,)``.
+        densities: Mean log density over the horizons that count, by block ``(models, blocks)``.
+    """
+
+    predicted: list[_Predicted]
+    classes: list[list[Alike]]
+    priors: Floats
+    densities: Floats
+
+
+def _weighed(
+    fits: CandidateFits,
+    rounds: Sequence[Round],
+    models: Sequence[tuple[Added, Fitted]],
+    known: dict[int, _Predicted],
+) -> _Weighed:
+    """Return models with what is compared of them; ``known`` keeps what each predicts, by its fit."""
+    new = [m for m in models if id(m[1]) not in known]
+    known |= {id(p.fitted): p for p in fits.augmented.share(lambda model: _predicted(fits, *model), new)}
+    predicted = [known[id(fitted)] for _, fitted in models]
     odds = log_odds(hypotheses(fits.augmented, fits.free))
     classes = [[_alike(h, rounds, odds) for h in p.added] for p in predicted]
-    priors = np.array([_log_prior(p, c, odds) for p, c in zip(predicted, classes, strict=True)])
-    densities = blocks[:, :, possible].mean(axis=2)
+    priors = [_log_prior(p, c, odds) for p, c in zip(predicted, classes, strict=True)]
+    return _Weighed(predicted, classes, np.array(priors), shared_horizons(np.array([p.blocks for p in predicted])))
+
+
+def _compared(fits: CandidateFits, rounds: Sequence[Round], known: dict[int, _Predicted]) -> Posterior:
+    """Return how likely every model is that was fitted."""
+    fits.say("how likely is each model?")
+    weighed = _weighed(fits, rounds, list(fits.models.values()), known)
+    priors, densities = weighed.priors, weighed.densities
     shares = probabilities(priors, densities)
     order = np.argsort(-shares, kind="stable")
-    first = predicted[order[0]]
+    first = weighed.predicted[order[0]]
     none = densities[order[0]] + _colour(fits, first) / densities.shape[1]
     joint = probabilities(np.append(priors, priors[order[0]] + math.log(ODDS["none"])), np.vstack([densities, none]))
     found = tuple(
         Model(
-            tuple(classes[i]),
-            predicted[i].fitted,
+            tuple(weighed.classes[i]),
+            weighed.predicted[i].fitted,
             float(priors[i]),
-            blocks[i].sum(axis=0),
+            weighed.predicted[i].blocks.sum(axis=0),
             interval(densities[i] - densities[order[0]]),
             float(shares[i]),
             float(joint[i]),

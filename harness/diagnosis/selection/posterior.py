@@ -126,6 +126,20 @@ def probabilities(log_priors: Floats, densities: Floats) -> Floats:
     return found
 
 
+def shared_horizons(blocks: Floats) -> Floats:
+    """Return the mean log density over the horizons that count ``(models, blocks)``.
+
+    They are those at which the model that can be driven at most of them can: a horizon at which none can says nothing.
+
+    Args:
+        blocks: Log density by block and horizon ``(models, blocks, horizons)``, not finite where a model cannot be
+            driven.
+    """
+    driven = np.isfinite(blocks).all(axis=1)
+    most = driven[np.argmax(driven.sum(axis=1))]
+    return np.asarray(blocks[:, :, most].mean(axis=2) if most.any() else np.zeros(blocks.shape[:2]))
+
+
 def interval(differences: Floats) -> Interval:
     """Return the sum of differences in log density by block ``(blocks,)`` with its 90 % interval."""
     if not np.isfinite(differences).all():
