@@ -191,6 +191,9 @@ class Linearised:
         whitened: Innovations of the pass ``(samples, ny)``, NaN where missing.
         states: Where it is linearised: the corrected mean ``(samples, nx)``.
         active: Rows of the states that count.
+        transition: Jacobian of the next state in them ``(samples, n, n)``.
+        output: Jacobian of the outputs ``(samples, ny, n)``.
+        gain: Of the pass ``(samples, n, ny)``.
         innovations: What it makes of the innovations.
     """
 
@@ -204,16 +207,16 @@ class Linearised:
         self.whitened, self.states = kept.whitened, kept.state.copy()
         self.states[0] = drive.first_mean
         self.active = self._active()
-        self._ahead, H = self._along_states(slice(None), self.active)
-        self._gain = np.zeros((len(self.states), len(self.active), kept.gain.shape[2]))
+        self.transition, self.output = self._along_states(slice(None), self.active)
+        self.gain = np.zeros((len(self.states), len(self.active), kept.gain.shape[2]))
         corrected = self.augmented.corrected(values)  # what the filter corrects is active, and comes first
-        self._gain[:, :corrected] = kept.gain[:, :corrected]
+        self.gain[:, :corrected] = kept.gain[:, :corrected]
         # A missing measurement neither corrects nor counts.
         self._whitening = kept.whitening * np.isfinite(kept.whitened)[:, :, None]
-        held = np.eye(len(self.active)) - self._gain @ H
+        held = np.eye(len(self.active)) - self.gain @ self.output
         self.innovations = InnovationModel(
-            np.ascontiguousarray(self._ahead @ held),
-            np.ascontiguousarray(self._whitening @ H),
+            np.ascontiguousarray(self.transition @ held),
+            np.ascontiguousarray(self._whitening @ self.output),
             np.nan_to_num(kept.whitened),
             self.augmented.spec.step,
         )
@@ -261,7 +264,7 @@ class Linearised:
 
     def entering(self, ahead: Floats, outputs: Floats) -> list[InputDirection]:
         """Return how what moves active states ``(samples, rows, n)`` and outputs ``(samples, ny, n)`` enters them."""
-        through = -self._ahead @ (self._gain @ outputs)
+        through = -self.transition @ (self.gain @ outputs)
         entry = ahead + through
         direct = self._whitening @ outputs
         return [

@@ -8,12 +8,11 @@ its likelihood one run of one compiled filter, and trying an effect compiles not
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from threading import Lock
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
@@ -32,29 +31,6 @@ from harness.models.signals import SIGNALS
 
 DRIFT = "sensor_drift"
 """The effect that lets the bias of a sensor wander."""
-
-_FAR = 1.0
-"""s; horizon from which the errors of the inputs count as what they do to a free run: they last about as long."""
-
-
-_Kept = tuple[Floats, Floats, int, Floats, Floats, Floats]
-"""What ``time_loops.filter_whole`` needs to predict farther than a sample."""
-
-
-@dataclass(frozen=True)
-class Ahead:
-    """How a model predicts a recording at several horizons; one row per sample behind the first.
-
-    Attributes:
-        densities: Logarithm of the density of each sample's measurements ``(samples, horizons)``; minus infinity where
-            the prediction left its range.
-        squares: Their squared distance from the prediction over its covariance ``(samples, horizons)``.
-        seen: How many were measured ``(samples,)``.
-    """
-
-    densities: Floats
-    squares: Floats
-    seen: NDArray[np.int_]
 
 
 class AugmentedModel(FilteredModel):
@@ -147,48 +123,8 @@ class AugmentedModel(FilteredModel):
         return super().drive(recording, name, between, signal)
 
     def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
-        self._filter_ahead(drive, candidates, total, notes, self._ahead((), drive, 0))
-
-    def _ahead(self, horizons: Sequence[float], drive: Drive, samples: int) -> _Kept:
-        """Return what ``time_loops.keep_ahead`` needs for horizons in samples; nothing is kept of no samples."""
-        lanes = np.ones((1, LANES))
-        lanes[0, : len(horizons)] = horizons
-        far = (lanes * self.spec.step >= _FAR).astype(float)
-        vehicle = len(self.nominal.states)
-        return lanes, far, vehicle, drive.spread, np.zeros((samples, LANES)), np.zeros((samples, LANES))
-
-    def predict(self, drive: Drive, point: Candidates, horizons: Sequence[float]) -> Ahead:
-        """Predict the measurements of a recording at several horizons, with the model's own covariance.
-
-        From every restart a prediction runs as many samples as its horizon, without their measurements, and then
-        begins again from the filter. An infinite horizon is that of the free run.
-
-        Args:
-            drive: The recording.
-            point: One candidate.
-            horizons: Samples, at most ``LANES`` of them; the first one is 1, that of the filter.
-        """
-        kept = self._ahead(horizons, drive, len(drive.inputs))
-        self._filter_ahead(drive, point.in_lanes(), np.empty((2, LANES)), self._notes(0), kept)
-        densities, squares = (part[1:, : len(horizons)] for part in kept[4:])
-        return Ahead(
-            np.where(np.isfinite(densities), densities, -np.inf),
-            np.where(np.isfinite(squares), squares, np.inf),
-            np.isfinite(drive.measurements[1:]).sum(axis=1),
-        )
-
-    def _filter_ahead(
-        self,
-        drive: Drive,
-        candidates: Candidates,
-        total: Floats,
-        notes: tuple[Floats, ...],
-        ahead: _Kept,
-    ) -> None:
         filter_ = self._filter_of(candidates.values)
         nx = len(filter_.model.states)
-        drifts = filter_.model.states[len(self.nominal.states) :]
-        walks = [np.full((1, LANES), filter_.model.noise[s] * self.spec.step) for s in drifts]
         filter_.loop(
             drive.inputs,
             drive.between,
@@ -197,14 +133,23 @@ class AugmentedModel(FilteredModel):
             _of_states(drive.effects, nx, self.nx),
             self.compiled.constants(candidates.values),
             filter_.compiled.constants(np.ascontiguousarray(candidates.values[filter_.rows])),
-            np.concatenate([candidates.process, *walks]),
+            self._process(candidates, filter_.model),
             candidates.measurement,
             self._first(drive, candidates.values),
             np.repeat(drive.first_variance[:nx, None], LANES, axis=1),
             (self._limited, self._limits[self._limited]),
             total,
-            (notes, ahead),
+            notes,
         )
+
+    def process_variances(self, point: Candidates) -> Floats:
+        """Return the process-noise variances per step of the states that the filter corrects ``(corrected,)``."""
+        model = self._drifting if self._drifts_in(point.values) else self.nominal
+        return self._process(point, model)[:, 0]
+
+    def _process(self, candidates: Candidates, model: Model) -> Floats:
+        walks = [model.noise[s] * self.spec.step for s in model.states[len(self.nominal.states) :]]
+        return np.concatenate([candidates.process, *(np.full((1, candidates.count), v) for v in walks)])
 
 
 class _Filter:

@@ -35,7 +35,7 @@ NX_WHOLE: Any = StandIn("NX_WHOLE")
 NW_WHOLE: Any = StandIn("NW_WHOLE")
 
 
-def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q, R, x0, P0, valid, total, kept):
+def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q, R, x0, P0, valid, total, notes):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
@@ -53,13 +53,9 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         P0: First variances of the nominal model ``(nx, LANES)``.
         valid: States of the augmented model that have a limit, and their largest magnitudes.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
-        kept: What ``keep_first_lane`` writes to, of no samples if nothing is kept, and what ``keep_ahead`` needs to
-            predict farther than a sample in lanes of one candidate, of no samples if every lane is a filter.
+        notes: What ``keep_first_lane`` writes to, of no samples if nothing is kept.
     """
     samples, nu = u.shape
-    notes, ahead = kept
-    horizons, far, vehicle, spread, densities, squares = ahead
-    noise, since = R.copy(), np.zeros((1, LANES))
     w, w_whole = np.empty((NW, LANES)), np.empty((NW_WHOLE, LANES))
     x, x_prior = np.empty((NX_WHOLE, LANES)), np.empty((NX_WHOLE, LANES))
     x_nominal, P_prior, P = np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.zeros((NX, NX, LANES))
@@ -90,11 +86,9 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         fill(y[k], y_now)
         if errors.shape[2] > 0:
             fill_table(errors[k], errors_now)
-            if densities.shape[0] > 0:
-                spread_instead(far, spread[k], R, errors_now, noise)
             add_input_errors(P_prior, errors_now)
             correlated_update(
-                x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, noise, errors_now, x[:NX], P, work, info
+                x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, errors_now, x[:NX], P, work, info
             )
         else:
             scalar_updates(x_prior[:NX], P_prior, predicted, H, SEEN_STATES, y_now, R, x[:NX], P, scratch, info)
@@ -104,84 +98,9 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
             keep_first_lane(info, y_now, H, P, R, S, factor, x, k, notes)
             if errors.shape[2] > 0:
                 keep_gain(P_prior, H, errors_now, y_now, k, notes)
-        if densities.shape[0] > 0:
-            keep_ahead(info, x_prior, P_prior, horizons, since, x, P, k, densities, squares)
-            follow_biases(get(since, 0) == 0.0, vehicle, x, P)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
         put(select((beyond(x, valid[0], valid[1]) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
-
-
-def spread_instead(far, spread, R, errors, noise):
-    """Let the errors of the inputs act as what they do to a free run in the lanes that predict far.
-
-    From sample to sample these errors hardly change: a filter may take them as white, a long prediction sums them up.
-
-    Args:
-        far: 1 in the lanes that predict far, else 0 ``(1, LANES)``.
-        spread: Variances of the outputs of a free run that come of the errors ``(ny,)``.
-        R: Measurement-noise variances ``(ny, LANES)``.
-        errors: What the errors do at a sample; zero in those lanes when it returns ``(nx + ny, m, LANES)``.
-        noise: R, and in those lanes the spread more, written ``(ny, LANES)``.
-    """
-    for i in range(errors.shape[0]):
-        for j in range(errors.shape[1]):
-            put(get(errors, i, j) * (1.0 - get(far, 0)), errors, i, j)
-    for a in range(NY):
-        put(get(R, a) + spread[a] * get(far, 0), noise, a)
-
-
-def keep_ahead(info, x_prior, P_prior, horizons, since, x, P, k, densities, squares):
-    """Keep how dense the measurements are under each lane's prediction, and let the lanes predict on.
-
-    All lanes hold one candidate, and the first lane is its filter. Another lane goes on without the measurement, until
-    it has predicted as many samples as its horizon; then it begins again where the filter is.
-
-    Args:
-        info: Of the sample.
-        x_prior: Predicted mean, all states ``(nx, LANES)``.
-        P_prior: Its covariance.
-        horizons: Samples ``(1, LANES)``; 1 for a filter.
-        since: Samples since each lane began ``(1, LANES)``; counted on.
-        x: Corrected mean; written in the lanes that go on or begin again.
-        P: Its covariance; likewise.
-        k: Sample.
-        densities: Logarithm of the density of the measurements, written ``(samples, LANES)``.
-        squares: Their squared distance from the prediction, normalised, written ``(samples, LANES)``.
-    """
-    for lane in range(LANES):
-        densities[k, lane] = info.log_likelihood[0, lane]
-        squares[k, lane] = info.nis[0, lane]
-    count = get(since, 0) + 1.0
-    again = count >= get(horizons, 0)
-    put(select(again, 0.0, count), since, 0)
-    for i in range(NX_WHOLE):
-        put(select(again, splat(x[i, 0]), get(x_prior, i)), x, i)
-    for i in range(NX):
-        for j in range(NX):
-            put(select(again, splat(P[i, j, 0]), get(P_prior, i, j)), P, i, j)
-
-
-def follow_biases(again, vehicle, x, P):
-    """Let every lane know of the biases of sensors what the filter, the first lane, does.
-
-    A horizon is for how long the motion is predicted. A bias is no motion: without measurements its one error would
-    count at each of thousands of samples.
-
-    Args:
-        again: Lanes that have just begun where the filter is.
-        vehicle: Number of states of the vehicle, behind which the biases stand.
-        x: Mean; written ``(nx, LANES)``.
-        P: Covariance; written.
-    """
-    for i in range(vehicle, NX):
-        put(splat(x[i, 0]), x, i)
-        for j in range(vehicle, NX):
-            put(splat(P[i, j, 0]), P, i, j)
-        for j in range(vehicle):
-            both = select(again, splat(P[i, j, 0]), splat(0.0))
-            put(both, P, i, j)
-            put(both, P, j, i)
 
 
 def choose(u, rows, chosen):

@@ -17,8 +17,8 @@ from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BLOCK, HORIZONS, ODDS, SAME, TRIED
-from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
-from harness.diagnosis.model.augmented_model import Ahead
+from harness.diagnosis.fitting.fit import Fitted, Point
+from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
@@ -62,47 +62,29 @@ def likeliest(
         added: What they added.
         best: The fit with all of it.
     """
-    known: dict[int, _Predicted] = {}
+    compared = _Comparison(fits, rounds)
     seen: set[frozenset[Hypothesis]] = set()
     while True:
-        added, best = _lessened(fits, rounds, added, best, known)
+        added, best = _lessened(fits, compared, added, best)
         seen.add(frozenset(added))
         _fit_alternatives(fits, rounds, added, best)
-        near = [m for m in fits.models.values() if _neighbours(m[0], added)]
-        kept, fitted = _likeliest_of(fits, rounds, near, known)
+        kept, fitted = compared.likeliest([m for m in fits.models.values() if _neighbours(m[0], added)])
         if frozenset(kept) in seen:
-            return added, best, _compared(fits, rounds, known)
+            return added, best, compared.posterior()
         added, best = kept, fitted
 
 
-def _lessened(
-    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted, known: dict[int, _Predicted]
-) -> tuple[Added, Fitted]:
+def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fitted) -> tuple[Added, Fitted]:
     """Return a model without those of its additions, one after the other, without which it is likelier."""
     for h in added:
         rest = tuple(k for k in added if k != h)
         if frozenset(rest) not in fits.models:
             fits.say(f"is {h.name.replace('_', ' ')} still needed?")
             fits.fit(rest, _without(fits, best.point, h, rest))
-        both = [fits.models[frozenset(a)] for a in (added, rest)]
-        kept, fitted = _likeliest_of(fits, rounds, both, known)
+        kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
         if set(kept) == set(rest):
             added, best = kept, fitted
     return added, best
-
-
-def _likeliest_of(
-    fits: CandidateFits,
-    rounds: Sequence[Round],
-    models: Sequence[tuple[Added, Fitted]],
-    known: dict[int, _Predicted],
-) -> tuple[Added, Fitted]:
-    """Return the likeliest of some models that were fitted, weighed among themselves.
-
-    Beside all others both may have no probability that a number can hold.
-    """
-    weighed = _weighed(fits, rounds, models, known)
-    return models[int(np.argmax(probabilities(weighed.priors, weighed.densities)))]
 
 
 def _neighbours(one: Added, added: Added) -> bool:
@@ -132,72 +114,84 @@ class _Weighed:
     densities: Floats
 
 
-def _weighed(
-    fits: CandidateFits,
-    rounds: Sequence[Round],
-    models: Sequence[tuple[Added, Fitted]],
-    known: dict[int, _Predicted],
-) -> _Weighed:
-    """Return models with what is compared of them; ``known`` keeps what each predicts, by its fit."""
-    new = [m for m in models if id(m[1]) not in known]
-    known |= {id(p.fitted): p for p in fits.augmented.share(lambda model: _predicted(fits, *model), new)}
-    predicted = [known[id(fitted)] for _, fitted in models]
-    odds = log_odds(hypotheses(fits.augmented, fits.free))
-    classes = [[_alike(h, rounds, odds) for h in p.added] for p in predicted]
-    priors = [_log_prior(p, c, odds) for p, c in zip(predicted, classes, strict=True)]
-    return _Weighed(predicted, classes, np.array(priors), shared_horizons(np.array([p.blocks for p in predicted])))
+class _Comparison:
+    """The models of a trace, each with what it predicts of the held-out drives, which is computed once.
 
+    Args:
+        fits: With all models that were fitted.
+        rounds: Of the selection.
+    """
 
-def _compared(fits: CandidateFits, rounds: Sequence[Round], known: dict[int, _Predicted]) -> Posterior:
-    """Return how likely every model is that was fitted."""
-    fits.say("how likely is each model?")
-    weighed = _weighed(fits, rounds, list(fits.models.values()), known)
-    priors, densities = weighed.priors, weighed.densities
-    shares = probabilities(priors, densities)
-    order = np.argsort(-shares, kind="stable")
-    first = weighed.predicted[order[0]]
-    none = densities[order[0]] + _colour(fits, first) / densities.shape[1]
-    joint = probabilities(np.append(priors, priors[order[0]] + math.log(ODDS["none"])), np.vstack([densities, none]))
-    found = tuple(
-        Model(
-            tuple(weighed.classes[i]),
-            weighed.predicted[i].fitted,
-            float(priors[i]),
-            weighed.predicted[i].blocks.sum(axis=0),
-            interval(densities[i] - densities[order[0]]),
-            float(shares[i]),
-            float(joint[i]),
+    def __init__(self, fits: CandidateFits, rounds: Sequence[Round]) -> None:
+        self.fits, self.rounds = fits, rounds
+        self._prediction = Prediction(fits.augmented)
+        self._known: dict[int, _Predicted] = {}  # by the fit, which is kept beside
+
+    def likeliest(self, models: Sequence[tuple[Added, Fitted]]) -> tuple[Added, Fitted]:
+        """Return the likeliest of some models, weighed among themselves.
+
+        Beside all others both may have no probability that a number can hold.
+        """
+        weighed = self._weighed(models)
+        return models[int(np.argmax(probabilities(weighed.priors, weighed.densities)))]
+
+    def posterior(self) -> Posterior:
+        """Return how likely every model is that was fitted."""
+        self.fits.say("how likely is each model?")
+        weighed = self._weighed(list(self.fits.models.values()))
+        priors, densities = weighed.priors, weighed.densities
+        shares = probabilities(priors, densities)
+        order = np.argsort(-shares, kind="stable")
+        first = weighed.predicted[order[0]]
+        none = densities[order[0]] + self._colour(first) / densities.shape[1]
+        with_none = np.append(priors, priors[order[0]] + math.log(ODDS["none"]))
+        joint = probabilities(with_none, np.vstack([densities, none]))
+        found = tuple(
+            Model(
+                tuple(weighed.classes[i]),
+                weighed.predicted[i].fitted,
+                float(priors[i]),
+                weighed.predicted[i].blocks.sum(axis=0),
+                interval(densities[i] - densities[order[0]]),
+                float(shares[i]),
+                float(joint[i]),
+            )
+            for i in order
         )
-        for i in order
-    )
-    return Posterior(found, float(joint[-1]), coverage(first.aheads))
+        return Posterior(found, float(joint[-1]), coverage(first.aheads))
 
+    def _weighed(self, models: Sequence[tuple[Added, Fitted]]) -> _Weighed:
+        """Return models with what is compared of them."""
+        new = [m for m in models if id(m[1]) not in self._known]
+        found = self.fits.augmented.share(lambda model: self._predicted(*model), new)
+        self._known |= {id(p.fitted): p for p in found}
+        predicted = [self._known[id(fitted)] for _, fitted in models]
+        odds = log_odds(hypotheses(self.fits.augmented, self.fits.free))
+        classes = [[_alike(h, self.rounds, odds) for h in p.added] for p in predicted]
+        priors = [_log_prior(p, c, odds) for p, c in zip(predicted, classes, strict=True)]
+        return _Weighed(predicted, classes, np.array(priors), shared_horizons(np.array([p.blocks for p in predicted])))
 
-def _predicted(fits: CandidateFits, added: Added, fitted: Fitted) -> _Predicted:
-    judged = fits.judge(added, fitted.point)
-    aheads = tuple(_ahead(fits.held_out.fitting, judged.point))
-    penalty = sum(d.log_likelihood for d in judged.drives) - judged.log_likelihood
-    penalty = penalty if math.isfinite(penalty) else 0.0
-    blocks = by_block([a.densities for a in aheads], fits.held_out.drives, penalty)
-    return _Predicted(added, fitted, aheads, penalty, blocks)
+    def _predicted(self, added: Added, fitted: Fitted) -> _Predicted:
+        held_out = self.fits.held_out
+        judged = self.fits.judge(added, fitted.point)
+        each = zip(held_out.drives, held_out.fitting.candidates([judged.point]), strict=True)
+        step = self.fits.augmented.spec.step
+        samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
+        aheads = tuple(self._prediction.of(drive, held, samples) for drive, held in each)
+        penalty = sum(d.log_likelihood for d in judged.drives) - judged.log_likelihood
+        penalty = penalty if math.isfinite(penalty) else 0.0
+        blocks = by_block([a.densities for a in aheads], held_out.drives, penalty)
+        return _Predicted(added, fitted, aheads, penalty, blocks)
 
-
-def _colour(fits: CandidateFits, p: _Predicted) -> float:
-    """Return how much likelier the held-out drives are if something that the model lacks adds to its innovations."""
-    step = fits.augmented.spec.step
-    lengths = [round(h / step) for h in HORIZONS if step < h < BLOCK]  # of longer ones a drive holds too few
-    judged = fits.judge(p.added, p.fitted.point).point
-    each = (fits.fitting.runs(p.fitted.point), fits.held_out.fitting.runs(judged))
-    here, there = ([run.whitened[1:] for run in runs] for runs in each)
-    return coloured(here, there, lengths)
-
-
-def _ahead(fitting: Fitting, point: Point) -> list[Ahead]:
-    """Return every drive as the model at a point predicts it."""
-    step = fitting.augmented.spec.step
-    samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
-    each = zip(fitting.drives, fitting.candidates([point]), strict=True)
-    return [fitting.augmented.predict(drive, held, samples) for drive, held in each]
+    def _colour(self, p: _Predicted) -> float:
+        """Return how much likelier the held-out drives are if something lacking adds to the innovations."""
+        fits = self.fits
+        step = fits.augmented.spec.step
+        lengths = [round(h / step) for h in HORIZONS if step < h < BLOCK]  # of longer ones a drive holds too few
+        judged = fits.judge(p.added, p.fitted.point).point
+        each = (fits.fitting.runs(p.fitted.point), fits.held_out.fitting.runs(judged))
+        here, there = ([run.whitened[1:] for run in runs] for runs in each)
+        return coloured(here, there, lengths)
 
 
 def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, str], float]) -> float:

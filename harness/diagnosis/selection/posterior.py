@@ -25,7 +25,7 @@ from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 from harness.diagnosis.criteria import BLOCK, MASS, MISFIT
 from harness.diagnosis.fitting.fit import Fitted
-from harness.diagnosis.model.augmented_model import Ahead
+from harness.diagnosis.innovations.prediction import Ahead
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.identification.data import Drive
 
@@ -136,7 +136,7 @@ def shared_horizons(blocks: Floats) -> Floats:
             driven.
     """
     driven = np.isfinite(blocks).all(axis=1)
-    most = driven[np.argmax(driven.sum(axis=1))]
+    most = np.asarray(driven[np.argmax(driven.sum(axis=1))])
     return np.asarray(blocks[:, :, most].mean(axis=2) if most.any() else np.zeros(blocks.shape[:2]))
 
 
