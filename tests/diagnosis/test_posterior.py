@@ -196,7 +196,7 @@ def test_the_first_horizon_is_the_filter(augmented, predicted):
     drive, held, found = predicted
     run = augmented.run(drive, held)
     assert found.densities[:, 0].sum() == pytest.approx(run.log_likelihood, abs=1.0)
-    assert found.squares[:, 0].sum() == pytest.approx(np.nansum(run.whitened[1:] ** 2), rel=1e-3)
+    assert found.squares[:, 0].sum() == pytest.approx(np.nansum(run.whitened[1:] ** 2), rel=5e-3)
 
 
 def test_the_last_horizon_is_the_free_run(augmented, predicted):

@@ -37,7 +37,7 @@ def predict_ahead(inputs, y, constants, linear, noise, means, rows, horizons, fa
     samples, n, nu = A.shape[0], A.shape[1], inputs[0].shape[1]
     w, u, since = np.empty((NW, LANES)), np.empty((nu, LANES)), np.zeros((1, LANES))
     x, x_prior, predicted = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NY, LANES))
-    P, P_prior, T = np.zeros((n, n, LANES)), np.zeros((n, n, LANES)), np.zeros((n, n, LANES))
+    P, P_prior, T = np.zeros((n, n, LANES)), np.zeros((n, n, LANES)), np.zeros((n, max(n, NY), LANES))
     S, factor, e = np.zeros((NY, NY, LANES)), np.zeros((NY, NY, LANES)), np.empty((NY, LANES))
     V, E, D = np.empty((n, NY, LANES)), np.empty((n, NY, LANES)), np.empty((NY, NY, LANES))
     M, found = np.empty((n, n)), np.empty((2, LANES))
