@@ -220,6 +220,26 @@ def test_a_horizon_begins_again_where_the_filter_is(augmented, predicted):
     assert np.isfinite(drive.measurements).all()
 
 
+def test_a_long_prediction_has_the_covariance_of_the_whole_model(augmented):
+    """Without the roll steer that keeps it stable this car spins at 20 m/s, and its covariance would grow for ever."""
+    values = {"stiffness_peak_rear": 80e3, "roll_steer_front": -0.012, "roll_steer_frequency_front": 4.5}
+    drive = augmented.drive(driven(78, ("roll_steer@front",), duration=30.0, **values), "drive")
+    fitting = Fitting(augmented, [drive], first_variances(augmented, [drive]))
+    first = fitting.first()
+    for name, value in values.items():
+        first.values[augmented.row(name)] = value
+    assert fitting.admits(first)
+    (held,) = fitting.candidates([first])
+    alone = first.values[:, 0].copy()
+    alone[augmented.row("roll_steer_front")] = 0.0
+    assert math.isfinite(fitting.driveable.unstable_from(alone))
+    found = Prediction(augmented).of(drive, held, [1, 1000, math.inf])
+    each = found.densities.mean(axis=0)
+    assert each[1] > each[0] - 2.0
+    assert each[2] > each[0] - 2.0
+    assert (found.squares.mean(axis=0) < 2 * found.seen.mean()).all()
+
+
 def test_two_models_are_weighed_among_themselves_however_much_likelier_a_third_is(augmented):
     """Beside it both probabilities are zero to the last digit, and the first in the list would be taken."""
     bank, gain = (h for h in hypotheses(augmented, FREE) if h.name in ("road_bank", "steering_ratio_nonlinear"))
