@@ -164,7 +164,7 @@ class _Filter:
         self.model, whole = model, augmented.compiled
         self.rows = [augmented.row(n) for n in model.parameter_names]
         self.inputs = np.array([augmented.model.inputs.index(name) for name in model.inputs])
-        self.compiled = compile_model(model, augmented.spec.step)
+        self.compiled = compile_model(model, augmented.spec.step, substeps=augmented.spec.substeps)
         given = {
             time_loops.next_state_whole: whole.kernels.next_state,
             time_loops.output_whole: whole.kernels.output,
