@@ -135,7 +135,7 @@ def shared_horizons(blocks: Floats) -> Floats:
         blocks: Log density by block and horizon ``(models, blocks, horizons)``, not finite where a model cannot be
             driven.
     """
-    driven = np.isfinite(blocks).all(axis=1)
+    driven = np.asarray(np.isfinite(blocks).all(axis=1))
     most = np.asarray(driven[np.argmax(driven.sum(axis=1))])
     return np.asarray(blocks[:, :, most].mean(axis=2) if most.any() else np.zeros(blocks.shape[:2]))
 
