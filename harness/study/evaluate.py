@@ -97,7 +97,8 @@ class StudyEvaluator:
         return max(1, _SIMULATED_AT_ONCE // (8 * LANES * numbers * len(self.compiled.drives[unit.drive].plant)))
 
     def _cases(self, unit: Unit) -> Cases:
-        repeats = np.arange(self.study.designs[unit.design].repeats)[unit.repeats]
+        of_unit = range(self.study.designs[unit.design].repeats)[unit.repeats]
+        repeats = np.arange(of_unit.start, of_unit.stop)
         return np.stack(np.meshgrid(np.arange(unit.first, unit.stop), repeats, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def evaluate(self, unit: Unit) -> dict[str, NDArray[np.generic]]:
