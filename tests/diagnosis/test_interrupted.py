@@ -73,7 +73,8 @@ def test_an_interrupt_says_what_is_kept_and_that_the_same_command_goes_on(tmp_pa
         monkeypatch.setattr(run, name, lambda *_: ())
     monkeypatch.setattr(run, "_searched", interrupted)
     said = io.StringIO()
-    task = SimpleNamespace(train=[], test=[], spec=SimpleNamespace(model=lambda: None), study=None, notes=())
+    spec = SimpleNamespace(model=lambda: None)
+    task = SimpleNamespace(train=[], test=[], spec=spec, estimators=(), study=None, notes=())
     with pytest.raises(KeyboardInterrupt):
         run.run_trace(task, tmp_path, Console(file=said, width=300), augmented=object())
     text = said.getvalue()
