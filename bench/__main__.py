@@ -39,7 +39,7 @@ def main() -> None:
         f"(target {engine.PARTICLE_TARGET:g})"
     )
     console.print(f"our UKF is {peer / times['ukf']:.0f} times as fast as filterpy's")
-    console.print(f"two workers are {ratio:.2f} times as fast as one (target 1.8)")
+    console.print(f"two workers are {ratio:.2f} times as fast as one (target {engine.WORKERS_TARGET:g})")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from rich import box
@@ -12,7 +13,8 @@ from rich.table import Table
 
 from bench.engine import mass_study, step_times
 from bench.floor.counting import counted, counts
-from bench.floor.throughput import throughput
+from bench.floor.throughput import EXACT_NORMAL, throughput
+from harness.engine import standard_normal
 from harness.engine.simd.lanes import LANES
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -24,7 +26,7 @@ UNITS = {
     "sums": ("add", "round"),
     "choices": ("compare", "select"),
     "quotients": ("divide", "root"),
-    "random": ("draw", "normal pair", "gather"),
+    "random": ("draw", "normal pair", "gather", EXACT_NORMAL),
 }
 """Operations that compete for a part of the processor; at best the parts work at the same time."""
 
@@ -39,8 +41,10 @@ def operations() -> dict[str, dict[str, float]]:
     short, long = 4, 9
     batches = {n: evaluator.simulate(unit, cases, n) for n in (short, long)}
     believed, found = evaluator.parameters(unit, cases, "belief"), {}
-    simulator.loop = counted(simulator.loop)
+    simulator.loop, draw = counted(simulator.loop), standard_normal._compiled
+    standard_normal._compiled = lambda: SimpleNamespace(fill=_counted_draw)  # type: ignore[assignment]
     found["simulation with noise"] = _per_step(lambda n: evaluator.simulate(unit, cases, n), short, long)
+    standard_normal._compiled = draw
     for i, estimator in enumerate(evaluator.compiled.estimators):
         if estimator.kind not in found:
             estimator._kernels = SimpleNamespace(estimate=counted(estimator.loop))
@@ -48,6 +52,12 @@ def operations() -> dict[str, dict[str, float]]:
                 lambda n, i=i: evaluator.estimate(i, unit, cases, batches[n], believed), short, long
             )
     return found
+
+
+def _counted_draw(words: Any, widths: Any, inside: Any, heights: Any, found: Any) -> None:
+    """Stand for the kernel that draws the noise of a simulation, in a language of its own and not on lanes."""
+    counts[EXACT_NORMAL] += found.size // LANES
+    found[:] = 0.0
 
 
 def _per_step(run, short: int, long: int) -> dict[str, float]:

@@ -16,7 +16,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib
-import importlib.metadata
 import importlib.util
 import os
 import pkgutil
@@ -324,8 +323,10 @@ def _in_folder(folder: Iterable[str], package: str, origin: str) -> Iterator[Com
 @functools.cache
 def _installed(word: str) -> tuple[Component, ...]:
     """Return what installed packages declare; scanned once, because that takes a while."""
+    from importlib.metadata import entry_points  # which brings the package email with it; help does without
+
     found = []
-    for point in importlib.metadata.entry_points(group=f"harness.{word}"):
+    for point in entry_points(group=f"harness.{word}"):
         by = f"package {point.dist.name} {point.dist.version}" if point.dist is not None else "an installed package"
         found.append(Component(point.name, by, point.module, None, point.attr or ""))
     return tuple(found)

@@ -18,7 +18,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from harness.common.errors import ModelError, UserError, WorkError
 
@@ -50,6 +49,8 @@ def place(given: str | Path) -> Path:
         host, path = urlsplit(given).netloc, urlsplit(given).path
         if not path or host not in ("", "localhost"):
             raise UserError(f"{given}: write the whole path behind three strokes: {scheme}:///results/joint")
+        from urllib.request import url2pathname  # which brings a client of HTTP with it
+
         return Path(url2pathname(path))
     try:
         import fsspec
