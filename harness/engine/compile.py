@@ -14,6 +14,7 @@ and a work array ``w (nw, LANES)``:
 ``next_state(x, u, c, xn, w)``              one sample ahead (Ziaukas 2.9 for Euler)
 ``next_jacobian(x, u, c, xn, A, w)``        the same and A = d(next x)/dx, dense
 ``next_covariance(x, u, c, P, xn, Pn, w)``  the same and A P A', the prediction (2.13) without process noise
+``next_linear(x, u, c, d, P, xn, Pn, w)``   the same of a state ``x + d`` as linearised about x: next(x) + A d
 ``leading_part(x, u, c, w)``                what of ``next_state`` depends on the first ``LEADING`` states only, into w
 ``next_state_behind(x, u, c, xn, w)``       one sample ahead of a state with these first states; takes up ``w``
 ``output(x, u, c, y)``                      y = h(x, u)

@@ -56,8 +56,8 @@ __all__ = [
     "absolute", "add_input_errors", "any_of", "atan", "central_differences", "cholesky", "correlated_update", "cos",
     "cross_covariance", "deviations", "exp", "floor",
     "gather", "get", "is_nan", "leading_part", "log", "mahalanobis", "maximum", "minimum", "next_covariance",
-    "next_jacobian", "next_state", "next_state_behind", "next_words", "normal_pair", "outer_sum", "output",
-    "output_jacobian", "put", "scalar_updates", "select", "sigma_mean", "sigma_update", "sign", "signals",
+    "next_jacobian", "next_linear", "next_state", "next_state_behind", "next_words", "normal_pair", "outer_sum",
+    "output", "output_jacobian", "put", "scalar_updates", "select", "sigma_mean", "sigma_update", "sign", "signals",
     "signals_jacobian", "sin", "splat", "sqrt", "tan", "tanh", "uniform", "within_bounds",
 ]  # fmt: skip
 
@@ -145,7 +145,7 @@ def _of_model(name: str) -> Any:
 NX, NU, NY, NS, NW = (_of_model(n) for n in ("NX", "NU", "NY", "NS", "NW"))
 OUTPUTS_ARE_LINEAR, SEEN_STATES = _of_model("OUTPUTS_ARE_LINEAR"), _of_model("SEEN_STATES")
 next_state, next_jacobian = _of_model("next_state"), _of_model("next_jacobian")
-next_covariance = _of_model("next_covariance")
+next_covariance, next_linear = _of_model("next_covariance"), _of_model("next_linear")
 LEADING, leading_part, next_state_behind = (_of_model(n) for n in ("LEADING", "leading_part", "next_state_behind"))
 output, output_jacobian = _of_model("output"), _of_model("output_jacobian")
 signals, signals_jacobian = _of_model("signals"), _of_model("signals_jacobian")

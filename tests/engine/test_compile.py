@@ -145,6 +145,10 @@ def test_steps_match_the_tableau_and_their_jacobian(integrator, substeps):
     P, Pn = np.ascontiguousarray(np.einsum("ikl,jkl->ijl", root, root)), np.empty((2, 2, LANES))
     k.next_covariance(x, u, c, P, ahead, Pn, work)
     np.testing.assert_allclose(Pn, np.einsum("ijl,jkl,mkl->iml", A, P, A), rtol=1e-12, atol=1e-14)
+    away, moved, again = np.random.default_rng(3).normal(size=x.shape), np.empty_like(x), np.empty_like(Pn)
+    k.next_linear(x, u, c, away, P, moved, again, work)
+    np.testing.assert_allclose(moved, expected + np.einsum("ijl,jl->il", A, away), rtol=1e-12, atol=1e-14)
+    assert np.array_equal(again, Pn)
 
 
 def test_rk4_is_of_fourth_order():

@@ -68,7 +68,7 @@ def sampled(eqs: Equations, step: float, integrator: str, substeps: int, jacobia
     return Step(
         max(nx * nx, split.shared),
         split.leading,
-        [plain, jacobian, _sparse_covariance(eqs, ahead, A), *split.sources],
+        [plain, jacobian, *_sparse_covariances(eqs, ahead, A), *split.sources],
     )
 
 
@@ -82,29 +82,35 @@ def _euler(eqs: Equations, step: float) -> tuple[list[sp.Expr], Entries]:
     return ahead, A
 
 
-def _sparse_covariance(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> str:
+def _sparse_covariances(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> tuple[str, str]:
     """Write M = A P and M A' over the non-zero entries of A only; the result is symmetric by construction.
 
     The rows of A are unrolled and the other index is a loop, which compiles ten times faster than unrolling
     both and runs as fast.
+
+    Returns:
+        ``next_covariance`` and ``next_linear``, which adds what A does to a deviation from the state.
     """
     nx = len(ahead)
-    lines = [*body(eqs, [*ahead, *A.values()]), "M = w[: NX * NX].reshape((NX, NX, LANES))"]
-    for (i, j), value in sorted(A.items()):
-        if value != 1:
-            lines.append(f"a_{i}_{j} = {text(value)}")
+    slopes = [*body(eqs, [*ahead, *A.values()]), "M = w[: NX * NX].reshape((NX, NX, LANES))"]
+    slopes += [f"a_{i}_{j} = {text(value)}" for (i, j), value in sorted(A.items()) if value != 1]
 
     def row(i: int, operand: str) -> str:
         terms = ((j, operand.format(j=j)) for j in range(nx) if (i, j) in A)
         return " + ".join(term if A[i, j] == 1 else f"a_{i}_{j}*{term}" for j, term in terms) or "splat(0.0)"
 
+    products = []
     for i in range(nx):
-        lines += ["for k in range(NX):", f"    put({row(i, 'get(P, {j}, k)')}, M, {i}, k)"]
+        products += ["for k in range(NX):", f"    put({row(i, 'get(P, {j}, k)')}, M, {i}, k)"]
     for m in range(nx):
-        lines += [f"for i in range({m}, NX):", f"    r = {row(m, 'get(M, i, {j})')}"]
-        lines += [f"    put(r, Pn, i, {m})", f"    put(r, Pn, {m}, i)"]
-    lines += [f"put({text(expr)}, xn, {i})" for i, expr in enumerate(ahead)]
-    return function("next_covariance", "x, u, c, P, xn, Pn, w", lines)
+        products += [f"for i in range({m}, NX):", f"    r = {row(m, 'get(M, i, {j})')}"]
+        products += [f"    put(r, Pn, i, {m})", f"    put(r, Pn, {m}, i)"]
+    there = [f"put({text(expr)}, xn, {i})" for i, expr in enumerate(ahead)]
+    moved = [f"put({text(expr)} + {row(i, 'get(d, {j})')}, xn, {i})" for i, expr in enumerate(ahead)]
+    return (
+        function("next_covariance", "x, u, c, P, xn, Pn, w", [*slopes, *products, *there]),
+        function("next_linear", "x, u, c, d, P, xn, Pn, w", [*slopes, *moved, *products]),
+    )
 
 
 _STAGED_STATE = """
@@ -175,6 +181,17 @@ def next_jacobian(x, u, c, xn, A, w):
         put(get(start, i), xn, i)
         for j in range(NX):
             put(get(Phi, i, j), A, i, j)
+
+
+@jit
+def next_linear(x, u, c, d, P, xn, Pn, w):
+    A = w[4 * NX :].reshape((5, NX, NX, LANES))[4]
+    next_covariance(x, u, c, P, xn, Pn, w)
+    for i in range(NX):
+        r = get(xn, i)
+        for j in range(NX):
+            r = r + get(A, i, j) * get(d, j)
+        put(r, xn, i)
 
 
 @jit

@@ -15,9 +15,9 @@ from harness.engine.kernel_names import (
     NW,
     NX,
     NY,
+    SEEN_STATES,
     get,
-    next_covariance,
-    next_jacobian,
+    next_linear,
     output_jacobian,
     put,
     splat,
@@ -35,7 +35,6 @@ def workspace():
         np.empty((NW, LANES)),
         np.empty((NX, LANES)),
         np.empty((NX, NX, LANES)),
-        np.empty((NX, NX, LANES)),
         np.empty((NY, LANES)),
         np.empty((NY, NX, LANES)),
         np.empty((2 * NX, LANES)),
@@ -44,24 +43,25 @@ def workspace():
 
 def step(before, u_before, u, y, belief, work, after, info):
     """Predict one sample ahead and correct with the measurement (prediction and filter step of the lecture)."""
-    straight, w, x_prior, P_prior, A, predicted, H, scratch = work
+    straight, w, x_prior, P_prior, predicted, H, scratch = work
     constants = belief.constants
-    next_covariance(straight, u_before, constants, before.covariance, x_prior, P_prior, w)
-    next_jacobian(straight, u_before, constants, x_prior, A, w)
-    add_product(A, before.mean, NX, x_prior)
+    next_linear(straight, u_before, constants, before.mean, before.covariance, x_prior, P_prior, w)
     for i in range(NX):
         put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
     spread_inputs(P_prior, belief)
     output_jacobian(straight, u, constants, predicted, H)
-    add_product(H, x_prior, NY, predicted)
+    for a in range(NY):
+        put(get(predicted, a) + along(H, x_prior, a), predicted, a)
     correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info)
     put(splat(0.0), info.repairs, 0)
 
 
-def add_product(matrix, vector, rows, result):
-    """Add ``matrix vector`` to ``result (rows, LANES)``."""
-    for i in range(rows):
-        total = get(result, i)
-        for j in range(NX):
-            total = total + get(matrix, i, j) * get(vector, j)
-        put(total, result, i)
+def along(H, x, a):
+    """Return the product of row ``a`` of the output's slopes with a state."""
+    total = splat(0.0)
+    for c in range(SEEN_STATES.shape[1]):
+        j = SEEN_STATES[a, c]
+        if j < 0:
+            break
+        total = total + get(H, a, j) * get(x, j)
+    return total
