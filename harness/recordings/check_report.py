@@ -186,10 +186,25 @@ def _record(findings: Findings) -> dict[str, Any]:
             {"kind": f.kind, "signals": list(f.signals), "words": f.words, "evidence": f.evidence}
             for f in findings.found
         ],
-        "comparisons": [
-            {"signal": f.relation.signal, "name": f.name, "verdict": f.verdict, "reasons": list(f.reasons)}
-            for f in findings.fits
-        ],
+        "mended": [] if findings.remedy is None else list(findings.remedy.lines),
+        "comparisons": [_compared(fit) for fit in findings.fits],
+    }
+
+
+def _compared(fit: Agreement) -> dict[str, Any]:
+    """Return a comparison; slope, offset and delay as ``Agreement`` has them, in the unit that is compared."""
+    scale, unit = in_report_unit(fit, 1.0)
+    values = {name: getattr(fit, name) for name in ("slope", "offset", "delay", "explained")}
+    return {
+        "signal": fit.relation.signal,
+        "signals": list(fit.relation.signals),
+        "name": fit.name,
+        "verdict": fit.verdict,
+        "reasons": list(fit.reasons),
+        "exact": fit.relation.exact,
+        "unit": unit,
+        "scale": float(scale),
+        **{name: float(value) if np.isfinite(value) else None for name, value in values.items()},
     }
 
 

@@ -1,5 +1,7 @@
 """``harness.check``: the same as the command, from memory or from a file."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -39,6 +41,11 @@ def test_a_reversed_gyro_is_named_and_mended_from_memory_as_from_a_file(log, tmp
     assert again.answer == found.answer
     written = {p.name for p in again.report(tmp_path / "report")}
     assert written == {"check.html", "check.pdf", "check.json", "signals.npz", "mended.toml"}
+    record = json.loads((tmp_path / "report" / "check.json").read_text())
+    assert any("sign = -1" in line for line in record["mended"])
+    (compared,) = (c for c in record["comparisons"] if c["signals"] == ["yaw_rate", "heading"])
+    assert compared["slope"] == pytest.approx(-1, abs=0.01)
+    assert compared["exact"]
     clean = h.check(log, found.mended)
     assert clean.findings == []
     assert clean.mended is None

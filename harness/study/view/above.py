@@ -37,6 +37,7 @@ from harness.reporting.style import Look
 from harness.study.motion import lateral_signal
 from harness.study.replay import Replayed
 from harness.study.view import looks
+from harness.study.view.frame import said
 
 FRAMES = 750
 """Moments of a run that the slider has."""
@@ -129,7 +130,7 @@ class AboveFigure:
         self._play = Toggle(label="Play", width=80)
         self._by = Select(title="Path coloured by", width=330, tags=["{}"])
         self._note = Div(render_as_text=True, sizing_mode="stretch_width", stylesheets=[looks.WRAPPED])
-        self._said = Div(text="", render_as_text=True, sizing_mode="stretch_width")
+        self._said = said("The vehicle on its path, once a run is chosen.")
         self._numbers = Div(text="", sizing_mode="stretch_width")  # filled by the browser, names as text
         code = (Path(__file__).parent / "above.js").read_text(encoding="utf-8")
         self.draw = draw = CustomJS(
@@ -279,18 +280,18 @@ class AboveFigure:
     def _far(self, run: Replayed, moves: Any) -> str:
         """Draw the paths of the estimates, and say how far from the vehicle they end."""
         last, rows = moves.sizes["time"] - 1, np.linspace(0, moves.sizes["time"] - 1, FRAMES).astype(int)
-        names, said = list(run.paths), []
+        names, apart = list(run.paths), []
         for name, (x, y) in run.paths.items():
             off = np.hypot(x[last] - moves["x"].values[last, 0], y[last] - moves["y"].values[last, 0])
             if np.isfinite(off):
-                said.append(f"{name} {off:.3g} m")
+                apart.append(f"{name} {off:.3g} m")
         self._paths.data = {
             "xs": [run.paths[n][0][rows] for n in names], "ys": [run.paths[n][1][rows] for n in names],
             "colour": [looks.line(self._looks[n]) for n in names], "name": names,
         }  # fmt: skip
         if not names:
             return ""
-        ends = f"; they end away from it by: {', '.join(said)}" if said else ""
+        ends = f"; they end away from it by: {', '.join(apart)}" if apart else ""
         return f" Broken lines on the drive: where the estimates of its motion would lead the vehicle{ends}."
 
     def _show_path(self, run: Replayed, moves: Any, begins: np.ndarray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -14,7 +14,7 @@ from bokeh.models import BoxAnnotation, ColumnDataSource, Range1d, Select
 
 from harness.common.arrays import Floats
 from harness.common.series import unpacked
-from harness.models.quantities import quantity, words
+from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
 from harness.reporting import style
 from harness.study.view import looks
@@ -45,15 +45,40 @@ def build(folder: Path) -> Callable[[Document], None]:
             for key, value in zip(rows, (", ".join(map(words, f["signals"])), f["words"], f["evidence"]), strict=True):
                 rows[key].append(str(value))
             places.append(next((f"?signal={signals.names.index(s)}" for s in f["signals"] if s in signals.names), ""))
-        parts = [
-            Part("Signals over time", [signals.layout], "Grey: no sample. Below a signal stands what is said of it.")
-        ]
+        parts = []
         if rows["what"]:
-            parts.insert(0, Part("What was found?", [table(rows, {"signals": places})], "A name leads to its signal."))
+            parts.append(Part("What was found?", [table(rows, {"signals": places})], "A name leads to its signal."))
+        if found.get("mended"):
+            lines = said("\n".join(map(str, found["mended"])), styles=_LISTING)
+            parts.append(Part("Lines that mend the map", [lines]))
+        if found.get("comparisons"):
+            parts.append(Part("Do the signals agree?", [_agreement(found["comparisons"], signals.names)]))
+        parts.append(Part("Signals over time", [signals.layout], _SIGNALS))
         answer = [str(found.get("read", "")), *found.get("answer", []), *found.get("warnings", [])]
         put_parts(document, f"Check of {found.get('title', folder.name)}", list(map(str, answer)), parts, address)
 
     return put
+
+
+_LISTING = {"font-family": "monospace", "white-space": "pre-wrap"}
+_SIGNALS = "Grey: no sample. Below a signal stands what is said of it, and every comparison that it takes part in."
+
+
+def _agreement(comparisons: Sequence[Mapping[str, Any]], names: Sequence[str]) -> Any:
+    """Return the table of comparisons; slope, delay and share explained where the record has them (this version)."""
+    rows = {
+        "comparison": [str(c["name"]) for c in comparisons],
+        "verdict": [str(c["verdict"]) + "".join(f"; {r}" for r in c["reasons"]) for c in comparisons],
+        "slope": [_number(c.get("slope")) for c in comparisons],
+        "delay in ms": [_number(c.get("delay"), 1e3) if c.get("exact") else "–" for c in comparisons],
+        "R²": [_number(c.get("explained")) for c in comparisons],
+    }
+    signals = [str(c["signal"]) for c in comparisons]
+    return table(rows, {"comparison": [f"?signal={names.index(s)}" if s in names else "" for s in signals]})
+
+
+def _number(value: Any, scale: float = 1.0) -> str:
+    return style.number(scale * float(value)) if isinstance(value, (int, float)) else "–"
 
 
 class _Signals:
@@ -92,26 +117,39 @@ class _Signals:
         plot.yaxis.axis_label = q.unit
         models: list[Any] = [plot]
         models += [
-            said(f"{f['words']} {f['evidence']}") for f in self._found.get("findings") or [] if name in f["signals"]
+            said(f"{f['words']}: {f['evidence']}") for f in self._found.get("findings") or [] if name in f["signals"]
         ]
-        for i, comparison in enumerate(self._found.get("comparisons") or []):
-            if comparison["signal"] == name and f"comparison {i}" in self._series:
-                models.append(self._comparison(comparison, self._series[f"comparison {i}"], q, shared))
-        models[0].xaxis.axis_label = "time in s"
+        among = [
+            (c, self._series[f"comparison {i}"])
+            for i, c in enumerate(self._found.get("comparisons") or [])
+            if name in c.get("signals", [c["signal"]]) and f"comparison {i}" in self._series
+        ]
+        for comparison, columns in sorted(among, key=lambda pair: not pair[0]["reasons"]):
+            models.append(self._comparison(comparison, columns, shared))
+        plot.xaxis.axis_label = "time in s"
         self._holder.children = models
         self._address.value = "?" + urlencode({"signal": number})
 
-    def _comparison(self, comparison: Mapping[str, Any], columns: Mapping[str, Floats], q: Any, shared: Range1d) -> Any:
+    def _comparison(self, comparison: Mapping[str, Any], columns: Mapping[str, Floats], shared: Range1d) -> Any:
+        """Return both sides; what is computed but for a factor (a wheelbase, a steering ratio) is drawn with it."""
         reasons = ": " + "; ".join(comparison["reasons"]) if comparison["reasons"] else ""
         plot = looks.plot(f"{comparison['name']}: {comparison['verdict']}{reasons}", 240, x_range=shared)
-        pair = {side: q.scale * columns[side].astype(float) for side in ("measured", "computed")}
-        source = ColumnDataSource({"time": columns["time"], **pair})
+        q = quantity(comparison["signal"])
+        scale, unit = comparison.get("scale", q.scale), print_unit(comparison.get("unit", q.unit))
+        slope, offset, told = 1.0, 0.0, "computed"
+        if not comparison.get("exact", True) and comparison.get("slope") is not None:
+            slope, offset = comparison["slope"], comparison.get("offset") or 0.0
+            told = f"computed, times {style.number(slope)}"
+        pair = {"measured": columns["measured"].astype(float),
+                "computed": slope * columns["computed"].astype(float) + offset}  # fmt: skip
+        source = ColumnDataSource({"time": columns["time"], **{side: scale * v for side, v in pair.items()}})
         chosen = style.looks(["measured", "computed"])
-        for side, dashes in (("measured", "solid"), ("computed", "dashed")):
-            plot.line("time", side, source=source, color=looks.line(chosen[side]), line_dash=dashes,
-                      line_width=1.5, legend_label=side)  # fmt: skip
+        for side, legend, dashes in (("measured", "measured", "solid"), ("computed", told, "dashed")):
+            drawn = plot.line("time", side, source=source, color=looks.line(chosen[side]), line_dash=dashes,
+                              line_width=1.5, legend_label=legend)  # fmt: skip
+            plot.add_tools(looks.hover([drawn], ("t", "@time s"), (side, f"@{side}{{0.0000 a}}")))
         looks.legend_above(plot)
-        plot.yaxis.axis_label, plot.xaxis.axis_label = q.unit, "time in s"
+        plot.yaxis.axis_label, plot.xaxis.axis_label = unit, "time in s"
         return plot
 
 

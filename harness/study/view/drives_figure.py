@@ -67,8 +67,8 @@ class DrivesFigure:
         plots = [
             self._lines(f"{q.words[:1].upper()}{q.words[1:]}: measured and simulated", q.unit, time, 300, [
                 (MEASURED, "measured", style.MEASURED, "solid", 1.4),
-                (BEFORE, "simulated before", looks.line(before), "solid", 1.4),
-                (AFTER, "simulated after", looks.line(after), "dashed", 1.6),
+                (BEFORE, "before", looks.line(before), "solid", 1.4),
+                (AFTER, "after", looks.line(after), "dashed", 1.6),
             ], _reach(values[MEASURED])),
             self._lines("Residual: measured less simulated", q.unit, time, 240, [
                 (f"left {BEFORE}", "before", looks.line(before), "solid", 1.2),
@@ -77,7 +77,7 @@ class DrivesFigure:
         ]  # fmt: skip
         plots[-1].xaxis.axis_label = "time in s"
         if "x" in columns:
-            plots += self._paths(columns, left, q.unit)
+            plots.append(column(*self._paths(columns, left, q.unit), sizing_mode="stretch_width"))
         self._holder.children = plots
         self._told(drive, output)
 

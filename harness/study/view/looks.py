@@ -24,6 +24,9 @@ NAME = 0.5
 """Share of a row that its name takes where names stand inside a figure."""
 
 _TITLE = 34  # characters of a title that fit on a phone
+_LABELS = 84
+"""Least pixels left of a frame of equal scales: how wide its labels are is known when it is painted, and the canvas
+keeps a strip of a label that was painted over its edge."""
 HATCHES = {"/": "right_diagonal_line", "\\": "left_diagonal_line", ".": "dot", "-": "horizontal_line",
            "|": "vertical_line", "+": "cross", "x": "diagonal_cross", "o": "ring", "*": "criss_cross"}  # fmt: skip
 
@@ -58,6 +61,8 @@ def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset
     found.title.text_color = "#111111"
     found.grid.grid_line_color = "#e4e4e4"
     found.outline_line_color = None
+    if further.get("match_aspect"):
+        found.min_border_left = _LABELS
     return found
 
 
@@ -82,7 +87,8 @@ def names_inside(plot: Any, names: Sequence[str], left: float) -> None:
 def legend_above(plot: Any) -> None:
     """Put the legend of a figure above it, in two columns, so that it covers no line and is no wider than a phone."""
     legend = plot.legend[0]
-    legend.orientation, legend.ncols, legend.border_line_color, legend.padding = "horizontal", 2, None, 2
+    legend.orientation, legend.ncols, legend.border_line_color = "horizontal", 2, None
+    legend.padding, legend.margin = 2, 0
     legend.label_text_font, legend.label_text_font_size, legend.label_text_color = FONT, "13px", "#111111"
     plot.add_layout(legend, "above")
 

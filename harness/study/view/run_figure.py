@@ -20,6 +20,7 @@ from harness.reporting import style
 from harness.reporting.style import Look
 from harness.study.replay import Replayed
 from harness.study.view import looks
+from harness.study.view.frame import said
 
 _INPUTS = 4
 """Inputs that are drawn."""
@@ -74,7 +75,7 @@ class RunFigure:
     def __init__(self, chosen: dict[str, Look], cursor: ColumnDataSource, to_here: CustomJS) -> None:
         self._looks, self._range, self._cursor, self._to_here = chosen, Range1d(0, 1), cursor, to_here
         self._made_for: tuple[Any, ...] | None = None
-        self.layout = column(sizing_mode="stretch_width")
+        self.layout = column(said("Truth and estimates, once a run is chosen."), sizing_mode="stretch_width")
         self._sources: dict[str, ColumnDataSource] = {}
         self._columns: dict[str, dict[str, Floats]] = {}
         self._slots: list[_Slot] = []

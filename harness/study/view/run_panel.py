@@ -126,6 +126,12 @@ def parameters_of(study: Study) -> dict[str, Parameter]:
     return found
 
 
+NO_RUN = (
+    "No run is chosen yet. Click a box, a whisker or a point above, or choose a box in the list Box and its smallest, "
+    "median or largest run: it is computed again and drawn here."
+)
+
+
 class RunPanel:
     """The lower part of a page.
 
@@ -167,7 +173,7 @@ class RunPanel:
         signals = list(dict.fromkeys([*compiled.signals, *states, *self._beyond]))
         factors = {f.parameter for d in study.designs for f in d.factors}
         self.roots: dict[str, Any] = {
-            "chosen": _text("No run is chosen yet."),
+            "chosen": _text(NO_RUN),
             "verdict": _text("", **{"font-weight": "bold"}),
             "compared": CheckboxButtonGroup(labels=self._names, active=[], stylesheets=[looks.WRAPPED]),
             "signals": MultiChoice(
@@ -187,10 +193,11 @@ class RunPanel:
                 value=[n for n in self._parameters if n in factors or n in NOISE_SCALES[:2]][:6],
                 sizing_mode="stretch_width",
             ),
-            "sliders": column(sizing_mode="stretch_width"),
+            "sliders": column(_text("Sliders, once a run is chosen."), sizing_mode="stretch_width"),
             "reset": Button(label="As it was", disabled=True, width=110),
-            "scores": tables.table({"score": [], "this run": [], "as stored": []}, still=True),
+            "scores": tables.table({"score": []}, still=True),
         }
+        self.roots["scores"].visible = False  # until there are some
         self._connect()
 
     def _connect(self) -> None:
@@ -328,7 +335,7 @@ class RunPanel:
             pair = [words_of[int(s[STATUS][i])] for s in (run.scores, self._stored_scores)]
             rows.append((f"{self._names[e]}: status", *pair))
         columns = {key: [row[i] for row in rows] for i, key in enumerate(("score", "this run", "as stored"))}
-        self.roots["scores"].text = tables.rows_of(columns, still=True)
+        self.roots["scores"].update(text=tables.rows_of(columns, still=True), visible=True)
 
     def _set_sliders(self) -> None:
         """Put a slider for each chosen parameter, at what the run has; those that are there stay."""

@@ -9,19 +9,23 @@ from typing import Any
 from urllib.parse import urlencode
 
 from bokeh.document import Document
+from bokeh.layouts import row
 from bokeh.models import ColumnDataSource, FixedTicker
 
 from harness.common.series import unpacked
 from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.study.view import looks
-from harness.study.view.bars import bars
+from harness.study.view.bars import bars, changes
 from harness.study.view.drives_figure import DrivesFigure, Series
 from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
 from harness.study.view.tables import table
 
 SHOWN = 20
 """Hypotheses and candidates that are drawn; the table has all."""
+
+SMALL = 0.001
+"""Probability below which a hypothesis is not drawn."""
 
 NONE = "none of these"
 
@@ -75,13 +79,14 @@ def _likely(found: Mapping[str, Any]) -> list[Part]:
     if not posterior:
         return []
     rows = [(called(h["name"]), float(h["probability"])) for h in posterior["hypotheses"]][:SHOWN]
-    rows.append((NONE, float(posterior["none_of_these"])))
-    plot = bars([name for name, _ in rows], [("probability", [p for _, p in rows])], "probability", log=False)
+    rows = sorted([*rows, (NONE, float(posterior["none_of_these"]))], key=lambda row: -row[1])
+    rows = [r for r in rows if r[1] >= SMALL] or rows[:1]
+    plot = bars([name for name, _ in rows], [("probability", [p for _, p in rows])], "probability")
     plot.x_range.start, plot.x_range.end = 0.0, 1.02
     models = posterior["models"][:SHOWN]
     listed = [
         (" + ".join(" or ".join(called(h["name"]) for h in alike) for alike in m["added"]) or "nothing is added",
-         style.number(float(m["probability"])))
+         _probability(float(m["probability"])))
         for m in models
     ]  # fmt: skip
     return [
@@ -91,7 +96,8 @@ def _likely(found: Mapping[str, Any]) -> list[Part]:
                 plot,
                 table({"model": [a for a, _ in listed], "probability": [b for _, b in listed]}),
             ],
-            "Posterior probability that a hypothesis is part of the model, over all models that were fitted.",
+            "Posterior probability that a hypothesis is part of the model, over all models that were fitted; those of "
+            "less than 0.001 are not drawn.",
         )
     ]
 
@@ -110,17 +116,20 @@ def _drives(
 
 
 def _where(found: Mapping[str, Any]) -> list[Part]:
-    plan, ranked = found.get("vehicle"), found.get("pinpoint") or []
+    plan, ranked = found.get("vehicle"), [{**r, "rank": k} for k, r in enumerate(found.get("pinpoint") or [], 1)]
     placed = [r for r in ranked if r.get("ahead_of_first_cog") is not None and (r["log_likelihood_gain"] or 0) > 0]
     if not ranked:
         return []
     shown = [r for r in ranked if max(r["log_likelihood_gain"] or 0, r["log_likelihood_gain_after"] or 0) > 0][:SHOWN]
     pair = [("before", [r["log_likelihood_gain"] or 0.0 for r in shown]),
             ("after", [r["log_likelihood_gain_after"] or 0.0 for r in shown])]  # fmt: skip
-    names = [words(r["channel"]) for r in shown]
+    names = [f"{r['rank']}: {words(r['channel'])}" for r in shown]
     models: list[Any] = [] if plan is None or not placed else [_vehicle(plan, placed)]
-    models.append(bars(names, pair, "gain in log-likelihood", log=True))
-    hint = "Where an unknown, slowly varying disturbance would explain most of the innovations; the area says how much."
+    models.append(bars(names, pair, "gain in log-likelihood"))
+    hint = (
+        "Where an unknown, slowly varying disturbance would explain most of the innovations: the area says how much, "
+        "and the numbers are those of the list."
+    )
     return [Part("Where on the vehicle?", models, hint)]
 
 
@@ -152,13 +161,13 @@ def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> An
     wide = max(ends) - min(ends)
     columns: list[tuple[Any, ...]] = []
     for r in placed:
-        row, x = _row(r), float(r["ahead_of_first_cog"])
-        beside = taken.get((row, round(x, 1)), 0)
-        taken[row, round(x, 1)] = beside + 1
+        kind, x = _row(r), float(r["ahead_of_first_cog"])
+        beside = taken.get((kind, round(x, 1)), 0)
+        taken[kind, round(x, 1)] = beside + 1
         x += 0.05 * wide * ((beside + 1) // 2) * (-1) ** beside
         gains = r["log_likelihood_gain"], r["log_likelihood_gain_after"] or 0.0
         size = 8 + 34 * math.sqrt(gains[0] / most)
-        columns.append((x, _ROWS[row], size, words(r["channel"]), *gains, str(len(columns) + 1)))
+        columns.append((x, _ROWS[kind], size, words(r["channel"]), *gains, str(r["rank"])))
     names = ("x", "y", "size", "name", "before", "after", "rank")
     source = ColumnDataSource({n: [c[i] for c in columns] for i, n in enumerate(names)})
     look = style.looks(["gain"])["gain"]
@@ -168,7 +177,7 @@ def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> An
     )  # fmt: skip
     found.text("x", "y", "rank", source=source, text_align="center", text_baseline="middle", text_font_size="11px")
     found.add_tools(looks.hover([marks], ("", "@name"), ("gain before", "@before{0.0 a}"), ("after", "@after{0.0 a}")))
-    found.yaxis.ticker = FixedTicker(ticks=list(_ROWS.values()))
+    found.yaxis.ticker = FixedTicker(ticks=sorted(_ROWS.values()))  # of others not all get their label
     found.yaxis.major_label_overrides = {y: name for name, y in _ROWS.items()}
     found.xaxis.axis_label = "ahead of the first body's CoG in m"
     return found
@@ -182,18 +191,19 @@ def _candidates(found: Mapping[str, Any]) -> list[Part]:
     models: list[Any] = []
     before = {i: r["held_out_excess_by_output"] for i, r in enumerate(found.get("rounds") or [], 1)}
     if fitted:
-        outputs = list(fitted[0]["held_out_excess_by_output"])
         shown = fitted[:SHOWN]
         names = [f"round {c['round']}: {called(c['name'])}" for c in shown]
-        start = [
-            ("without it", [before.get(c["round"], {}) for c in shown]),
-            ("with it", [c["held_out_excess_by_output"] for c in shown]),
-        ]
-        for output in outputs:
-            pair = [(said_, [max(row.get(output) or 0.0, 1e-4) for row in rows]) for said_, rows in start]
-            models.append(
-                bars(names, pair, "normalised excess MSE", True, f"{quantity(output).words}, held-out drives")
-            )
+        figures = []
+        for output in fitted[0]["held_out_excess_by_output"]:
+            pairs = [
+                (_finite(before.get(c["round"], {}).get(output)), _finite(c["held_out_excess_by_output"].get(output)))
+                for c in shown
+            ]
+            q = quantity(output).words
+            title = f"{q[:1].upper()}{q[1:]}"
+            figures.append(changes(names, ("without it", "with it"), pairs, "normalised excess MSE", title))
+            figures[-1].styles = {"flex": "1 1 340px"}
+        models.append(row(*figures, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"}))
     rows: dict[str, list[str]] = {
         k: [] for k in ("round", "candidate", "kind", "gain in BIC", "held-out excess", "fitted")
     }
@@ -203,8 +213,21 @@ def _candidates(found: Mapping[str, Any]) -> list[Part]:
         for key, value in zip(rows, values, strict=True):
             rows[key].append(str(value))
     models.append(table(rows))
-    hint = "Normalised excess MSE: mean square of the simulation error over the floor of the sensors' noise, less one."
+    hint = (
+        "Normalised excess MSE: mean square of the simulation error on the held-out drives over the floor of the "
+        "sensors' noise, less one."
+    )
     return [Part("What would each candidate have changed?", models, hint)]
+
+
+def _finite(value: Any) -> float:
+    """Return a number of a record, NaN for none."""
+    return float(value) if isinstance(value, (int, float)) else math.nan
+
+
+def _probability(value: float) -> str:
+    """Return a probability; of a small one that it is small."""
+    return style.number(value) if value >= SMALL else f"< {SMALL:g}"
 
 
 def _number(value: Any) -> str:

@@ -14,7 +14,7 @@ from harness.study.report.analysis import Analysis
 from harness.study.stored import study_of
 from harness.study.view import check_page, fit_page, folder_page, pair_page, trace_page
 from harness.study.view.above import AboveFigure, Along
-from harness.study.view.bars import bars
+from harness.study.view.bars import bars, changes
 from harness.study.view.boxes import expected
 from harness.study.view.factors import points_of, shares, varied
 from harness.study.view.factors_panel import FactorsPanel, tolerance_box
@@ -134,10 +134,44 @@ def test_consistency_has_an_expected_value_and_a_band(folder):
 
 
 def test_a_bar_is_as_long_as_its_value():
-    plot = bars(["all", "none"], [("probability", [1.0, 0.0])], "probability", log=False)
+    plot = bars(["all", "none"], [("probability", [1.0, 0.0])], "probability")
     (drawn,) = (r for r in plot.renderers if type(r.glyph).__name__ == "HBar")
     assert list(drawn.data_source.data["right"]) == [1.0, 0.0]
     assert drawn.glyph.left == 0.0
+
+
+def test_a_candidate_without_a_finite_error_is_not_drawn_as_a_good_one():
+    plot = changes(["lag", "lost"], ("without it", "with it"), [(4.0, 1.0), (4.0, float("nan"))], "error", "Yaw rate")
+    drawn = {r.glyph.marker: r.data_source.data for r in plot.renderers if type(r.glyph).__name__ == "Scatter"}
+    assert list(drawn["circle"]["first"]) == [4.0, 4.0]
+    assert list(drawn["square"]["second"]) == [1.0]
+    told = [r for r in plot.renderers if type(r.glyph).__name__ == "Text" and r.glyph.text_align == "right"]
+    assert [list(r.data_source.data["text"]) for r in told] == [["with it: no finite value"]]
+
+
+def test_the_numbers_on_the_vehicle_are_those_of_the_list_and_every_row_has_its_name(results):
+    document = built(trace_page.build(results / "trace"))
+    rows = [m.data for m in document.models if type(m).__name__ == "ColumnDataSource" and "rank" in m.data]
+    listed = [n for m in document.models if type(m).__name__ == "ColumnDataSource" for n in m.data.get("name", [])]
+    assert {f"{k}: {n}" for data in rows for k, n in zip(data["rank"], data["name"], strict=True)} <= set(listed)
+    (ticks,) = (m.ticks for m in document.models if type(m).__name__ == "FixedTicker")
+    assert ticks == sorted(ticks)
+
+
+def test_a_comparison_that_holds_but_for_a_factor_is_drawn_with_it(results, tmp_path):
+    record = json.loads((results / "check" / "check.json").read_text())
+    record["mended"] = ["yaw_rate = { invert = true }"]
+    compared = {"signals": ["yaw_rate", "speed"], "exact": False, "slope": -0.5, "offset": 0.0, "delay": None,
+                "explained": 0.9, "unit": "deg/s", "scale": 2.0, "verdict": "agrees", "reasons": []}  # fmt: skip
+    record["comparisons"][0] |= compared
+    (tmp_path / "check.json").write_text(json.dumps(record))
+    (tmp_path / "signals.npz").write_bytes((results / "check" / "signals.npz").read_bytes())
+    document = built(check_page.build(tmp_path))
+    data = next(m.data for m in document.models if type(m).__name__ == "ColumnDataSource" and "computed" in m.data)
+    known = np.isfinite(data["measured"])  # twice sin t, and of minus sin t half of the negative
+    assert data["computed"][known] == pytest.approx(data["measured"][known] / 2, abs=1e-6)
+    assert any("yaw_rate = { invert = true }" in m.text for m in document.models if type(m).__name__ == "Div")
+    assert any("−0.500" in text for text in tables(document))
 
 
 def test_a_tolerance_box_has_its_ends_in_the_units_of_its_factors(folder):
