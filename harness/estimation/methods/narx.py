@@ -58,6 +58,39 @@ def workspace():
     return np.empty((128, LANES)), np.empty((128, LANES))
 
 
+def weighted_sums(t, w, inputs, neurons, below, above):
+    """Write what enters the neurons of a layer, bias included, from the outputs of the layer below.
+
+    Four neurons at once: the terms of one sum wait for each other. Behind the last neuron it is computed again.
+
+    Args:
+        t: Numbers of the network; the matrix of the layer begins at ``w``, row by row with the bias last.
+        w: Where it begins.
+        inputs: Neurons of the layer below.
+        neurons: Of this one.
+        below: Their outputs, at least ``(inputs, LANES)``.
+        above: Written, at least ``(neurons, LANES)``.
+    """
+    for j in range(0, neurons, 4):
+        k, m, n = min(j + 1, neurons - 1), min(j + 2, neurons - 1), min(j + 3, neurons - 1)
+        row_j, row_k, row_m, row_n = (
+            w + j * (inputs + 1), w + k * (inputs + 1), w + m * (inputs + 1), w + n * (inputs + 1)
+        )  # fmt: skip
+        a, b, c, d = (
+            splat(t[row_j + inputs]),
+            splat(t[row_k + inputs]),
+            splat(t[row_m + inputs]),
+            splat(t[row_n + inputs]),
+        )
+        for i in range(inputs):
+            x = get(below, i)
+            a, b, c, d = a + t[row_j + i] * x, b + t[row_k + i] * x, c + t[row_m + i] * x, d + t[row_n + i] * x
+        put(a, above, j)
+        put(b, above, k)
+        put(c, above, m)
+        put(d, above, n)
+
+
 def activate(t, start, layers, below, above):
     """Write the outputs for the regressor in ``below`` over it (3.2 to 3.4).
 
@@ -66,14 +99,10 @@ def activate(t, start, layers, below, above):
     w = start + layers + 1
     for layer in range(layers):
         n_from, n_to = int(t[start + layer]), int(t[start + layer + 1])
+        weighted_sums(t, w, n_from, n_to, below, above)
+        w += n_to * (n_from + 1)
         for j in range(n_to):
-            s = splat(t[w + n_from])
-            for i in range(n_from):
-                s = s + t[w + i] * get(below, i)
-            w += n_from + 1
-            put(tanh(s) if layer < layers - 1 else s, above, j)
-        for j in range(n_to):
-            put(get(above, j), below, j)
+            put(tanh(get(above, j)) if layer < layers - 1 else get(above, j), below, j)
 
 
 def step(before, u_before, u, y, belief, work, after, info):
@@ -93,8 +122,6 @@ def step(before, u_before, u, y, belief, work, after, info):
     activate(t, 5 + 4 * n_in + 3 * n_out, layers, below, above)
     for i in range(NX):
         put(splat(0.0), after.mean, i)
-        for j in range(NX):
-            put(splat(np.nan), after.covariance, i, j)
     filled = seen >= 1.0 * max(n_id, n_fd)
     for m in range(n_id - 1, 0, -1):
         for i in range(n_in):
@@ -128,3 +155,10 @@ def step(before, u_before, u, y, belief, work, after, info):
     put(splat(np.nan), info.nis, 0)
     put(splat(0.0), info.log_likelihood, 0)
     put(splat(0.0), info.repairs, 0)
+
+
+def write_covariance(state, work):
+    """State no covariance."""
+    for i in range(NX):
+        for j in range(NX):
+            put(splat(np.nan), state.covariance, i, j)
