@@ -116,14 +116,21 @@ def atan(x):
 
 
 @inner
-def exp(x):
-    """Return e to the power x; 0 below -708 and infinity above 709."""
+def _exp_fraction(x):
+    """Return p, q and k of ``2^k (q + p) / (q - p)``, which is e to the power x; x is held between -708 and 709."""
     inside = select(x > 709.0, 709.0, select(x < -708.0, -708.0, x))
     k = floor(inside * (1.0 / _LN2) + 0.5)
     r = fma(k, -_LN2_REST, fma(k, -_LN2_HIGH, inside))
     z = r * r
     p = r * ((1.26177193074810590878e-4 * z + 3.02994407707441961300e-2) * z + 9.99999999999999999910e-1)
     q = ((3.00198505138664455042e-6 * z + 2.52448340349684104192e-3) * z + 2.27265548208155028766e-1) * z + 2.0
+    return p, q, k
+
+
+@inner
+def exp(x):
+    """Return e to the power x; 0 below -708 and infinity above 709."""
+    p, q, k = _exp_fraction(x)
     value = (1.0 + 2.0 * (p / (q - p))) * power_of_two(k)
     value = select(x > 709.0, inf, select(x < -708.0, 0.0, value))
     return select(x == x, value, nan)
@@ -148,14 +155,16 @@ def log(x):
 
 @inner
 def tanh(x):
-    """Return the hyperbolic tangent."""
+    """Return the hyperbolic tangent; of its three fractions the one that is needed is divided."""
     a = absolute(x)
     z = x * x
     p = (-9.64399179425052238628e-1 * z - 9.92877231001918586564e1) * z - 1.61468768441708447952e3
     q = ((z + 1.12811678491632931402e2) * z + 2.23548839060100448583e3) * z + 4.84406305325125486048e3
-    small = x + x * z * (p / q)
-    large = copysign(1.0 - 2.0 / (exp(2.0 * a) + 1.0), x)
-    return select(a < 0.625, small, large)
+    half, whole, k = _exp_fraction(2.0 * a)  # exp(2 a) = 2^k (whole + half) / (whole - half)
+    bottom = whole - half
+    small = a < 0.625
+    rest = select(small, z * p, 2.0 * bottom) / select(small, q, (whole + half) * power_of_two(k) + bottom)
+    return select(small, x + x * rest, copysign(1.0 - rest, x))
 
 
 @inner
