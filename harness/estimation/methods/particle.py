@@ -107,15 +107,11 @@ def parts(memory):
     return memory[5:end].reshape((count, NX, LANES)), memory[end : end + count], memory[end + count :]
 
 
-def take(source, ancestors, n, moved, x):
-    """Write the ancestor of particle ``n``; where no lane is redrawn, it is the particle itself."""
-    if moved:
-        rows = get(ancestors, n)
-        for i in range(NX):
-            put(gather(source, rows, i), x, i)
-    else:
-        for i in range(NX):
-            put(get(source, n, i), x, i)
+def take(source, ancestors, n, x):
+    """Write the ancestor of particle ``n``, each lane its own."""
+    rows = get(ancestors, n)
+    for i in range(NX):
+        put(gather(source, rows, i), x, i)
 
 
 def spread_noise(process_noise, cloud, redrawn, share, deviation):
@@ -168,9 +164,9 @@ def step(before, u_before, u, y, belief, work, after, info):
     for n in range(count):
         if fresh:
             s0, s1 = draw_first(first_mean, factor, drawn, x, s0, s1)
-        else:
-            take(source, weights, n, moved, x)
-        next_state(x, u_before, constants, cloud[n], w)
+        elif moved:
+            take(source, weights, n, x)
+        next_state(x if fresh or moved else source[n], u_before, constants, cloud[n], w)
         s0, s1 = normals(z, n % 2 == 1, s0, s1)
         for i in range(NX):
             put(get(cloud, n, i) + get(deviation, i) * get(z, i), cloud, n, i)
