@@ -83,7 +83,8 @@ class RunFigure:
     def show(self, run: Replayed, signals: Sequence[str]) -> None:
         """Draw a run; ``signals`` are those of its targets, and of what its plant publishes, that are wanted.
 
-        A run without innovations, as it is computed while a slider moves, leaves their figures empty.
+        A run without innovations, as it is computed while a slider moves, leaves their figures as they are: emptied and
+        filled again, they would take longer to paint than all that moves.
         """
         data, estimators = run.data, [str(e) for e in run.data["estimator"].values]
         beyond = set() if run.everything is None else set(map(str, run.everything))
@@ -120,8 +121,6 @@ class RunFigure:
         for name, source in self._sources.items():
             columns = self._columns.get(name, {})
             if columns.keys() != source.data.keys():
-                if len(source.data["time"]):
-                    source.data = {k: [] for k in source.data}
                 continue
             time = columns["time"]
             first, stop = np.searchsorted(time, [self._range.start, self._range.end], side="right")

@@ -291,7 +291,6 @@ class RunPanel:
             f"{point}, repeat {place.repeat}"
         )
         said = ", ".join(self._in_words(n, v) for n, v in values.items())
-        roots["verdict"].text = words_ or f"This run is in no store: {said}."
         self._setting = True
         roots["compared"].active = list(compared)
         self._setting = False
@@ -303,6 +302,7 @@ class RunPanel:
         self._fill_table()
         self._draw(fast)
         self._ran(place, compared, values)
+        roots["verdict"].text = words_ or f"This run is in no store: {said}."  # said when it is drawn
         self._next()
 
     def _in_words(self, name: str, value: float) -> str:

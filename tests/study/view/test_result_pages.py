@@ -86,7 +86,7 @@ def test_a_table_is_sorted_and_filtered(visit, address_of_results):
 def test_a_warning_of_a_check_leads_to_its_signal(visit, address_of_results):
     page = visit(address_of_results, "2?signal=0")
     assert page.get_by_label("Signal", exact=True).input_value() == "speed"
-    page.get_by_role("link", name="yaw rate").click()
+    page.get_by_role("link", name="yaw rate", exact=True).click()
     page.wait_for_function("location.search.includes('signal=1')")
     page.get_by_text("the sign is wrong: slope -1").wait_for()
     page.wait_for_function(DRAWN, arg="yaw rate from speed: disagrees: sign")
