@@ -19,9 +19,9 @@ _POINTS = 1500
 _BEFORE, _AFTER = style.looks(["before", "after"]).values()
 
 
-def over_time(judged: Judged, outputs: list[str]) -> bytes:
-    """Return measured and simulated outputs, one panel per output."""
-    panel = min(_PANEL, (style.TALLEST - 1.2) / len(outputs))
+def over_time(judged: Judged, outputs: list[str], tallest: float = style.TALLEST) -> bytes:
+    """Return measured and simulated outputs, one panel per output, in a figure of at most so many inches."""
+    panel = min(_PANEL, (tallest - 1.2) / len(outputs))
     with style.drawing():
         fig = style.figure(1.1 + panel * len(outputs))
         panels = fig.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]

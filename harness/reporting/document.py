@@ -45,11 +45,12 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure; caption and description are plain text."""
+    """A figure; caption and description are plain text, and it stays where it is unless it ``floats``."""
 
     svg: bytes
     caption: str
     alt: str
+    floats: bool = True
 
 
 @dataclass(frozen=True)
@@ -99,11 +100,13 @@ class Drawing:
         draw: Returns the figure as SVG.
         caption: Plain text.
         alt: The figure described, in plain text; the sentence names the figure by it.
+        floats: Whether it may go to the top or bottom of a page near by.
     """
 
     draw: Callable[[], bytes]
     caption: str
     alt: str
+    floats: bool = True
 
 
 Block = Heading | Prose | Bullets | Picture | Sheet | Listing | Section | Drawing
@@ -148,7 +151,7 @@ def _picture(drawing: Drawing, failures: Failures) -> Block:
     name = f"the figure “{drawing.alt.rstrip('.')}”"
     return failures.attempt(
         name,
-        lambda: Picture(drawing.draw(), drawing.caption, drawing.alt),
+        lambda: Picture(drawing.draw(), drawing.caption, drawing.alt, drawing.floats),
         lambda why: Prose(plain(f"{name[:1].upper()}{name[1:]} could not be made: {why}.")),
     )
 
@@ -186,10 +189,10 @@ def _block(block: Block, files: dict[str, bytes]) -> str:
             return markup
         case Bullets(items):
             return "\n".join("- " + item.replace("\n", " ") for item in items)
-        case Picture(svg, caption, alt):
+        case Picture(svg, caption, alt, moves):
             name = f"figure-{len(files) + 1:02d}.svg"
             files[name] = svg
-            floats = "false" if len(files) == 1 else "true"  # the first belongs to the answer above it
+            floats = "true" if moves and len(files) > 1 else "false"  # the first belongs to the answer above it
             return f"#picture({_string(name)}, {_string(caption)}, {_string(alt)}, floats: {floats})"
         case Sheet(header, rows, caption, left):
             body = "".join(f"\n  {_array(row)}," for row in rows)

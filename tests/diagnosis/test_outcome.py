@@ -18,6 +18,7 @@ from harness.diagnosis.report.how_likely import likely
 from harness.diagnosis.report.report import document
 from harness.diagnosis.report.residual_figures import correlations
 from harness.diagnosis.report.summary import _rounds
+from harness.diagnosis.report.vehicle_picture import picture
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
 from harness.diagnosis.residuals.random_process import _left
@@ -34,6 +35,8 @@ from harness.diagnosis.selection.posterior import Alike, Model, Posterior
 from harness.diagnosis.selection.score_test import Score
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.whiteness import whiteness
+from harness.models.assembly.plan import Planner
+from harness.models.roles import VEHICLES
 from harness.reporting.document import write
 from support.driven_car import FREE, driven, fitted
 from support.report_parts import Page
@@ -80,6 +83,20 @@ def test_a_trace_that_found_nothing_has_a_report(outcome, tmp_path):
     assert record["not_made"] == []
     assert not (tmp_path / FILE).exists()
     assert "drive_$x_{$ 91" in text
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    order = ["Outputs over time of", "Top view of the vehicle", "Summary; the sections below"]
+    assert [page.index(said) for said in order] == sorted(page.index(said) for said in order)
+
+
+def test_the_vehicle_has_a_frame_where_an_addition_changes_the_model(outcome):
+    spec = outcome.trace.fitting.augmented.spec
+    plan = Planner(spec.model(), VEHICLES.load(spec.vehicle)).plan(spec.values)
+    axle = next(iter(plan.axles))
+    ranked = outcome.where.nominal.ranked_inputs
+    drawn = {}
+    for port in ("road_wheel_angle", f"slip_angle_axle_{axle}", ranked[0].disturbance_input.ports[0]):
+        drawn[port] = picture(plan, ranked, {"an addition": [port]})
+    assert len({picture(plan, ranked, {}), *drawn.values()}) == 1 + len(drawn)
 
 
 LATER = {

@@ -165,10 +165,12 @@ def _coupling(augmented: AugmentedModel, ports: Mapping[tuple[str, ...], Disturb
 
 def place_of(plan: Plan, disturbance_input: DisturbanceInput) -> float:
     """Return where an input acts, in m ahead of the CoG of the first body; of all bodies the middle of them."""
-    return float(np.mean([_place(plan, port.removeprefix("sensor_")) for port in disturbance_input.ports]))
+    return float(np.mean([place_of_port(plan, port) for port in disturbance_input.ports]))
 
 
-def _place(plan: Plan, name: str) -> float:
+def place_of_port(plan: Plan, port: str) -> float:
+    """Return where a port of a model is, in m ahead of the CoG of the first body; of all bodies the middle of them."""
+    name = port.removeprefix("sensor_")
     axle = name.rpartition("_axle_")[2]
     if axle in plan.axles:
         return plan.along(axle)

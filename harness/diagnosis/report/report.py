@@ -37,6 +37,9 @@ from harness.reporting.document import (
     strong,
 )
 
+_ON_FIRST_PAGE = 3.7
+"""Inches of the held-out drive on the first page, which has the vehicle too."""
+
 _SETTLED = Prose("#settle()")  # the figures of a section stand before the next one
 
 
@@ -53,8 +56,10 @@ def document(
         evidence: What stands behind the errors of model and estimators.
     """
     blocks: list[Block] = [
-        *summary.blocks(outcome, answer),
+        *summary.answered(outcome, answer),
         *_over_time(outcome)[:1],
+        Section(lambda: residual_sections.from_above(outcome), "Where on the vehicle?"),
+        *summary.blocks(outcome),
         Section(lambda: _errors(outcome), "How large is the simulation error?"),
         Section(lambda: _estimators(outcome), "How large are the errors of the estimators?"),
         *evidence,
@@ -238,16 +243,15 @@ def _residual(outcome: Outcome) -> list[Block]:
 
 
 def _over_time(outcome: Outcome) -> list[Drawing]:
-    """Return the picture of every held-out drive; the first belongs to the answer."""
-    outputs = list(outcome.trace.fitting.augmented.model.outputs)
+    """Return the picture of every held-out drive; the first belongs to the answer, with room for the vehicle below."""
+    outputs, held_out = list(outcome.trace.fitting.augmented.model.outputs), [j for j in outcome.judged if j.held_out]
     return [
         Drawing(
-            partial(fit_figures.over_time, j, outputs),
+            partial(fit_figures.over_time, j, outputs, style.TALLEST if j is not held_out[0] else _ON_FIRST_PAGE),
             f"{j.drive.name}, held out: measured, and simulated before and after.",
             f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
         )
-        for j in outcome.judged
-        if j.held_out
+        for j in held_out
     ]
 
 

@@ -6,13 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.report import residual_figures, vehicle_picture
+from harness.diagnosis.report.figures import called
 from harness.diagnosis.residuals.innovation_tests import LARGEST_LAG, consistency, cross_correlation
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.residuals.regressors import regressors_of
 from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.result.record import equation
 from harness.diagnosis.result.wording import amount, entry, unmodelled_words
 from harness.models.assembly.plan import Planner
 from harness.models.quantities import words
@@ -33,7 +34,7 @@ from harness.reporting.document import (
 
 def where(outcome: Outcome) -> list[Block]:
     """Return where an unknown disturbance would explain most, and its smoothed course."""
-    found, augmented = outcome.where, outcome.trace.fitting.augmented
+    found = outcome.where
     blocks: list[Block] = [Heading("Where is something missing?")]
     if found.nominal is None or found.final is None:
         return [*blocks, Prose(plain("It could not be computed."))]
@@ -58,24 +59,26 @@ def where(outcome: Outcome) -> list[Block]:
         Drawing(
             partial(residual_figures.ranking, found.nominal.ranked_inputs, found.final.ranked_inputs), title, title
         ),
-        Section(lambda: _from_above(augmented, found), "Where on the vehicle?"),
         Section(lambda: _histories(found), "How would the disturbance look?"),
     ]
     return blocks
 
 
-def _from_above(augmented: AugmentedModel, found: Where) -> list[Block]:
-    """Return the vehicle from above; nothing if its equations do not say where its axles stand."""
-    assert found.nominal is not None
+def from_above(outcome: Outcome) -> list[Block]:
+    """Return the vehicle from above, for the first page; nothing if its equations do not say where its axles stand."""
+    found, augmented = outcome.where, outcome.trace.fitting.augmented
+    if found.nominal is None or not found.shown:
+        return []
     plan = Planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
     if plan is None:
         return []
     caption = (
         "The vehicle from above, not to scale across. The area of a mark is the gain in log-likelihood of the "
-        "nominal model; numbers are ranks. Inputs at the same place are drawn side by side."
+        "nominal model by a disturbance there; numbers are ranks. Inputs at the same place are drawn side by side."
     )
-    draw = partial(vehicle_picture.picture, plan, found.nominal.ranked_inputs)
-    return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
+    added = {called(h.name): list(equation(h, outcome)) for h in outcome.added if h.kind == "effect"}
+    draw = partial(vehicle_picture.picture, plan, found.nominal.ranked_inputs, added)
+    return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.", floats=False)]
 
 
 def _histories(found: Where) -> list[Block]:

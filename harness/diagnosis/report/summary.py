@@ -27,8 +27,8 @@ _MEANING = {
 _NAMELESS = "amended: what is missing has no name, but its effect is known and is confirmed by the held-out drives"
 
 
-def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
-    """Return the answer, the table, the irregularities of the recordings, and how each round of the search ended.
+def answered(outcome: Outcome, answer: str = "") -> list[Block]:
+    """Return the answer in words.
 
     Args:
         outcome: The trace, judged.
@@ -37,7 +37,12 @@ def blocks(outcome: Outcome, answer: str = "") -> list[Block]:
     found: list[Block] = [Heading("What was found?")]
     if answer:
         found += [Prose(strong(answer)), Prose(plain("Beyond that, the trace says:"))]
-    found += [Prose(strong(outcome.answer)), Section(lambda: [_table(outcome)], "Summary")]
+    return [*found, Prose(strong(outcome.answer))]
+
+
+def blocks(outcome: Outcome) -> list[Block]:
+    """Return the table, the irregularities of the recordings, and how each round of the search ended."""
+    found: list[Block] = [Section(lambda: [_table(outcome)], "Summary")]
     if outcome.failures.sentences:
         found += [
             Prose(plain("These parts of the result could not be made:")),

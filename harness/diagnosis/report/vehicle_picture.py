@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, place_of
+from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, place_of, place_of_port
 from harness.diagnosis.residuals.disturbance_ranking import RankedInput
 from harness.models.assembly.plan import Plan
+from harness.models.quantities import listed
 from harness.reporting import style
 
 NUMBERED = 8
 """Inputs that carry their rank."""
 
-_LARGEST = 420.0
+_LARGEST = 230.0
 """Area of the largest mark in square points."""
 
 _ROWS = {"other": 4.0, "yaw moment": 3.1, "force": 2.2, "tyres and steering": 0.0, "equation": -2.2, "sensor": -3.1}
@@ -26,20 +28,34 @@ def row_of(disturbance_input: DisturbanceInput) -> str:
     """Return the row of the picture in which an input is drawn."""
     if disturbance_input.kind != "port":
         return disturbance_input.kind
-    if "_axle_" in disturbance_input.ports[0] or disturbance_input.name == "road_wheel_angle":
+    return _port_row(disturbance_input.ports[0], disturbance_input.unit)
+
+
+def _port_row(port: str, unit: str = "") -> str:
+    """Return the row of a port of the model."""
+    if port.startswith("sensor_"):
+        return "sensor"
+    if "_axle_" in port or port == "road_wheel_angle":
         return "tyres and steering"
-    return {"N": "force", "N*m": "yaw moment"}.get(disturbance_input.unit, "other")
+    return {"N": "force", "N*m": "yaw moment"}.get(unit, "other")
 
 
-def picture(plan: Plan, ranked_inputs: Sequence[RankedInput]) -> bytes:
-    """Return the vehicle from above with a mark per input, its area proportional to the gain in likelihood."""
-    look = style.looks(["gain"])["gain"]
+def picture(plan: Plan, ranked_inputs: Sequence[RankedInput], added: Mapping[str, Collection[str]]) -> bytes:
+    """Return the vehicle from above with a mark per input, its area proportional to the gain in likelihood.
+
+    Args:
+        plan: Where everything stands.
+        ranked_inputs: The inputs, that of the largest gain first.
+        added: Ports that an addition to the model changes, by its name in words: they have a frame.
+    """
+    look, frame = style.looks(["gain", "added"]).values()
     with style.drawing():
-        fig = style.figure(4.2)
+        fig = style.figure(3.3)
         axes = fig.subplots()
         ends = _bodies(axes, plan)
         width = ends[1] - ends[0]
         taken: dict[tuple[str, float], int] = {}
+        drawn: dict[str, tuple[str, float]] = {}
         most = max(s.gain for s in ranked_inputs)
         for rank, s in enumerate(ranked_inputs, 1):
             if s.gain <= 0:
@@ -48,15 +64,28 @@ def picture(plan: Plan, ranked_inputs: Sequence[RankedInput]) -> bytes:
             beside = taken.get((row, round(x, 1)), 0)
             taken[row, round(x, 1)] = beside + 1
             x += 0.055 * width * ((beside + 1) // 2) * (-1) ** beside
+            if len(s.disturbance_input.ports) == 1:
+                drawn.setdefault(s.disturbance_input.ports[0], (row, x))
             axes.scatter(x, _ROWS[row], s=_LARGEST * s.gain / most, facecolor=look.tint, edgecolor=look.line, zorder=3)
             if rank <= NUMBERED:
                 axes.annotate(str(rank), (x, _ROWS[row]), ha="center", va="center", zorder=4)
+        ports = [p for ports in added.values() for p in ports]
+        placed = {drawn.get(p, (_port_row(p), place_of_port(plan, p))) for p in ports}
+        for row, x in placed:
+            axes.scatter(x, _ROWS[row], s=1.5 * _LARGEST, marker="s", facecolor="none", edgecolor=frame.line, lw=1.6,
+                         zorder=5)  # fmt: skip
         axes.set_yticks(list(_ROWS.values()), list(_ROWS))
         axes.set_ylim(-3.8, 4.7)
         axes.set_xlim(ends[0] - 0.05 * width, ends[1] + 0.05 * width)
         axes.set_xlabel("position ahead of the CoG of the first body in m; it drives to the right")
         axes.grid(True, axis="x")
-        style.head(fig, "Where does a disturbance explain most?")
+        handles = [
+            Line2D([], [], ls="", marker="o", color=look.tint, mec=look.line, label="gain of a disturbance, area")
+        ]
+        if placed:
+            told = f"changed by {listed(list(added))}"
+            handles.append(Line2D([], [], ls="", marker="s", mfc="none", mec=frame.line, mew=1.6, label=told))
+        style.head(fig, "Where is something missing?", handles)
         return style.svg(fig)
 
 
