@@ -91,13 +91,14 @@ class BoxFigure:
             "x": [self.place(b.across, b.estimator) for b in own], "low": low, "middle": middle, "high": high,
             "least": ends[0], "most": ends[1], "runs": [len(b.values) for b in own], "lost": [b.lost for b in own],
             "line": colours, "tint": [looks.colour(s.tint) for s in styles], "hatch": [looks.hatch(s) for s in styles],
+            "grain": [looks.grain(s) for s in styles],
             "name": [str(self._names[b.estimator]) for b in own],
         })  # fmt: skip
         wide = 0.85 * self.width
         self.plot.segment("x", "least", "x", "most", source=source, color="line")
         box = self.plot.vbar(
             "x", wide, "high", "low", source=source, fill_color="tint", line_color="line", fill_alpha=0.8,
-            hatch_pattern="hatch", hatch_color="line", hatch_alpha=0.6, hatch_scale=7,
+            hatch_pattern="hatch", hatch_color="line", hatch_alpha=0.6, hatch_scale="grain",
         )  # fmt: skip
         self.plot.scatter("x", "middle", source=source, marker="dash", size=14, color="line", line_width=3)
         most = max(8, POINTS // max(1, len(self._boxes)))

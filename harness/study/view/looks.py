@@ -105,6 +105,11 @@ def hatch(look: Look) -> str:
     return HATCHES.get(look.hatch[:1], "blank")
 
 
+def grain(look: Look) -> float:
+    """Return how coarse the hatch is: few characters stand for a sparse one, as in the reports."""
+    return 28.0 / max(1, len(look.hatch))
+
+
 def marker(look: Look) -> str:
     """Return the marker of an estimator's points."""
     return MARKERS.get(look.marker, "plus")

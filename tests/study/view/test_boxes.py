@@ -1,5 +1,7 @@
 """The numbers of the boxes are those of the store, and an address says all that is shown."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -87,3 +89,34 @@ def test_lines_of_all_estimators_stand_out_from_white():
         linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
         assert 1.05 / (0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2] + 0.05) > 2.95
     assert looks.line(chosen["EKF"]) == looks.colour(chosen["EKF"].line)
+
+
+SEEN = {  # linear RGB as it is seen without one kind of cones (Machado, Oliveira and Fernandes 2009, severity 1.0)
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+
+
+def lab(colour, seen):
+    """Return a colour in CIE 1976 L*a*b* as it is seen."""
+    rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    ratio = XYZ @ np.clip(np.array(seen) @ linear, 0, 1) / XYZ.sum(axis=1)
+    f = np.where(ratio > 0.008856, np.cbrt(ratio), 7.787 * ratio + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("seen", SEEN.values(), ids=SEEN)
+def test_estimators_are_told_apart_without_one_kind_of_cones(seen):
+    chosen = list(
+        style.looks(["KF", "EKF", "UKF", "CDKF", "ST-CDKF", "PF", "EKF, tuned", "PF, tuned", "NARX"]).values()
+    )
+    alike = 0
+    for one, other in combinations(chosen, 2):
+        if np.linalg.norm(lab(looks.line(one), seen) - lab(looks.line(other), seen)) < 12:
+            alike += 1
+            assert (looks.hatch(one), looks.grain(one)) != (looks.hatch(other), looks.grain(other))
+            assert looks.dash(one) != looks.dash(other)
+    assert alike  # else colours alone would do, and this tests nothing

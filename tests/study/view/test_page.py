@@ -231,3 +231,24 @@ def test_the_worst_drive_of_an_estimator_and_where_on_it_are_found_by_choosing(o
     rows = page.locator("#what-if table tbody tr").all_inner_texts()
     assert rows[0].startswith("EKF: RMSE, lateral velocity")
     assert sum("RMSE" in row for row in rows) == 2  # the other estimator on the same run: is it the plant's?
+
+
+FOCUS = """() => {
+    let at = document.activeElement;
+    while (at?.shadowRoot?.activeElement) at = at.shadowRoot.activeElement;
+    const label = at.labels?.[0]?.textContent ?? at.getAttribute('aria-label') ?? at.textContent;
+    return `${at.tagName.toLowerCase()} ${at.className} ${label}`.replace(/\\s+/g, ' ').slice(0, 120);
+}"""
+
+
+def test_every_control_is_reached_by_the_tabulator(opened):
+    page = opened("?run=0.1.1.0.4&compared=0")
+    said(page, SAME)
+    page.get_by_label("Path coloured by").wait_for()
+    reached = []
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        reached.append(page.evaluate(FOCUS))
+    wanted = ["Target", "Score", "Boxes", "Box", "Its run", "logarithmic", "EKF", "As CSV", "Play", "Path coloured by"]
+    assert [w for w in wanted if not any(w in r for r in reached)] == []
+    assert sum("noUi-handle" in r for r in reached) >= 2  # time, and a parameter of the plant
