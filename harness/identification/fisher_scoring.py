@@ -101,6 +101,11 @@ def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, 
             break
         gained = float(values[best]) - value
         z, value = better, float(values[best])
+        if best == 0:
+            # After the full step at most about this is left: it is what the curvature has wrong along the step.
+            predicted = abs(predicted - gained)
+            if predicted < enough:
+                break
         if gained < 0.1 * enough and predicted < 10 * enough:
             break  # rounding of the likelihood
     return Maximum(z, value, information, predicted)
