@@ -168,7 +168,7 @@ def load_drives(name: str, folder: Path) -> tuple[DriveSpec, ...]:
     Raises:
         UserError: If there is no such file or a drive in it is wrong.
     """
-    problems = Problems(str(folder))
+    problems = Problems("drives", "drives")
     drives = _drives(StudyFile.model_construct(drives=name, drive=[]), folder, problems)
     problems.stop()
     return tuple(drives)

@@ -18,8 +18,10 @@ from harness.common.arrays import Floats, Mask
 ENOUGH = 1e-3
 """Predicted gain in log-likelihood below which a search ends: a step of a twentieth of a standard error."""
 
-_DAMPINGS = (0.0, 0.03, 1.0, 30.0)
-_LENGTHS = (0.5, 2.0, 4.0, 8.0)  # a variance far too large comes down by one in its logarithm per full step
+_DAMPINGS = (0.0, 0.1, 1.0, 10.0)
+_LENGTHS = (0.5, 0.25, 0.1, 8.0)
+"""Of the full step: a valley may bend sooner than any damping tells, and a variance far too large comes down by one in
+its logarithm per full step."""
 _EVER_SMALLER = 1e3
 _LARGEST_DAMPING = 1e9
 
@@ -64,7 +66,9 @@ class Maximum:
         return self.predicted < ENOUGH
 
 
-def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, enough: float = ENOUGH) -> Maximum:
+def maximise(
+    objective: Objective, start: Floats, moved: Mask, iterations: int, enough: float = ENOUGH, slow: float = 0.0
+) -> Maximum:
     """Climb from a point until the predicted gain of a step is below ``enough``.
 
     Args:
@@ -73,6 +77,8 @@ def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, 
         moved: Coordinates that move ``(n,)``.
         iterations: Largest number of passes with derivatives.
         enough: Predicted gain at which to stop.
+        slow: Gain of a step at which to stop. In a valley that is long and bent each step gains a little of what is
+            predicted.
     """
     z, damping = start.copy(), 1e-2
     value, predicted, information = -np.inf, np.inf, np.empty((0, 0))
@@ -88,7 +94,7 @@ def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, 
             strengths = [damping * d for d in _DAMPINGS]
             steps = [bounded_step(gradient, information, s, lower, upper) for s in strengths]
             steps += [np.clip(length * full, lower, upper) for length in _LENGTHS]
-            strengths += [damping, *[strengths[1]] * (len(_LENGTHS) - 1)]
+            strengths += [damping if length < 1 else strengths[1] for length in _LENGTHS]
             candidates = np.repeat(z[:, None], len(steps), axis=1)
             candidates[moved] += np.column_stack(steps)
             values = objective.values(candidates)
@@ -106,8 +112,8 @@ def maximise(objective: Objective, start: Floats, moved: Mask, iterations: int, 
             predicted = abs(predicted - gained)
             if predicted < enough:
                 break
-        if gained < 0.1 * enough and predicted < 10 * enough:
-            break  # rounding of the likelihood
+        if gained < slow or (gained < 0.1 * enough and predicted < 10 * enough):
+            break  # slow, or rounding of the likelihood
     return Maximum(z, value, information, predicted)
 
 

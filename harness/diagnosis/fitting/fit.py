@@ -143,15 +143,15 @@ class Fitting:
             return self.only(coordinates, start, iterations)
         objective, z, parameters = self._bounded(coordinates, start)
         first, n = int(parameters.sum()), len(coordinates)
-        z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH).z
+        z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH).z
         groups = list(range(n, n + self._groups))
         for together in (groups, *([j] for j in (*range(first, n), *groups))):
             z = along(objective, z, together, _COARSE)
-        found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH), None
+        found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH), None
         for _ in range(turns):
             before = found.value
             z, curvature = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature)
-            found = maximise(objective, z, parameters, iterations, ENOUGH)
+            found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH)
             if found.value - before < 10 * ENOUGH:
                 break
         return self._fitted(coordinates, objective, found)
@@ -159,7 +159,7 @@ class Fitting:
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit some parameters and leave the noise as it is."""
         objective, z, parameters = self._bounded(coordinates, start)
-        found = maximise(objective, z, parameters, iterations, ENOUGH)
+        found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH)
         return self._fitted(coordinates, objective, found)
 
     def _fitted(self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Maximum) -> Fitted:
