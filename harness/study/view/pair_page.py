@@ -107,7 +107,8 @@ class _PairPage:
 
     def __init__(self, document: Document, first: Analysis, second: Analysis, pairs: list[Pair]) -> None:
         self._pairs, self._analysis, self._address = pairs, first, address_bar()
-        self._names = [a.store.directory.name for a in (first, second)]
+        folders = [a.store.directory.resolve() for a in (first, second)]
+        self._names = [f.name if folders[0].name != folders[1].name else str(f) for f in folders]
         given = arguments_of(document)
         number = index_of(given.get("design"), len(pairs)) or 0
         target = index_of(given.get("target"), len(pairs[number].targets)) or 0
@@ -173,6 +174,7 @@ class _PairPage:
             {0.0: "dashed"},
             factors_of(pair.first),
         )
+        self._figure.plot.yaxis.axis_label = f"difference of {SCORES[score]}{style.in_unit(unit)}"
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
         told = f"Differences{style.in_unit(unit)}; share: median difference over the first study's median."

@@ -47,9 +47,10 @@ def rows_of(
     count = len(next(iter(columns.values()), ()))
     numeric = {name: all(_NUMBER.match(text) for text in texts) and count > 0 for name, texts in columns.items()}
     mark = {name: ' class="number"' if numeric[name] else "" for name in columns}
+    width = {name: "" if numeric[name] else _least_width(texts) for name, texts in columns.items()}
     sorts = count >= SORTED_FROM and not still
     heads = (_button(html.escape(name)) if sorts else html.escape(name) for name in columns)
-    head = "".join(f"<th{m}>{text}</th>" for m, text in zip(mark.values(), heads, strict=True))
+    head = "".join(f"<th{mark[n]}{width[n]}>{text}</th>" for n, text in zip(columns, heads, strict=True))
     body = []
     for i in range(count):
         cells = (f"<td{mark[n]}>{_linked(texts[i], links.get(n, ())[i : i + 1])}</td>" for n, texts in columns.items())
@@ -60,6 +61,12 @@ def rows_of(
         f"{field if count >= FILTERED_FROM and not still else ''}<div{rolled}><table><thead><tr>{head}</tr></thead>"
         f"<tbody>{''.join(body)}</tbody></table></div>"
     )
+
+
+def _least_width(texts: Sequence[str]) -> str:
+    """Return the style of a column of words: half of its longest text, so that no row of a phone grows tall by it."""
+    longest = max(map(len, map(str, texts)), default=0)
+    return f' style="min-width: min(18rem, {longest // 2}ch)"' if longest > 16 else ""
 
 
 def correlations(names: Sequence[str], values: Sequence[Sequence[float | None]]) -> Div:
