@@ -248,7 +248,8 @@ def _certainty(fit: Fit) -> list[Block]:
         "Correlation of the estimates. A pair near 1 or -1 is confounded: the recordings determine one combination of "
         "the two, not each."
     )
-    matrix = Drawing(lambda: figures.correlation(fit), caption, "Matrix of correlations between the estimates.")
+    alt = "Matrix of correlations between the estimates."
+    matrix = Drawing(lambda: figures.correlation(fit), caption, alt, floats=False)  # all that its heading has
     return [Heading("Which estimates are correlated?"), matrix]
 
 
