@@ -8,6 +8,8 @@ from harness.engine.simd.functions import log
 from harness.engine.simd.lanes import get, put, select, splat, sqrt
 
 _jit = njit(error_model="numpy", cache=False, no_cfunc_wrapper=True)
+_inlined = njit(error_model="numpy", cache=False, no_cfunc_wrapper=True, inline="always")
+"""For what one place calls: there the compiler knows the sizes of its arrays, and addresses are constants."""
 
 RELATIVE_FLOOR = 1e-13
 """A Cholesky pivot below this share of its diagonal entry is replaced by that share, and the repair counted."""
@@ -56,7 +58,7 @@ def mahalanobis(S, error, scratch, n):
     return total
 
 
-@_jit
+@_inlined
 def scalar_updates(x_prior, P_prior, predicted, H, seen, y, r, x, P, work, info):
     """Correct a prior with independent measurements one at a time, in Joseph form (Ziaukas 2.14 to 2.16).
 
@@ -198,7 +200,7 @@ def _dot(H, seen, a, errors, c):
     return total
 
 
-@_jit
+@_inlined
 def _times_row(P, H, seen, a, product):
     """Write ``P h'`` for one measurement row h over its non-zero entries."""
     for i in range(P.shape[0]):
@@ -211,7 +213,7 @@ def _times_row(P, H, seen, a, product):
         put(total, product, i)
 
 
-@_jit
+@_inlined
 def _joseph(P_before, H, seen, a, r, gain, slope, P):
     """Write (I - K h) P (I - K h)' + K r K' for one measurement row h, slope = P h'; P may be the one before.
 
@@ -230,7 +232,7 @@ def _joseph(P_before, H, seen, a, r, gain, slope, P):
             put(value, P, j, i)
 
 
-@_jit
+@_inlined
 def _innovations(P, predicted, H, seen, y, r, slope, info):
     """Write the joint innovation and its covariance H P H' + R for the record."""
     for a in range(y.shape[0]):
