@@ -288,7 +288,7 @@ def central_differences(images, first, second, n):
             put(second * (ahead + behind - 2.0 * get(images, 0, i)), images, k + pairs, i)
 
 
-@_jit
+@_inlined
 def outer_sum(rows, w0, w, noise, covariance, n):
     """Write ``w0 r_0 r_0' + w sum r_s r_s' + diag(noise)`` for rows ``(points, >= n, LANES)`` (Ziaukas 2.24).
 
@@ -317,7 +317,7 @@ def outer_sum(rows, w0, w, noise, covariance, n):
             put(a, covariance, j, i)
 
 
-@_jit
+@_inlined
 def cross_covariance(factor, images, weight, V, n, m):
     """Write the covariance of outputs and state, ``weight sum_k (Y_k+ - Y_k-) L_k'`` (Ziaukas 2.28), shape ``(m, n)``.
 
@@ -337,7 +337,7 @@ def cross_covariance(factor, images, weight, V, n, m):
             put(weight * total, V, a, i)
 
 
-@_jit
+@_inlined
 def sigma_update(x_prior, P_prior, images, w0, w, predicted, V, y, r, x, P, factor, info):
     """Correct a prior through sigma points of a non-linear output (Ziaukas 2.27 to 2.31).
 
@@ -378,7 +378,7 @@ def sigma_update(x_prior, P_prior, images, w0, w, predicted, V, y, r, x, P, fact
     return _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired)
 
 
-@_jit
+@_inlined
 def _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired):
     """Turn V into P_xy L^-T, then x + V (L^-1 innovation) and P - V V' for S = L L'."""
     n, m = x.shape[0], y.shape[0]
