@@ -13,6 +13,7 @@ from rich.table import Table
 
 from bench.engine import mass_study, step_times
 from bench.floor.counting import counted, counts
+from bench.floor.particle import parts
 from bench.floor.throughput import EXACT_NORMAL, throughput
 from harness.engine import standard_normal
 from harness.engine.simd.lanes import LANES
@@ -89,6 +90,7 @@ def main() -> None:
             f"{floor:.3f}", f"{times[name]:.3f}", f"{100 * floor / times[name]:.0f} %",
         )  # fmt: skip
     console.print(table)
+    console.print("ns of a particle and run: " + ", ".join(f"{part} {value:.1f}" for part, value in parts().items()))
 
 
 if __name__ == "__main__":
