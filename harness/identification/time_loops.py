@@ -236,8 +236,12 @@ def follow(u, between, y, constants, x0, gain, whitening, slopes):
         slopes: Derivatives of the whitened innovations, written ``(samples, ny, lanes)``.
     """
     samples, nu = u.shape
-    x, x_prior, w = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
-    e, u_now = np.empty((NY, LANES)), np.empty((nu, LANES))
+    owned = (
+        (np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))),
+        (np.empty((NY, LANES)), np.empty((nu, LANES))),
+    )
+    (x, x_prior, w), (e, u_now) = borrowed(owned)
+    u, between, constants, slopes = borrowed((u, between, constants, slopes))
     for i in range(NX):
         put(get(x0, i), x, i)
     for k in range(1, samples):
@@ -260,6 +264,7 @@ def follow(u, between, y, constants, x0, gain, whitening, slopes):
             for b in range(a + 1):
                 total = total + whitening[k, a, b] * tangent_of(get(e, b))
             plain.put(total, slopes, k, a)
+    retain(owned)
 
 
 def run_free(u, between, constants, x0, limits, states, outputs, left_at):
@@ -276,7 +281,8 @@ def run_free(u, between, constants, x0, limits, states, outputs, left_at):
         left_at: First sample outside the limits, written ``(1, LANES)``; ``samples`` if there is none.
     """
     samples, nu = u.shape
-    w, u_now = np.empty((NW, LANES)), np.empty((nu, LANES))
+    owned = np.empty((NW, LANES)), np.empty((nu, LANES))
+    w, u_now = borrowed(owned)
     u, between, states, outputs = borrowed((u, between, states, outputs))
     put(splat(1.0 * samples), left_at, 0)
     for i in range(NX):
@@ -289,6 +295,7 @@ def run_free(u, between, constants, x0, limits, states, outputs, left_at):
         if k + 1 < samples:
             fill(between[k], u_now)
             next_state(states[k], u_now, constants, states[k + 1], w)
+    retain(owned)
 
 
 @StandIn

@@ -13,6 +13,7 @@ from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.validation import HeldOut
 from harness.identification.driveable import Driveable
+from harness.identification.fisher_scoring import Maximum
 from support.driven_car import FREE, driven
 
 FRONT, REAR = 7e4, 1.2e5
@@ -53,14 +54,23 @@ def test_the_free_run_must_stay_in_its_range(augmented, drive):
 def test_no_fit_leads_from_a_model_that_can_be_driven_to_one_that_cannot(augmented, drive):
     fitting = Fitting(augmented, [drive], first_variances(augmented, [drive]))
     moved = coordinates(augmented, FREE, (), 1)
-    objective, z, _ = fitting._bounded(moved, fitting.first())
-    spun = z.copy()
-    spun[1] += math.log(0.2)
-    assert np.isneginf(objective.values(np.column_stack([spun]))[0])
-    assert np.isfinite(objective.values(np.column_stack([z]))[0])
-    values = softer(augmented, 0.2)[:, None]
-    lost = dataclasses.replace(fitting.first(), values=values)
-    assert fitting._bounded(moved, lost)[0].driveable is None  # one that cannot be driven anyway is not held there
+    looked_at = []
+
+    def search(objective, z, parameters):
+        """End with a soft axle, as if that were likelier, where such a model has a likelihood."""
+        spun = z.copy()
+        spun[1] += math.log(0.2)
+        looked_at.append(bool(np.isneginf(objective.values(spun[:, None])[0])))
+        return Maximum(z if looked_at[-1] else spun, 0.0, np.eye(2), 0.0)
+
+    fitted = fitting._driveable(moved, fitting.first(), search)
+    assert looked_at == [False, True]
+    assert fitting.admits(fitted.point)
+    lost = dataclasses.replace(fitting.first(), values=softer(augmented, 0.2)[:, None])
+    looked_at.clear()
+    fitting._driveable(moved, lost, search)
+    assert looked_at == [False]  # one that cannot be driven anyway is not held there
+    values = lost.values
     assert fitting.best([lost, fitting.first()]).values is not values
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
-from harness.diagnosis.criteria import ODDS, PRIOR
+from harness.diagnosis.criteria import HOPEFUL, ODDS, PRIOR
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
@@ -270,9 +270,11 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
         Hypothesis(n, k, (n,))
         for n, k in (("gain", "effect"), *((p, "parameter") for p in ("mass", "inertia", "cog")), ("lag", "effect"))
     )
-    monkeypatch.setattr(comparison, "acts_alike", lambda one, other: True)
+    lost = {}
+    monkeypatch.setattr(comparison, "losses", lambda fits, added, best: {h: lost.get(h, 0.0) for h in added})
     monkeypatch.setattr(comparison, "cosine", lambda one, other: 0.95)
     monkeypatch.setattr(comparison, "_without", lambda fits, point, h, rest: point)
+    monkeypatch.setattr(comparison, "replace", lambda point: point)
 
     def tried(*names):
         candidates = [
@@ -284,20 +286,20 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     rounds = [tried(gain, lag), tried(mass, inertia, cog)]
 
     def found(likely, *added):
-        models = {frozenset(added): (added, SimpleNamespace(point=None))}
+        best = SimpleNamespace(point=None, objective=0.0)
+        models = {frozenset(added): (added, best)}
 
-        def fit(a, point):
-            models[frozenset(a)] = a, SimpleNamespace(point=None)
+        def fit_all(choices, objective):
+            models.update({frozenset(a): (a, best) for a, start in choices if start() is best.point})
 
-        augmented = SimpleNamespace(share=lambda work, tasks: [work(t) for t in tasks])
-        fits = SimpleNamespace(models=models, fit=fit, start=lambda base, score: base, augmented=augmented, say=print)
+        fits = SimpleNamespace(models=models, fit_all=fit_all, start=lambda base, score: base, say=print)
 
         compared = SimpleNamespace(
             likeliest=lambda models: max(models, key=lambda m: likely.get(frozenset(m[0]), 0.0)),
             posterior=lambda: None,
         )
         monkeypatch.setattr(comparison, "_Comparison", lambda fits, rounds: compared)
-        return set(comparison.likeliest(fits, rounds, added, SimpleNamespace(point=None))[0])
+        return set(comparison.likeliest(fits, rounds, added, best)[0])
 
     both, instead, alone = (frozenset(x) for x in ((gain, mass), (mass, inertia), (lag,)))
     assert found({both: 0.9, instead: 0.1}, gain, mass) == both
@@ -309,3 +311,9 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     rounds[:] = [tried(late, lag)]
     assert found({frozenset([late]): 0.1, alone: 0.5}, late) == {late}  # nothing of the vehicle replaces a late channel
     assert found({frozenset([lag]): 0.1, frozenset(): 0.3}, late) == set()
+    rounds[:] = [tried(gain, lag)]
+    lost[gain] = 2 * HOPEFUL  # beyond doubt: not fitted without it, but what takes over nine tenths of it is tried
+    assert found({frozenset([gain]): 0.1, frozenset(): 0.3}, gain) == {gain}
+    assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {lag}
+    lost[gain] = 20 * HOPEFUL
+    assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {gain}

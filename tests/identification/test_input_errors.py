@@ -21,8 +21,14 @@ LARGE = {"speed": 0.1, "steering_wheel_angle": 0.02}
 
 
 @njit
-def update(arguments, repairs):
-    put(correlated_update(*arguments), repairs, 0)
+def enlarge(P, errors):
+    add_input_errors(P, errors)
+
+
+@njit
+def update(prior, y, r, errors, after, work, info):
+    (x_prior, P_prior, predicted, H, seen), (x, P) = prior, after
+    put(correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, work, info), info.repairs, 0)
 
 
 @pytest.fixture(scope="module")
@@ -60,17 +66,15 @@ def test_correlated_update_is_the_dense_solution(missing):
     x, predicted, y = rng.normal(size=n), rng.normal(size=m), rng.normal(size=m)
     y[list(missing)] = np.nan
     errors, P = in_lanes(np.concatenate([G, D])), in_lanes(root @ root.T)
-    add_input_errors(P, errors)
+    enlarge(P, errors)
     prior = root @ root.T + G @ G.T
     np.testing.assert_allclose(P[..., 0], prior, rtol=1e-12)
     row = np.zeros((4, LANES))
     info = Info(np.zeros((m, LANES)), np.zeros((m, m, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
     after, covariance = np.empty((n, LANES)), np.empty((n, n, LANES))
-    arguments = (
-        in_lanes(x), P, in_lanes(predicted), in_lanes(H), seen, in_lanes(y), in_lanes(r), errors, after, covariance,
-        (np.empty((m, n, LANES)), np.zeros((m, m, LANES))), info,
-    )  # fmt: skip
-    update(arguments, info.repairs)
+    work = np.empty((m, n, LANES)), np.zeros((m, m, LANES))
+    before = in_lanes(x), P, in_lanes(predicted), in_lanes(H), seen
+    update(before, in_lanes(y), in_lanes(r), errors, (after, covariance), work, info)
     kept = np.isfinite(y)
     h, d = H[kept], D[kept]
     cross = prior @ h.T + G @ d.T

@@ -9,7 +9,7 @@ gains, judged by the likelihood itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,30 +137,63 @@ class Fitting:
     def _range(self) -> range:
         return range(len(self.drives))
 
-    def fit(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, turns: int = TURNS) -> Fitted:
-        """Fit parameters and noise in turns; parameters alone where the noise is held."""
+    def fit(
+        self,
+        coordinates: tuple[Coordinate, ...],
+        start: Point,
+        iterations: int,
+        turns: int = TURNS,
+        afresh: bool = True,
+    ) -> Fitted:
+        """Fit parameters and noise in turns; parameters alone where the noise is held.
+
+        Args:
+            coordinates: What moves besides the noise.
+            start: Where it begins.
+            iterations: Most steps of the parameters in a turn.
+            turns: Most turns.
+            afresh: Whether the noise is sought from far away first; an earlier fit of the same goes on otherwise.
+        """
         if self.noise_held:
             return self.only(coordinates, start, iterations)
-        objective, z, parameters = self._bounded(coordinates, start)
-        first, n = int(parameters.sum()), len(coordinates)
-        z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH).z
-        groups = list(range(n, n + self._groups))
-        for together in (groups, *([j] for j in (*range(first, n), *groups))):
-            z = along(objective, z, together, _COARSE)
-        found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH), None
-        for _ in range(turns):
-            before = found.value
-            z, curvature = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature)
-            found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH)
-            if found.value - before < 10 * ENOUGH:
-                break
-        return self._fitted(coordinates, objective, found)
+        n = len(coordinates)
+
+        def search(objective: LogPosterior, z: Floats, parameters: Mask) -> Maximum:
+            first, groups = int(parameters.sum()), list(range(n, n + self._groups))
+            if afresh:
+                z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH).z
+                for together in (groups, *([j] for j in (*range(first, n), *groups))):
+                    z = along(objective, z, together, _COARSE)
+            found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH), None
+            for _ in range(turns):
+                before = found.value
+                z, curvature = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature)
+                found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH)
+                if found.value - before < 10 * ENOUGH:
+                    break
+            return found
+
+        return self._driveable(coordinates, start, search)
 
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
         """Fit some parameters and leave the noise as it is."""
-        objective, z, parameters = self._bounded(coordinates, start)
-        found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH)
-        return self._fitted(coordinates, objective, found)
+        return self._driveable(
+            coordinates, start, lambda o, z, parameters: maximise(o, z, parameters, iterations, ENOUGH, ENOUGH)
+        )
+
+    def _driveable(
+        self, coordinates: tuple[Coordinate, ...], start: Point, search: Callable[[LogPosterior, Floats, Mask], Maximum]
+    ) -> Fitted:
+        """Return where a search ends; from a model that can be driven none leads to one that cannot.
+
+        Most never come near one, so that is looked at where the search ends, and at every step only if it has to be.
+        """
+        objective, z, parameters = self._objective(coordinates, start)
+        found = self._fitted(coordinates, objective, search(objective, z, parameters))
+        if self.admits(found.point) or not self.admits(start):
+            return found
+        objective.driveable = self.driveable
+        return self._fitted(coordinates, objective, search(objective, z, parameters))
 
     def _fitted(self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Maximum) -> Fitted:
         space, n = objective.coordinates, len(coordinates)
@@ -179,13 +212,6 @@ class Fitting:
         if len(points) == 1:
             return points[0]
         return points[int(np.argmax(self.augmented.log_likelihoods(self.drives, self.candidates(points))))]
-
-    def _bounded(self, coordinates: tuple[Coordinate, ...], start: Point) -> tuple[LogPosterior, Floats, Mask]:
-        """Return the same as ``_objective``; from a model that can be driven no fit leads to one that cannot."""
-        objective, z, parameters = self._objective(coordinates, start)
-        if self.admits(start):
-            objective.driveable = self.driveable
-        return objective, z, parameters
 
     def admits(self, point: Point) -> bool:
         """Whether the model at a point is stable at the driven speeds and stays within its range on these drives."""
@@ -214,6 +240,14 @@ class Fitting:
         known = curvatures(objective, z, fitted.objective, rows)
         random = np.where(known > 0, 1.0 / np.sqrt(np.where(known > 0, known, 1.0)), np.inf)
         return np.concatenate([covariance_of(information).errors, random]) * slopes
+
+    def information(self, fitted: Fitted) -> Floats:
+        """Return the Fisher information, with that of the priors, on the parameters that a fit moved ``(n, n)``.
+
+        Intensities of random processes, the last of its coordinates, are not among them.
+        """
+        objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
+        return objective.slopes(z, parameters)[2]
 
     def columns(self, coordinates: Sequence[Coordinate], point: Point) -> list[Floats]:
         """Return the derivatives of each drive's whitened innovations to the coordinates ``(samples * ny, n)``."""

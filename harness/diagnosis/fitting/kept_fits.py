@@ -38,14 +38,16 @@ class KeptFits:
         self._basis: dict[int, bytes] = {}
         self._counting = Lock()  # candidates are fitted in threads
 
-    def fit(self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, turns: tuple[int, int]) -> Fitted:
+    def fit(
+        self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, turns: tuple[int, int, bool]
+    ) -> Fitted:
         """Return what ``fitting.fit`` does, from the folder if it is there.
 
         Args:
             fitting: The recordings.
             moved: What moves.
             start: Where it starts.
-            turns: Iterations and turns of the fit.
+            turns: Iterations and turns of the fit, and whether it begins afresh.
 
         Raises:
             UserError: If the folder cannot be written to.
@@ -62,7 +64,7 @@ class KeptFits:
         self._write(file, found)
         return found
 
-    def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, turns: tuple[int, int]) -> str:
+    def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, turns: tuple[int, int, bool]) -> str:
         if id(fitting) not in self._basis:
             model, code = fitting.augmented.model, sources.digest([sys.modules[__name__]])
             equations = (model.ports, model.derivatives, model.outputs, model.parameters)

@@ -77,7 +77,7 @@ class Prediction:
             (drive.inputs, drive.between),
             drive.measurements,
             model.compiled.constants(point.in_lanes().values),
-            (linear.transition, linear.output, linear.gain),
+            (linear.transition, linear.output, linear.gain, *map(_columns, (linear.transition, linear.output))),
             (first, Q, np.ascontiguousarray(point.measurement[:, 0]), errors, drive.spread),
             linear.states,
             (vehicle, corrected),
@@ -92,3 +92,12 @@ class Prediction:
             np.where(np.isfinite(squares), squares, np.inf),
             np.isfinite(drive.measurements[1:]).sum(axis=1),
         )
+
+
+def _columns(matrices: Floats) -> NDArray[np.int_]:
+    """Return the columns of matrices ``(samples, rows, n)`` that are not always zero, then -1 ``(rows, n + 1)``."""
+    rows, n = matrices.shape[1:]
+    found = np.full((rows, n + 1), -1)
+    for row, there in zip(found, (matrices != 0.0).any(axis=0), strict=True):
+        row[: there.sum()] = np.flatnonzero(there)
+    return found

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.engine.kernel_names import LANES, NW, NX, NY, cholesky, get, log, next_state, output, put, select, splat
+from harness.engine.simd.memory import borrowed, retain
 from harness.identification.time_loops import fill
 
 
@@ -21,26 +22,31 @@ def predict_ahead(inputs, y, constants, linear, noise, means, rows, horizons, fa
         y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
         constants: ``(nc, LANES)``.
         linear: Jacobians of the next state ``(samples, n, n)`` and of the outputs ``(samples, ny, n)`` in the states
-            that count, and the gains of the pass ``(samples, n, ny)``.
+            that count, and the gains of the pass ``(samples, n, ny)``; then the columns of both Jacobians that may
+            differ from zero, row by row, then -1 ``(n, n + 1)`` and ``(ny, n + 1)``.
         noise: First variances ``(n,)``; variances of the process per step ``(n,)`` and of the measurements ``(ny,)``;
             what the errors of the inputs do to next state and outputs ``(samples, n + ny, m)``, and as variances of the
             outputs of a free run ``(samples, ny)``.
         means: Corrected mean of the pass ``(samples, NX)``, the first state first.
-        rows: First and last but one of the states that are biases of sensors, which are not predicted ``(2,)``.
+        rows: First and last but one of the states that are biases of sensors, which are not predicted ``(2,)``; the
+            latter is how many states the filter corrects.
         horizons: Samples ``(1, LANES)``; 1 for the filter, which the first lane is.
         far: 1 in the lanes that predict so far that the errors of the inputs act as in a free run ``(1, LANES)``.
         densities: Logarithm of the density of the measurements, written ``(samples, LANES)``.
         squares: Their squared distance from the prediction, normalised, written ``(samples, LANES)``.
     """
-    A, H, K = linear
+    samples, n, nu = linear[0].shape[0], linear[0].shape[1], inputs[0].shape[1]
+    owned = (
+        (np.empty((NW, LANES)), np.empty((nu, LANES)), np.zeros((1, LANES)), np.empty((2, LANES))),
+        (np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NY, LANES)), np.empty((NY, LANES))),
+        (np.zeros((n, n, LANES)), np.zeros((n, n, LANES)), np.zeros((n, n, LANES))),
+        (np.zeros((NY, NY, LANES)), np.zeros((NY, NY, LANES)), np.empty((NY, NY, LANES))),
+        (np.empty((n, NY, LANES)), np.zeros((n, NY, LANES)), np.empty((n, NY, LANES))),
+    )
+    (w, u, since, found), (x, x_prior, predicted, e), (P, P_prior, T), (S, factor, D), (V, E, W) = borrowed(owned)
+    inputs, y, constants, linear, noise, means = borrowed((inputs, y, constants, linear, noise, means))
+    A, H, K, moving, seen = linear
     first, Q, R, errors, spread = noise
-    samples, n, nu = A.shape[0], A.shape[1], inputs[0].shape[1]
-    w, u, since = np.empty((NW, LANES)), np.empty((nu, LANES)), np.zeros((1, LANES))
-    x, x_prior, predicted = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NY, LANES))
-    P, P_prior, T = np.zeros((n, n, LANES)), np.zeros((n, n, LANES)), np.zeros((n, max(n, NY), LANES))
-    S, factor, e = np.zeros((NY, NY, LANES)), np.zeros((NY, NY, LANES)), np.empty((NY, LANES))
-    V, E, D = np.empty((n, NY, LANES)), np.empty((n, NY, LANES)), np.empty((NY, NY, LANES))
-    M, found = np.empty((n, n)), np.empty((2, LANES))
     for i in range(NX):
         put(splat(means[0, i]), x, i)
     for i in range(n):
@@ -50,72 +56,85 @@ def predict_ahead(inputs, y, constants, linear, noise, means, rows, horizons, fa
         next_state(x, u, constants, x_prior, w)
         fill(inputs[0][k], u)
         output(x_prior, u, constants, predicted)
-        congruence(A[k - 1], P, T, P_prior)
-        seen_errors(errors[k], far, Q, P_prior, E, D)
-        innovate(H[k], P_prior, E, D, R, spread[k], far, y[k], predicted, V, S, e)
+        congruence(A[k - 1], moving, P, T, P_prior)
+        seen_errors(errors[k], far, rows[1], Q, P_prior, E, D)
+        innovate(H[k], seen, P_prior, E, D, R, spread[k], far, y[k], predicted, V, S, e)
+        correct(K[k], rows[1], P_prior, V, S, W, P)
         weigh(S, factor, e, y[k], found)
         for lane in range(LANES):
             densities[k, lane], squares[k, lane] = found[0, lane], found[1, lane]
-        correct(H[k], K[k], P_prior, E, D, R, M, T, P)
         count = get(since, 0) + 1.0
         again = count >= get(horizons, 0)
         put(select(again, 0.0, count), since, 0)
         begin_again(again, means[k], rows, x_prior, P_prior, x, P)
+    retain(owned)
 
 
-def congruence(A, P, T, found):
-    """Write ``A P A'``."""
+def congruence(A, columns, P, T, found):
+    """Write ``A P A'``; ``columns`` of each row of ``A`` may differ from zero, then -1 ``(n, n + 1)``."""
     n = A.shape[0]
     for i in range(n):
         for j in range(n):
             total = splat(0.0)
-            for c in range(n):
+            for q in range(n):
+                c = columns[i, q]
+                if c < 0:
+                    break
                 total = total + A[i, c] * get(P, c, j)
             put(total, T, i, j)
     for i in range(n):
         for j in range(i + 1):
             total = splat(0.0)
-            for c in range(n):
+            for q in range(n):
+                c = columns[j, q]
+                if c < 0:
+                    break
                 total = total + get(T, i, c) * A[j, c]
             put(total, found, i, j)
             put(total, found, j, i)
 
 
-def seen_errors(errors, far, Q, P, E, D):
+def seen_errors(errors, far, corrected, Q, P, E, D):
     """Add the noise of a step to a covariance; write what it shares with the measurements, and their part of it.
 
     In the lanes that predict far the errors of the inputs act otherwise: from sample to sample they hardly change, so a
     filter may take them as white, and a long prediction sums them up.
 
     Args:
-        errors: Of the inputs ``(n + ny, m)``.
+        errors: Of the inputs ``(n + ny, m)``; none in the states that the filter does not correct.
         far: As in ``predict_ahead``.
+        corrected: How many states the filter corrects.
         Q: Variances of the process noise ``(n,)``.
         P: Written ``(n, n, LANES)``.
-        E: Written ``(n, ny, LANES)``.
+        E: Written ``(n, ny, LANES)``, but for states that the filter does not correct.
         D: Written ``(ny, ny, LANES)``.
     """
     n, near = len(Q), 1.0 - get(far, 0)
-    for i in range(n):
+    for i in range(corrected):
         put(get(P, i, i) + Q[i], P, i, i)
-    for i in range(errors.shape[0]):
-        for j in range(errors.shape[0]):
-            total = 0.0
-            for c in range(errors.shape[1]):
-                total += errors[i, c] * errors[j, c]
-            if i < n and j < n:
-                put(get(P, i, j) + near * total, P, i, j)
-            elif i < n:
-                put(near * total, E, i, j - n)
-            elif j >= n:
-                put(near * total, D, i - n, j - n)
+        for j in range(corrected):
+            put(get(P, i, j) + near * inner(errors, i, j), P, i, j)
+        for a in range(NY):
+            put(near * inner(errors, i, n + a), E, i, a)
+    for a in range(NY):
+        for b in range(NY):
+            put(near * inner(errors, n + a, n + b), D, a, b)
 
 
-def innovate(H, P, E, D, R, spread, far, y, predicted, V, S, e):
+def inner(rows, i, j):
+    """Return the product of two rows of a matrix."""
+    total = 0.0
+    for c in range(rows.shape[1]):
+        total += rows[i, c] * rows[j, c]
+    return total
+
+
+def innovate(H, columns, P, E, D, R, spread, far, y, predicted, V, S, e):
     """Write the innovation and its covariance, with unit rows in place of missing measurements.
 
     Args:
         H: ``(ny, n)``.
+        columns: Those of each row of ``H`` that may differ from zero, then -1 ``(ny, n + 1)``.
         P: Prior covariance ``(n, n, LANES)``.
         E: Covariance of the state with what the measurements see of the errors of the inputs ``(n, ny, LANES)``.
         D: Their covariance there ``(ny, ny, LANES)``.
@@ -124,7 +143,7 @@ def innovate(H, P, E, D, R, spread, far, y, predicted, V, S, e):
         far: As in ``predict_ahead``.
         y: Measurements ``(ny,)``.
         predicted: ``(ny, LANES)``.
-        V: Written, ``P H'`` ``(n, ny, LANES)``.
+        V: Written, the covariance of state and innovation ``P H' + E`` ``(n, ny, LANES)``.
         S: Written ``(ny, ny, LANES)``.
         e: Written ``(ny, LANES)``.
     """
@@ -132,15 +151,26 @@ def innovate(H, P, E, D, R, spread, far, y, predicted, V, S, e):
     for a in range(NY):
         put(splat(0.0) if np.isnan(y[a]) else y[a] - get(predicted, a), e, a)
         for i in range(n):
-            total = splat(0.0)
-            for j in range(n):
+            total = get(E, i, a)
+            for q in range(n):
+                j = columns[a, q]
+                if j < 0:
+                    break
                 total = total + get(P, i, j) * H[a, j]
             put(total, V, i, a)
     for a in range(NY):
         for b in range(NY):
             total = get(D, a, b)
-            for i in range(n):
-                total = total + H[a, i] * (get(V, i, b) + get(E, i, b)) + H[b, i] * get(E, i, a)
+            for q in range(n):
+                i = columns[a, q]
+                if i < 0:
+                    break
+                total = total + H[a, i] * get(V, i, b)
+            for q in range(n):
+                i = columns[b, q]
+                if i < 0:
+                    break
+                total = total + H[b, i] * get(E, i, a)
             if a == b:
                 total = total + (R[a] + spread[a] * get(far, 0))
             if np.isnan(y[a]) or np.isnan(y[b]):
@@ -165,32 +195,37 @@ def weigh(S, factor, e, y, found):
     put(square, found, 1)
 
 
-def correct(H, K, P_prior, E, D, R, M, T, P):
-    """Write the covariance behind a correction by gains that need not be the best (Joseph's form; Simon 2006, 7.1).
+def correct(K, corrected, P_prior, V, S, W, P):
+    """Write the covariance behind a correction by gains that need not be the best, symmetric.
 
-    With ``M = I - K H`` it is ``M P M' - M E K' - K E' M' + K (R + D) K'``.
+    The error is that of the prediction less ``K e``, so it is ``P - K V' - V K' + K S K'`` (Simon 2006, 3.3) with the
+    covariance ``V`` of state and innovation ``e`` and that of the innovations. Gains of missing measurements are zero.
+
+    Args:
+        K: Gains ``(n, ny)``, zero in the states that the filter does not correct.
+        corrected: How many states it corrects.
+        P_prior: ``(n, n, LANES)``.
+        V: ``(n, ny, LANES)``.
+        S: ``(ny, ny, LANES)``.
+        W: Scratch ``(n, ny, LANES)``.
+        P: Written ``(n, n, LANES)``.
     """
-    n = H.shape[1]
-    for i in range(n):
-        for j in range(n):
-            M[i, j] = 1.0 if i == j else 0.0
-            for a in range(NY):
-                M[i, j] -= K[i, a] * H[a, j]
-    congruence(M, P_prior, T, P)
+    n = K.shape[0]
     for i in range(n):
         for a in range(NY):
             total = splat(0.0)
-            for c in range(n):
-                total = total - M[i, c] * get(E, c, a)
-            put(total, T, i, a)
+            for b in range(NY if i < corrected else 0):
+                total = total + 0.5 * K[i, b] * get(S, a, b)
+            put(total - get(V, i, a), W, i, a)  # half of K S, so that both sides of the sum are alike
     for i in range(n):
-        for j in range(n):
-            total = get(P, i, j)
-            for a in range(NY):
-                total = total + get(T, i, a) * K[j, a] + K[i, a] * (get(T, j, a) + R[a] * K[j, a])
-                for b in range(NY):
-                    total = total + K[i, a] * get(D, a, b) * K[j, b]
+        for j in range(i + 1):
+            total = get(P_prior, i, j)
+            for a in range(NY if j < corrected else 0):
+                total = total + get(W, i, a) * K[j, a]
+            for a in range(NY if i < corrected else 0):
+                total = total + K[i, a] * get(W, j, a)
             put(total, P, i, j)
+            put(total, P, j, i)
 
 
 def begin_again(again, mean, rows, x_prior, P_prior, x, P):

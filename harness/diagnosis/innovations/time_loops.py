@@ -17,6 +17,7 @@ import numpy as np
 from harness.engine.kernel_names import LANES, NW, NX, NY, get, log, next_state, output, put, splat
 from harness.engine.simd import lanes as plain
 from harness.engine.simd.dual import tangent_of, with_tangent
+from harness.engine.simd.memory import borrowed, retain
 from harness.identification.time_loops import fill
 
 
@@ -33,8 +34,12 @@ def tangents(u, between, constants, states, directions, ahead, outputs):
         outputs: Of the outputs, written ``(samples, ny, lanes)``.
     """
     samples, nu = u.shape
-    x, xn, y = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NY, LANES))
-    w, u_now = np.empty((NW, LANES)), np.empty((nu, LANES))
+    owned = (
+        (np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NY, LANES))),
+        (np.empty((NW, LANES)), np.empty((nu, LANES))),
+    )
+    (x, xn, y), (w, u_now) = borrowed(owned)
+    u, between, constants, states, ahead, outputs = borrowed((u, between, constants, states, ahead, outputs))
     for k in range(samples):
         for i in range(NX):
             put(with_tangent(plain.splat(states[k, i]), plain.get(directions, i)), x, i)
@@ -46,6 +51,7 @@ def tangents(u, between, constants, states, directions, ahead, outputs):
         next_state(x, u_now, constants, xn, w)
         for i in range(NX):
             plain.put(tangent_of(get(xn, i)), ahead, k, i)
+    retain(owned)
 
 
 def respond(F, C, g, c, disturbance, found):
@@ -98,9 +104,13 @@ def track(F, C, g, c, r, decay, variance, gain, notes):
             with variance and innovation ``(samples, ny)``; of no samples if nothing is kept.
     """
     samples, n = g.shape
+    owned = (
+        (np.zeros((n + 1, LANES)), np.zeros((n + 1, LANES)), np.empty((n + 1, LANES))),
+        (np.zeros((n + 1, n + 1, LANES)), np.zeros((n, n + 1, LANES)), np.empty((2, LANES))),
+    )
+    (x, ahead, Ph), (P, T, row) = borrowed(owned)
+    F, C, g, c, r, notes = borrowed((F, C, g, c, r, notes))
     mean, covariance, product, spread, surprise = notes
-    x, ahead, Ph = np.zeros((n + 1, LANES)), np.zeros((n + 1, LANES)), np.empty((n + 1, LANES))
-    P, T = np.zeros((n + 1, n + 1, LANES)), np.zeros((n, n + 1, LANES))
     put(get(variance, 0), P, n, n)
     put(splat(0.0), gain, 0)
     keep = mean.shape[0] > 0
@@ -115,7 +125,6 @@ def track(F, C, g, c, r, decay, variance, gain, notes):
             scale = scale * S
             misfit = misfit + (e * e / S - r[k, a] * r[k, a])
             if keep:
-                row = np.empty((2, LANES))
                 put(S, row, 0)
                 put(e, row, 1)
                 spread[k, a], surprise[k, a] = row[0, 0], row[1, 0]
@@ -123,6 +132,7 @@ def track(F, C, g, c, r, decay, variance, gain, notes):
                     product[k, a, i] = Ph[i, 0]
         put(get(gain, 0) - 0.5 * (log(scale) + misfit), gain, 0)
         predict(F[k], g[k], decay, (1.0 - decay * decay) * get(variance, 0), x, ahead, P, T)
+    retain(owned)
 
 
 def update(H, h, r, x, P, Ph):

@@ -29,6 +29,7 @@ from harness.engine.kernel_names import (
     select,
     splat,
 )
+from harness.engine.simd.memory import borrowed, retain
 from harness.identification.time_loops import fill, fill_table, keep_first_lane, keep_gain
 
 NX_WHOLE: Any = StandIn("NX_WHOLE")
@@ -56,16 +57,23 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         notes: What ``keep_first_lane`` writes to, of no samples if nothing is kept.
     """
     samples, nu = u.shape
-    w, w_whole = np.empty((NW, LANES)), np.empty((NW_WHOLE, LANES))
-    x, x_prior = np.empty((NX_WHOLE, LANES)), np.empty((NX_WHOLE, LANES))
-    x_nominal, P_prior, P = np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.zeros((NX, NX, LANES))
-    predicted, unused, H = np.empty((NY, LANES)), np.empty((NY, LANES)), np.empty((NY, NX, LANES))
-    scratch, S, factor = np.empty((2 * NX, LANES)), np.zeros((NY, NY, LANES)), np.zeros((NY, NY, LANES))
     row = np.zeros((4, LANES))
-    info = Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
-    u_now, u_nominal, y_now = np.empty((nu, LANES)), np.empty((len(nominal), LANES)), np.empty((NY, LANES))
-    errors_now = np.zeros((NX + NY, errors.shape[2], LANES))
-    work = np.zeros((NY, NX, LANES)), np.zeros((NY, NY, LANES))
+    owned = (
+        (np.empty((NW, LANES)), np.empty((NW_WHOLE, LANES))),
+        (np.empty((NX_WHOLE, LANES)), np.empty((NX_WHOLE, LANES)), np.empty((NX, LANES))),
+        (np.zeros((NX, NX, LANES)), np.zeros((NX, NX, LANES)), np.zeros((NY, NY, LANES)), np.zeros((NY, NY, LANES))),
+        (np.empty((NY, LANES)), np.empty((NY, LANES)), np.empty((NY, NX, LANES)), np.empty((2 * NX, LANES))),
+        Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
+        (np.empty((nu, LANES)), np.empty((len(nominal), LANES)), np.empty((NY, LANES))),
+        np.zeros((NX + NY, errors.shape[2], LANES)),
+        (np.zeros((NY, NX, LANES)), np.zeros((NY, NY, LANES))),
+    )
+    (w, w_whole), means, covariances, outputs, info, inputs, errors_now, work = borrowed(owned)
+    (x, x_prior, x_nominal), (P_prior, P, S, factor) = means, covariances
+    (predicted, unused, H, scratch), (u_now, u_nominal, y_now) = outputs, inputs
+    u, between, y, errors, constants, nominal_constants, notes = borrowed(
+        (u, between, y, errors, constants, nominal_constants, notes)
+    )
     for i in range(NX_WHOLE):
         put(get(x0, i), x, i)
     for i in range(NX):
@@ -101,6 +109,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
         put(select((beyond(x, valid[0], valid[1]) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
+    retain(owned)
 
 
 def choose(u, rows, chosen):

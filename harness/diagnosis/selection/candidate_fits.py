@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from harness.config.parameter_set import stated_std
-from harness.diagnosis.criteria import HOPEFUL
+from harness.diagnosis.criteria import HOPEFUL, MOST
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -51,19 +51,44 @@ class CandidateFits:
         self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
 
-    def fit(self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS) -> Fitted:
-        """Fit the free parameters, additions and noise."""
+    def fit(
+        self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS, afresh: bool = True
+    ) -> Fitted:
+        """Fit the free parameters, additions and noise, as ``Fitting.fit`` does."""
         moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
-        found = self._kept.fit(self.fitting, moved, start, (iterations, turns))
+        found = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh))
         known = self.models.get(frozenset(added))
         if known is None or found.objective > known[1].objective:
             self.models[frozenset(added)] = added, found
         return found
 
+    def fit_all(
+        self, models: Sequence[tuple[Added, Callable[[], Point]]], least: float = -math.inf, base: float = math.inf
+    ) -> list[Fitted]:
+        """Fit models at once, and to the end only those that come near the best of them.
+
+        After one turn of a fit a model that is far behind stays there: by a gain that is beyond doubt, and with less
+        than most of the gain of the best one, because a large effect may take more than a turn.
+
+        Args:
+            models: What is added, and what gives the point where its fit starts.
+            least: Objective that is reached already.
+            base: Objective of the model to which these add; none if they add to no common one.
+        """
+
+        def further(added: Added, found: Fitted) -> Fitted:
+            near = best - found.objective < far and not self.fitting.noise_held
+            return self.fit(added, found.point, afresh=False) if near else found
+
+        share = self.augmented.share
+        found = share(lambda model: self.fit(model[0], model[1](), turns=1), models)
+        best = max([least, *(f.objective for f in found)])
+        far = max(HOPEFUL, MOST * (best - base))
+        return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
+
     def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
         """Fit to the end only what comes near an objective."""
-        fitted = self.fit(added, start, turns=1)
-        return self.fit(added, fitted.point) if objective - fitted.objective < HOPEFUL else fitted
+        return self.fit_all([(added, lambda: start)], objective)[0]
 
     def judge(self, added: Added, point: Point) -> Judgement:
         """Judge a model on the held-out drives; the same one once."""

@@ -9,18 +9,19 @@ thereafter: a search among the neighbours, each with an addition less or another
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import BLOCK, HORIZONS, ODDS, SAME, TRIED
+from harness.diagnosis.criteria import ALIKE, BLOCK, HOPEFUL, HORIZONS, ODDS, SAME, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
-from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike
+from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.posterior import (
     Alike,
@@ -35,6 +36,8 @@ from harness.diagnosis.selection.posterior import (
 )
 from harness.diagnosis.selection.priors import log_odds, log_size
 from harness.diagnosis.selection.score_test import cosine
+from harness.diagnosis.selection.wald import losses
+from harness.models.quantities import listed
 
 
 @dataclass(frozen=True)
@@ -76,14 +79,23 @@ def likeliest(
 
 def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fitted) -> tuple[Added, Fitted]:
     """Return a model without those of its additions, one after the other, without which it is likelier."""
-    for h in added:
-        rest = tuple(k for k in added if k != h)
-        if frozenset(rest) not in fits.models:
-            fits.say(f"is {h.name.replace('_', ' ')} still needed?")
-            fits.fit(rest, _without(fits, best.point, h, rest))
-        kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
-        if set(kept) == set(rest):
-            added, best = kept, fitted
+    left = added
+    while left:
+        lost = losses(fits, added, best)
+        open_ = [h for h in left if lost[h] < HOPEFUL]
+        rests = {h: tuple(k for k in added if k != h) for h in open_}
+        new = {h: rest for h, rest in rests.items() if frozenset(rest) not in fits.models}
+        if new:
+            fits.say(f"still needed? {listed([h.name.replace('_', ' ') for h in new])}")
+            fits.fit_all(
+                [(rest, partial(_without, fits, best.point, h, rest)) for h, rest in new.items()], best.objective
+            )
+        left = ()
+        for h, rest in rests.items():
+            kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
+            if set(kept) == set(rest):
+                added, best, left = kept, fitted, tuple(open_[open_.index(h) + 1 :])
+                break
     return added, best
 
 
@@ -222,39 +234,47 @@ def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | 
 
 def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted) -> None:
     """Fit what may stand in the place of each addition, and the model without it, if that was not fitted yet."""
-    open_: dict[frozenset[Hypothesis], tuple[Added, Point]] = {}
+    lost = losses(fits, added, best)
+    open_: dict[frozenset[Hypothesis], tuple[Added, Callable[[], Point]]] = {}
     for h in added:
         rest = tuple(k for k in added if k != h)
         base = _without(fits, best.point, h, rest)
-        choices = {rest: base}
-        for likes in _stand_ins(rounds, h, rest):
-            untried = [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models]
-            choices |= {(*rest, c.hypothesis): fits.start(base, c.score) for c in untried[:TRIED]}
-        open_ |= {frozenset(a): (a, p) for a, p in choices.items() if frozenset(a) not in fits.models}
-    if open_:
+        if lost[h] < HOPEFUL:
+            open_[frozenset(rest)] = rest, partial(replace, base)
+        for likes in _stand_ins(rounds, h, rest, lost[h]):
+            for c in [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models][:TRIED]:
+                other = (*rest, c.hypothesis)
+                open_[frozenset(other)] = other, partial(fits.start, base, c.score)
+    new = [model for key, model in open_.items() if key not in fits.models]
+    if new:
         fits.say("fitting what may stand in the place of what was found")
-        fits.augmented.share(lambda choice: fits.fit(*choice), open_.values())
+        fits.fit_all(new, best.objective)
 
 
-def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added) -> list[list[Candidate]]:
+def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added, lost: float) -> list[list[Candidate]]:
     """Return what may stand in the place of an addition: what acts like it, and like another that is wrong beside it.
 
     Of several wrong parameters none alone reaches an effect that resembles their sum, and what that leaves is then
     taken for one of them: so what acts like that one may stand in the place of the effect.
     """
-    found = [] if (own := _tried(h, rounds)) is None else [_like(*own, rest)]
+    found = [] if (own := _tried(h, rounds)) is None else [_like(*own, rest, lost)]
     for p in rest if h.kind == "effect" else ():
         if p.kind == "parameter" and (its := _tried(p, rounds)) is not None:
             found.append([c for c in _like(*its, rest) if c.hypothesis.kind == "parameter"])
     return found
 
 
-def _like(r: Round, own: Candidate, rest: Added) -> list[Candidate]:
-    """Return what acts like a hypothesis and what else was fitted beside it, the most promising first."""
+def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Candidate]:
+    """Return what acts like a hypothesis and what else was fitted beside it, the most promising first.
+
+    Left out is what would not take over enough of what is lost without the hypothesis, if that is beyond doubt.
+    """
     others = [c for c in r.candidates if c.hypothesis not in (own.hypothesis, *rest)]
     others = [c for c in others if not c.hypothesis.many and c.score.excited]
-    alike = [c for c in others if acts_alike(c.score, own.score) and abs(cosine(c.score, own.score)) <= SAME]
-    return sorted({id(c): c for c in (*alike, *(c for c in others if c.fitted))}.values(), key=lambda c: -c.bic)
+    angles = {id(c): cosine(c.score, own.score) for c in others}
+    found = [c for c in others if c.fitted or ALIKE < abs(angles[id(c)]) <= SAME]
+    found = [c for c in found if (1.0 - angles[id(c)] ** 2) * lost < HOPEFUL]
+    return sorted(found, key=lambda c: -c.bic)
 
 
 def _without(fits: CandidateFits, point: Point, h: Hypothesis, rest: Added) -> Point:

@@ -60,6 +60,35 @@ class Score:
     excited: bool
 
 
+_Key = tuple[str, tuple[float, ...]]
+"""An amplitude, and values of the shapes that act on it."""
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Products of columns with those of the fit ``(n_fit, n)``, with each other ``(n, n)``, and with the residual."""
+
+    cross: Floats
+    square: Floats
+    pull: Floats
+
+    def take(self, rows: Sequence[int]) -> _Sums:
+        """Return those of some of the columns."""
+        return _Sums(self.cross[:, rows], self.square[np.ix_(rows, rows)], self.pull[rows])
+
+
+@dataclass(frozen=True)
+class _Promised:
+    """What columns promise, and the weights with which those of the fit take part ``(n_fit, n)``."""
+
+    gain: float
+    amplitudes: Floats
+    information: Floats
+    seen: NDArray[np.bool_]
+    freedom: float
+    weights: Floats
+
+
 class ScoreTest:
     """The test at one fit.
 
@@ -79,6 +108,7 @@ class ScoreTest:
         self._linearisation = Linearisation(self.augmented)
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
+        self._own: dict[str, tuple[str, ...]] = {}
         self._products: dict[tuple[int, str, str], Floats] = {}
         weight = np.array([c.prior**-2.0 for c in moved])
         away = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
@@ -102,21 +132,26 @@ class ScoreTest:
             self.augmented.sensitivities(self.drives[drive], values, self.augmented.along(names), self.kept[drive])
         )
 
-    def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[tuple[str, tuple[float, ...]], Floats]]:
-        """Return the columns of all amplitudes at all shapes, once each, by drive."""
-        wanted: dict[tuple[str, tuple[float, ...]], tuple[str, ...]] = {}
-        for h in plain:
-            for shapes in self._grid(h):
-                wanted |= {(a, shapes): h.shapes for a in h.amplitudes}
+    def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[_Key, Floats]]:
+        """Return the columns of all amplitudes at all shapes that act on them, once each, by drive."""
+        for h in sorted(plain, key=lambda h: len(h.shapes)):
+            for a in h.amplitudes:
+                self._own.setdefault(a, h.shapes)  # what acts at several places has the shapes of all of them
+        wanted = list(dict.fromkeys(key for h in plain for shapes in self._grid(h) for key in self._keys(h, shapes)))
 
-        def of_drive(i: int) -> dict[tuple[str, tuple[float, ...]], Floats]:
+        def of_drive(i: int) -> dict[_Key, Floats]:
             values = np.repeat(self.point.values[:, [i]], len(wanted), axis=1)
-            for j, ((_, shapes), names) in enumerate(wanted.items()):
-                values[[self.augmented.row(n) for n in names], j] = shapes
+            for j, (a, shapes) in enumerate(wanted):
+                values[[self.augmented.row(n) for n in self._own[a]], j] = shapes
             columns = self._sensitivities(i, values, [a for a, _ in wanted])
             return {key: columns[:, j] for j, key in enumerate(wanted)}
 
         return self.augmented.share(of_drive, range(len(self.drives)))
+
+    def _keys(self, h: Hypothesis, shapes: tuple[float, ...]) -> list[_Key]:
+        """Return the columns of a hypothesis at values of its shapes: each amplitude with the shapes of its own."""
+        at = dict(zip(h.shapes, shapes, strict=True))
+        return [(a, tuple(at[n] for n in self._own[a])) for a in h.amplitudes]
 
     def _grid(self, h: Hypothesis) -> list[tuple[float, ...]]:
         """Return the shapes at which a hypothesis is tried; a parameter in force already keeps its value."""
@@ -127,34 +162,50 @@ class ScoreTest:
             )
         )
 
-    def _plain(self, h: Hypothesis, columns: Sequence[dict[tuple[str, tuple[float, ...]], Floats]]) -> Score:
-        tried = []
-        for shapes in self._grid(h):
-            X = [np.column_stack([c[a, shapes] for a in h.amplitudes]) for c in columns]
-            tried.append(self._judged(h, X, np.array(shapes), np.zeros((len(self.drives), 0))))
-        return max(tried, key=lambda s: s.gain)
+    def _plain(self, h: Hypothesis, columns: Sequence[dict[_Key, Floats]]) -> Score:
+        grid = self._grid(h)
+        keys = list(dict.fromkeys(key for shapes in grid for key in self._keys(h, shapes)))
+        every = self._sums_of([np.column_stack([c[key] for key in keys]) for c in columns])
+        chosen = [[keys.index(key) for key in self._keys(h, shapes)] for shapes in grid]
+        best = int(np.argmax([self._promised(h, every.take(rows)).gain for rows in chosen]))
+        X = [np.column_stack([c[keys[row]] for row in chosen[best]]) for c in columns]
+        sums, no_times = every.take(chosen[best]), np.zeros((len(self.drives), 0))
+        return self._judged(h, X, sums, np.array(grid[best]), no_times)
 
-    def _judged(self, h: Hypothesis, X: Sequence[Floats], shapes: Floats, change_times: Floats) -> Score:
-        cross = total([N.T @ x for N, x in zip(self.moved, X, strict=True)])
-        weights = self._inverse @ cross
-        square = total([x.T @ x for x in X])
-        G = square - cross.T @ weights
-        b = weights.T @ self._pull - total([x.T @ r for x, r in zip(X, self.residual, strict=True)])
+    def _sums_of(self, X: Sequence[Floats]) -> _Sums:
+        """Return the products of columns ``(samples * ny, n)`` of each drive, summed over the drives."""
+        return _Sums(
+            total([N.T @ x for N, x in zip(self.moved, X, strict=True)]),
+            total([x.T @ x for x in X]),
+            total([x.T @ r for x, r in zip(X, self.residual, strict=True)]),
+        )
+
+    def _promised(self, h: Hypothesis, sums: _Sums) -> _Promised:
+        """Return the predicted gain of a hypothesis with columns of given products."""
+        weights = self._inverse @ sums.cross
+        G = sums.square - sums.cross.T @ weights
+        b = weights.T @ self._pull - sums.pull
         freedom = float(h.count(len(self.drives)))
         if h.name == ALL_PARAMETERS:  # stated values count as measured, once, within the prior
             prior = np.diag((PRIOR * self.point.values[[self.augmented.row(n) for n in h.amplitudes], 0]) ** -2.0)
             freedom, G = float(np.trace(np.linalg.solve(G + prior, G))), G + prior
-        raw = np.diagonal(square)
         # A column whose power the fit's own columns explain but for 1e-9 is not there.
-        seen = np.diagonal(G) > np.maximum(1e-9 * raw, 1e-300)
+        seen = np.diagonal(G) > np.maximum(1e-9 * np.diagonal(sums.square), 1e-300)
         a, gain = best_amplitudes(b, G, seen, *self._room(h))
-        error = np.full(len(b), np.inf)
-        if seen.any():
-            error[seen] = covariance_of(G[np.ix_(seen, seen)]).errors
-        promised = weights @ a
-        response = tuple((x @ a - N @ promised).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True))
+        return _Promised(gain, a, G, seen, freedom, weights)
+
+    def _judged(self, h: Hypothesis, X: Sequence[Floats], sums: _Sums, shapes: Floats, change_times: Floats) -> Score:
+        found = self._promised(h, sums)
+        error = np.full(len(found.amplitudes), np.inf)
+        if found.seen.any():
+            error[found.seen] = covariance_of(found.information[np.ix_(found.seen, found.seen)]).errors
+        moved = found.weights @ found.amplitudes
+        response = tuple(
+            (x @ found.amplitudes - N @ moved).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True)
+        )
         start = np.array([self.point.values[self.augmented.row(n), 0] for n in h.amplitudes])
-        return Score(h, gain, start + a, error, freedom, shapes, change_times, response, bool(seen.any()))
+        amplitudes, excited = start + found.amplitudes, bool(found.seen.any())
+        return Score(h, found.gain, amplitudes, error, found.freedom, shapes, change_times, response, excited)
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up."""
@@ -175,7 +226,7 @@ class ScoreTest:
             change_times[i] = [grid[k] if k >= 0 else never for k in (first, second)][: len(h.change_times)]
             steps = [self._steps(h, a, i) for a in h.amplitudes]
             X.append(np.column_stack([_response(s, first) - _response(s, second) for s in steps]).astype(float))
-        return self._judged(h, X, np.array(self._grid(h)[0]), change_times)
+        return self._judged(h, X, self._sums_of(X), np.array(self._grid(h)[0]), change_times)
 
     def moments_of(self, h: Hypothesis) -> Floats:
         """Return the likeliest change times of a hypothesis whose amplitudes are known ``(drives, change_times)``.

@@ -6,8 +6,10 @@ before that one is judged.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -204,15 +206,17 @@ class SelectionRound:
             return
         self.say(f"fitting {listed([s.hypothesis.name.replace('_', ' ') for s in scores])}")
 
-        def fitted(s: Score) -> Fitted:
-            added = (*self.added, *s.hypothesis.single)
-            starts = [self.candidate_fits.start(point, s) for point in (self.best.point, near) if point is not None]
-            found = self.candidate_fits.fit(added, self.candidate_fits.fitting.best(starts))
-            self.candidate_fits.judge(added, found.point)
-            return found
+        fits = self.candidate_fits
 
-        found = self.candidate_fits.augmented.share(fitted, scores)
+        def start(s: Score) -> Point:
+            starts = [fits.start(point, s) for point in (self.best.point, near) if point is not None]
+            return fits.fitting.best(starts)
+
+        reached = max((f.objective for f in self.fits.values()), default=-math.inf)
+        models = [((*self.added, *s.hypothesis.single), partial(start, s)) for s in scores]
+        found = fits.fit_all(models, reached, self.best.objective)
         self.fits |= {s.hypothesis: f for s, f in zip(scores, found, strict=True)}
+        fits.augmented.share(self.judged, scores)
 
     def judged(self, s: Score) -> Candidate:
         """Return a hypothesis that was fitted, with its judgement on the held-out drives."""

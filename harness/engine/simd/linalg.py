@@ -117,7 +117,7 @@ def scalar_updates(x_prior, P_prior, predicted, H, seen, y, r, x, P, work, info)
     put(count, info.seen, 0)
 
 
-@_jit
+@_inlined
 def add_input_errors(P, errors):
     """Add ``G G'`` to a predicted covariance: what the errors of the inputs do to the state.
 
@@ -135,7 +135,7 @@ def add_input_errors(P, errors):
             put(total, P, j, i)
 
 
-@_jit
+@_inlined
 def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, work, info):
     """Correct a prior with measurements that see the same errors of the inputs as the prior.
 
@@ -188,7 +188,7 @@ def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, 
     return _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired)
 
 
-@_jit
+@_inlined
 def _dot(H, seen, a, errors, c):
     """Return the product of one row of H with the state's part of a column of errors."""
     total = splat(0.0)
