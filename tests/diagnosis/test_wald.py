@@ -41,5 +41,5 @@ def test_the_predicted_loss_is_that_of_a_fit_without_it(augmented, fits):
     most = losses(free, (offset, bias), both)[offset]
     assert 0.5 * most < free.bic(both.objective - without.objective, 1) < most  # noise takes up a part
     process = fits.fit((offset, drift), first)
-    assert losses(fits, (offset, drift), process)[drift] == fits.bic(0.0, 1)  # its curvature says nothing where it is absent
+    assert losses(fits, (offset, drift), process)[drift] == fits.bic(0.0, 1)  # nothing is known of it
     assert losses(fits, (), fits.fit((), first)) == {}
