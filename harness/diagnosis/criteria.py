@@ -7,6 +7,31 @@ trace takes and the last digits of what it finds, and not which effect it names.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Priors:
+    """What is known before the drives are seen.
+
+    That the odds of a kind are shared corrects for how many hypotheses are tried (Scott and Berger 2010, section 2). An
+    effect that is tried at several places shares those of its file.
+
+    Attributes:
+        odds: Against the same model without it, that something of a kind is there; all hypotheses of a kind share them.
+        stated: Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once.
+        implausible: How many of these one of many parameters may be off at most.
+        beside_curves: The most that it may be for the step of a parameter beside curves.
+        misfit: Factor on the long-run variance of the innovations that something unmodelled adds at least.
+    """
+
+    odds: Mapping[str, float]
+    stated: float
+    implausible: float
+    beside_curves: float
+    misfit: float
+
 
 BIC_NEEDED = 50.0
 """Gain in BIC on the fitted drives that counts as evidence, and as a lead over another hypothesis.
@@ -36,23 +61,12 @@ LITTLE = 0.01
 """Share of the excess of the model without additions below which nothing is left to explain either: of a large effect
 the library's form and the vehicle differ by as much."""
 
-IMPLAUSIBLE = 3.0
-"""Standard deviations of the prior, a factor of 1.8 on the stated value, beyond which an error of one of many
-parameters is implausible: without a bound, many parameters together fit whatever is missing."""
-
 ALIKE = 0.9
 """Cosine of two responses from which hypotheses count as hardly distinguishable: a fifth of the power of one shows
 beside the other."""
 
 SAME = 0.999
 """Cosine of two responses from which the drives cannot tell hypotheses apart at all; only one of them is fitted."""
-
-FAVOUR = 2.0
-"""Lead in BIC that a parameter of the model gets in the ranking over an effect, which may be equivalent to it."""
-
-HOPE = 1.5
-"""A fit may gain this much more than the score test predicts, and more still where others did; many parameters at once,
-the longest fit, are not fitted where they cannot reach the best one."""
 
 TRIED = 3
 """Hypotheses that are fitted at a time: the best of a round, what acts like the best, what stands in the place of an
@@ -69,27 +83,23 @@ FARTHER = 4.0
 """Largest ratio of the excess of the simulation to the one expected of a random process; beyond it something else is
 missing. A slow process may well reach twice its standard deviation in a drive."""
 
-TRUSTED = 0.03
-"""Largest standard deviation of the prior on the step of a parameter beside curves: further from the fit its linear
-response does not hold, and a parameter that these drives hardly excite would leave the model's range."""
-
 STABLE = 0.2
 """Share of the halves of the drives that must choose a curve over a regressor before it is fitted."""
 
-ODDS = {
-    "effect": 0.3,  # of the vehicle: a model that somebody believes in lacks something in every fourth case or so
-    "sensor": 0.3,  # a fault of one sensor is as common: mountings, scales, clocks
-    "parameter": 0.3,  # and so is one stated value that is off by more than its tolerance
-    "many": 0.03,  # that many are off at once is rarer, and such a model fits whatever is missing
-    "none": 0.1,  # something that the library does not hold; it has thirty effects because they are what is met
-}
-"""Odds, against the same model without it, that something of a kind is there; all hypotheses of a kind share them.
-
-That the odds are shared corrects for how many hypotheses are tried (Scott and Berger 2010, section 2). An effect that
-is tried at several places shares those of its file."""
-
-PRIOR = 0.2
-"""Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once."""
+PRIORS = Priors(
+    odds={
+        "effect": 0.3,  # of the vehicle: a model that somebody believes in lacks something in every fourth case or so
+        "sensor": 0.3,  # a fault of one sensor is as common: mountings, scales, clocks
+        "parameter": 0.3,  # and so is one stated value that is off by more than its tolerance
+        "many": 0.03,  # that many are off at once is rarer, and such a model fits whatever is missing
+        "none": 0.1,  # something that the library does not hold; it has thirty effects because they are what is met
+    },
+    stated=0.2,  # most stated values are right to a fifth
+    implausible=3.0,  # a factor of 1.8; without a bound many parameters together fit whatever is missing
+    beside_curves=0.03,  # further from the fit the linear response of a parameter that is hardly excited does not hold
+    misfit=1.5,  # a noise variance that was estimated, and parameters that were, leave some percent
+)
+"""What is known before the drives are seen."""
 
 HORIZONS = (0.0, 0.1, 1.0, 10.0, math.inf)
 """s; one sample, then decades from what sensors and steering do to what a manoeuvre does, and the whole drive."""
@@ -99,7 +109,3 @@ BLOCK = 5.0
 
 MASS = 0.9
 """Probability that the confusable set holds."""
-
-MISFIT = 1.5
-"""Factor on the long-run variance of the innovations that something unmodelled adds at least: a noise variance that was
-estimated, and parameters that were, leave some percent."""

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
-from harness.diagnosis.criteria import HOPEFUL, ODDS, PRIOR
+from harness.diagnosis.criteria import HOPEFUL, PRIORS
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
@@ -111,7 +111,7 @@ def innovations(drift, seed, samples=12_000):
 def test_none_of_these_wins_where_the_innovations_are_coloured_and_loses_where_they_are_white(drift, wins):
     fitted, held_out = ([innovations(drift, seed)] for seed in (1, 2))
     gain = p.coloured(fitted, held_out, (10, 100))
-    found = p.probabilities(np.log([1.0, ODDS["none"]]), np.array([[0.0], [gain]]))
+    found = p.probabilities(np.log([1.0, PRIORS.odds["none"]]), np.array([[0.0], [gain]]))
     assert (found[1] > 0.9) == wins
     assert wins or found[1] < 0.05
 
@@ -165,7 +165,7 @@ def test_the_confusable_set_is_the_smallest_with_its_mass():
 def test_the_odds_of_a_kind_are_shared_and_places_share_those_of_their_effect(augmented):
     tried = [h for h in hypotheses(augmented, FREE) if not h.parts]  # which never stands in a model itself
     odds = log_odds(tried)
-    for kind, together in ODDS.items():
+    for kind, together in PRIORS.odds.items():
         of_kind = [h for h in tried if kind_of(h) == kind]
         assert not of_kind or sum(math.exp(odds[h.kind, h.name]) for h in of_kind) == pytest.approx(together)
     places = [h for h in tried if h.name.split("@")[0] == "tyre_force_offset"]
@@ -179,7 +179,7 @@ def test_a_stated_value_off_by_a_factor_costs_by_its_prior():
     mass = Hypothesis("mass", "parameter", ("mass",))
     c = Coordinate("mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg")
     fitted = SimpleNamespace(coordinates=(c,), point=SimpleNamespace(value=lambda _: 1800.0))
-    assert log_size(fitted, (mass,)) == pytest.approx(-0.5 * (math.log(1.8) / PRIOR) ** 2)
+    assert log_size(fitted, (mass,)) == pytest.approx(-0.5 * (math.log(1.8) / PRIORS.stated) ** 2)
     assert log_size(fitted, (Hypothesis("lag", "effect", ("mass",)),)) == 0.0
 
 

@@ -8,7 +8,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from harness.diagnosis.criteria import PRIOR
+from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import Coordinate, intensity_coordinate, parameter_coordinate
 from harness.models.assembly.placement import (
@@ -165,7 +165,7 @@ def coordinates(
     change_times = dict.fromkeys(n for h in added for n in h.change_times)
     return (
         *(_coordinate(model, name, std=known.get(name, math.inf) if name in free else math.inf) for name in alone),
-        *(_coordinate(model, name, PRIOR) for name in many),
+        *(_coordinate(model, name, PRIORS.stated) for name in many),
         *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
         *(_intensity(model, n) for h in added if h.random for n in h.shared),
     )

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import BIC_NEEDED, STABLE, TRIED, TRUSTED
+from harness.diagnosis.criteria import BIC_NEEDED, PRIORS, STABLE, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -197,7 +197,7 @@ def find_unmodelled(
         residuals = [r.residual for r in here.distance_drives]
         pairs = proposals(ranking, ranked_inputs, here.regressors, here.signals, here.moved, residuals)
         pairs = [p for p in pairs if p.stability >= STABLE][:_PAIRS]
-    prior = np.array([min(c.prior, TRUSTED) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
+    prior = np.array([min(c.prior, PRIORS.beside_curves) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
     alone = _solved(here.sums([]), prior, 0, _STIFFNESS[0])[0]
     curves, weights = _selected(here, pairs, prior)
     columns = [kept_aside.responses(Proposal(c.disturbance_input, c.regressor, 0.0), c.basis) for c in curves]

@@ -12,8 +12,8 @@ from harness.diagnosis.criteria import (
     ERROR_NEEDED,
     EXCESS,
     HOPEFUL,
-    IMPLAUSIBLE,
     MOST,
+    PRIORS,
     SAME,
 )
 from harness.diagnosis.fitting.fit import Fitted
@@ -165,7 +165,7 @@ def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
     factors = {}
     for at in (c for c in fitted.coordinates if c.name in many):
         away = at.coordinate(fitted.point.value(at)) - at.centre
-        if abs(away) > IMPLAUSIBLE * at.prior:
+        if abs(away) > PRIORS.implausible * at.prior:
             factors[words(at.name)] = math.exp(away)
     worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]
     return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)

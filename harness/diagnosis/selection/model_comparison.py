@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import ALIKE, BLOCK, HOPEFUL, HORIZONS, ODDS, SAME, TRIED
+from harness.diagnosis.criteria import ALIKE, BLOCK, HOPEFUL, HORIZONS, PRIORS, SAME, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
@@ -156,7 +156,7 @@ class _Comparison:
         order = np.argsort(-shares, kind="stable")
         first = weighed.predicted[order[0]]
         none = densities[order[0]] + self._colour(first) / densities.shape[1]
-        with_none = np.append(priors, priors[order[0]] + math.log(ODDS["none"]))
+        with_none = np.append(priors, priors[order[0]] + math.log(PRIORS.odds["none"]))
         joint = probabilities(with_none, np.vstack([densities, none]))
         found = tuple(
             Model(

@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
-from harness.diagnosis.criteria import BLOCK, MASS, MISFIT
+from harness.diagnosis.criteria import BLOCK, MASS, PRIORS
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.innovations.prediction import Ahead
 from harness.diagnosis.model.hypotheses import Hypothesis
@@ -170,8 +170,8 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats], lengths: Sequ
     """Return how much likelier the held-out drives are if something unmodelled adds to the slow innovations.
 
     It adds to the variance of sums over blocks: of each output what the fitted drives show, where that is the factor
-    ``MISFIT`` or more; of the output that shows most ``MISFIT`` in any case, because else nothing would be claimed. Of
-    the lengths of the blocks the one counts at which the fitted drives show most.
+    ``PRIORS.misfit`` or more; of the output that shows most that factor in any case, because else nothing would be
+    claimed. Of the lengths of the blocks the one counts at which the fitted drives show most.
 
     Args:
         fitted: Whitened innovations of the fitted drives ``(samples, ny)``.
@@ -185,8 +185,8 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats], lengths: Sequ
         here = long_run(fitted, samples)
         factors = np.nansum(here, axis=0) / np.maximum(np.isfinite(here).sum(axis=0), 1)
         most = int(np.argmax(factors))
-        factors = np.where(factors < MISFIT, 1.0, factors)
-        factors[most] = max(factors[most], MISFIT)
+        factors = np.where(factors < PRIORS.misfit, 1.0, factors)
+        factors[most] = max(factors[most], PRIORS.misfit)
         tried.append((_wider(here, factors), _wider(long_run(held_out, samples), factors)))
     return max(tried, default=(0.0, 0.0))[1]
 

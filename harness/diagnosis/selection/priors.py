@@ -6,14 +6,14 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from harness.diagnosis.criteria import ODDS, PRIOR
+from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.models.assembly.placement import split
 
 
 def kind_of(h: Hypothesis) -> str:
-    """Return the kind of a hypothesis in ``ODDS``."""
+    """Return the kind of a hypothesis in the table of odds."""
     if h.kind == "parameter":
         return "many" if h.name == ALL_PARAMETERS else "parameter"
     return "effect" if h.output is None else "sensor"
@@ -29,18 +29,20 @@ def log_odds(tried: Sequence[Hypothesis]) -> dict[tuple[str, str], float]:
     files = {(kind_of(h), split(h.name)[0]) for h in tried}
     of_kind = Counter(kind for kind, _ in files)
     of_file = Counter((kind_of(h), split(h.name)[0]) for h in tried)
-    return {
-        (h.kind, h.name): math.log(ODDS[kind_of(h)] / of_kind[kind_of(h)] / of_file[kind_of(h), split(h.name)[0]])
-        for h in tried
-    }
+
+    def odds(h: Hypothesis) -> float:
+        kind = kind_of(h)
+        return PRIORS.odds[kind] / of_kind[kind] / of_file[kind, split(h.name)[0]]
+
+    return {(h.kind, h.name): math.log(odds(h)) for h in tried}
 
 
 def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
     """Return the logarithm of how plausible the errors of stated values are, over no error.
 
-    A positive parameter is off by a factor whose logarithm is normal with the standard deviation ``PRIOR``, so that a
-    factor of 1.8 costs four units and one of ten more than sixty.
+    A positive parameter is off by a factor whose logarithm is normal with the standard deviation ``PRIORS.stated``, so
+    that a factor of 1.8 costs four units and one of ten more than sixty.
     """
     stated = {n for h in added if h.kind == "parameter" for n in h.amplitudes}
     moved = [c for c in fitted.coordinates if c.name in stated and c.logarithmic]
-    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / PRIOR) ** 2 for c in moved)
+    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / PRIORS.stated) ** 2 for c in moved)

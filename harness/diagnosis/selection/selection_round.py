@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FAVOUR, HOPE, MOST, TRIED
+from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, MOST, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
 from harness.diagnosis.selection.acceptance import (
@@ -28,6 +28,7 @@ from harness.diagnosis.selection.acceptance import (
     with_sensor,
 )
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
+from harness.diagnosis.selection.priors import log_odds
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 from harness.models.quantities import listed
@@ -117,8 +118,12 @@ class SelectionRound:
         fits, open_ = self.candidate_fits, self.open()
         scores = ScoreTest(fits.fitting, self.best).of([h for h in open_ if not h.random])
         scores += [random_score(fits, self.best.point, h) for h in open_ if h.random and not fits.fitting.noise_held]
-        favour = {s.hypothesis: FAVOUR * (s.hypothesis.kind == "parameter") for s in scores}
-        self.promised = sorted(scores, key=lambda s: self.predicted_bic_gain(s) + favour[s.hypothesis], reverse=True)
+        odds = log_odds(hypotheses(fits.augmented, fits.free))
+
+        def promise(s: Score) -> float:
+            return self.predicted_bic_gain(s) + 2.0 * sum(odds[h.kind, h.name] for h in s.hypothesis.single)
+
+        self.promised = sorted(scores, key=promise, reverse=True)
         # The predicted gain of many things at once is large whatever is missing, and so is that of a process, which
         # follows anything slow; it must not exclude others.
         plain, random = ([s for s in self.promised if s.hypothesis.random == kind] for kind in (False, True))
@@ -143,7 +148,7 @@ class SelectionRound:
         short = max(1.0, reached / predicted)
         many = [s for s in self.shortlist if s.hypothesis.name == ALL_PARAMETERS]
         if not self.settled():
-            self.fit([s for s in many if HOPE * short * self.predicted_bic_gain(s) >= reached])
+            self.fit([s for s in many if short * self.predicted_bic_gain(s) >= reached])
 
     def settled(self) -> bool:
         """Whether a single hypothesis is accepted and explains everything; then many parameters need no fit."""
