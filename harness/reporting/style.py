@@ -232,6 +232,7 @@ def _lay_out(fig: Figure) -> None:
     renderer = RendererSVG(width, height, io.StringIO(), image_dpi=int(fig.dpi))
     left, right, over = 0.0, 0.0, []
     for axes in fig.axes:
+        _fold_title(axes, renderer)
         box, outer = axes.get_window_extent(renderer), axes.get_tightbbox(renderer, bbox_extra_artists=[])
         assert outer is not None
         left, right = max(left, box.x0 - outer.x0), max(right, outer.x1 - box.x1)
@@ -245,6 +246,15 @@ def _lay_out(fig: Figure) -> None:
         y -= pad + above + share
         axes.set_position(((left + pad) / width, y / height, 1.0 - (left + right + 2 * pad) / width, share / height))
         y -= below + pad
+
+
+def _fold_title(axes: Axes, renderer: RendererSVG) -> None:
+    """Break a title that is wider than its panel: it would be cut off, and take the width of all panels."""
+    text = axes.get_title(loc="left").replace("\n", " ")
+    wide = axes.set_title(text, loc="left").get_window_extent(renderer).width
+    room = axes.get_window_extent(renderer).width
+    if wide > room:
+        axes.set_title(textwrap.fill(text, max(1, int(0.95 * len(text) * room / wide))), loc="left")
 
 
 def logarithmic(axes: Axes, low: float, high: float) -> None:
