@@ -18,10 +18,13 @@ from harness.recorded.summary import outputs_of
 from harness.reporting import style
 from harness.reporting.style import Look, looks
 
-_PANEL, _LOWEST = 1.6, 1.15
+_PANEL, _LOWEST = 1.6, 1.03
 """Inches per panel, and where that saves a page."""
 
-PER_FIGURE = int((style.TALLEST - 1.4) // _LOWEST)
+_AROUND = 1.2
+"""Inches of a figure above and below its panels."""
+
+PER_FIGURE = int((style.TALLEST - _AROUND) // _LOWEST)
 """Panels that a page takes."""
 
 _POINTS = 1500
@@ -123,7 +126,7 @@ def normalised(runs: Sequence[xr.Dataset], names: Sequence[str], title: str) -> 
     chosen = looks([r.attrs["estimator"] for r in runs])
     handles = [_line(r, chosen) for r in drawn]
     with style.drawing():
-        fig = style.figure(1.2 + 1.9 * len(names))
+        fig = style.figure(_height(len(names)))
         panels = fig.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for axes, name in zip(panels, names, strict=True):
             panel(axes, name, chosen)
@@ -151,6 +154,12 @@ def _averaged(time: Floats, value: Floats, degrees: Floats, single: bool) -> tup
     return table[:, 0], table[:, 1], table[:, 2:]
 
 
+def _height(panels: int) -> float:
+    """Return the inches of a figure: those that its panels like, or half a page or a whole one where they fit there."""
+    liked, least = (_AROUND + size * panels for size in (_PANEL, _LOWEST))
+    return next(min(liked, room) for room in (style.HALF, style.TALLEST) if least <= room)
+
+
 def _panels(
     runs: Sequence[xr.Dataset],
     names: Sequence[str],
@@ -162,7 +171,7 @@ def _panels(
     """Return a figure with a panel for each quantity."""
     chosen = looks([r.attrs["estimator"] for r in runs])
     with style.drawing():
-        fig = style.figure(1.2 + min(_PANEL, (style.TALLEST - 1.4) / len(names)) * len(names))
+        fig = style.figure(_height(len(names)))
         panels = fig.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for axes, name in zip(panels, names, strict=True):
             panel(axes, name, chosen)
