@@ -26,7 +26,7 @@ def page(text: str) -> bytes:
         text: From typst.
     """
     here = Path(__file__).parent
-    css = (here / "page.css").read_text(encoding="utf-8")
+    css = "".join((here / name).read_text(encoding="utf-8") for name in ("page.css", "rolled.css"))
     script = '"use strict";\n' + "".join((here / name).read_text(encoding="utf-8") for name in ("tables.js", "page.js"))
     head, mark, rest = text.partition("</head>")
     if not mark:

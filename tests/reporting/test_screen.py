@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import json
 import re
 import shutil
 import subprocess
@@ -102,6 +103,24 @@ def test_rows_are_found_by_what_they_hold(page, tmp_path):
     seen = _after(page, tmp_path / "page.html", doing)
     body = seen[seen.index("<tbody") : seen.index("</tbody")]
     assert body.count('<tr hidden=""') == 6
+
+
+@in_a_browser
+def test_on_a_phone_a_figure_keeps_its_size_and_rolls(page, tmp_path):
+    wide = "e => [e.scrollWidth > e.clientWidth, e.querySelector('svg').clientWidth, e.clientWidth]"
+    framed = page.replace("<body>", '<body><iframe width=390 height=800 srcdoc="X"></iframe>', 1)
+    assert framed != page
+    doing = (
+        "const f = document.querySelector('iframe'), d = f.contentDocument;"
+        "d.documentElement.innerHTML = [...document.querySelectorAll('style')].map(s => s.outerHTML).join('')"
+        " + document.querySelector('figure:has(svg)').outerHTML;"
+        f"document.title = JSON.stringify(({wide})(d.querySelector('figure')))"
+    )
+    seen = _after(framed, tmp_path / "page.html", f"onload = () => {{ {doing} }}")
+    rolls, size, frame = json.loads(re.search(r"<title>(.*?)</title>", seen)[1])
+    assert rolls
+    assert size > 540  # 9 points of print are 10 pixels then
+    assert frame < 390
 
 
 def _column(seen: str) -> list[str]:
