@@ -72,6 +72,9 @@ _COLOUR_BY = """
 const [unit, low, high] = JSON.parse(chosen.tags[0])[cb_obj.value];
 path.data.value = path.data[cb_obj.value]; path.change.emit();
 mapper.low = low; mapper.high = high; bar.title = unit;
+const now = new URLSearchParams(location.search);
+now.set('colour', cb_obj.value);
+history.replaceState(null, '', '?' + now);
 """
 _TIME_IN_ADDRESS = """
 clearTimeout(window.telling);
@@ -111,6 +114,7 @@ class AboveFigure:
         layout: What goes into the page.
         cursor: The time of the slider, ``t``, for figures over time.
         draw: Draws the moment of the slider; for when the page is ready, if its numbers came with it.
+        begin_at, begin_by: Time in s, and what the path is coloured by, that the first run is shown with.
         to_here: Moves the slider to where a figure over time is clicked.
     """
 
@@ -123,7 +127,7 @@ class AboveFigure:
         self._paths = ColumnDataSource({"xs": [], "ys": [], "colour": [], "name": []}, name="estimated paths")
         self._along: dict[str, Along] = {}
         self._run: Replayed | None = None
-        self.begin_at, self._begun = 0.0, False
+        self.begin_at, self._begun, self.begin_by = 0.0, False, ""
         self._path = ColumnDataSource({name: [] for name in ("x0", "y0", "x1", "y1", "value")})
         self._extent = ColumnDataSource({"x": [], "y": []})
         self._slider = Slider(title="Time in s", start=0.0, end=1.0, value=0.0, step=0.01, sizing_mode="stretch_width")
@@ -315,7 +319,8 @@ class AboveFigure:
         ends = {
             k: [units[k], 0.0, 1.0 if k == USE else max(float(np.nanmax(v, initial=0.0)), 1e-9)] for k, v in by.items()
         }
-        key = self._by.value if self._by.value in by else next(iter(by))
+        key = next(k for k in (self.begin_by, self._by.value, *by) if k in by)
+        self.begin_by = self.begin_by if self.begin_by not in by else ""
         self._path.data = {"x0": x[:-1], "y0": y[:-1], "x1": x[1:], "y1": y[1:], "value": by[key][:-1]} | {
             k: v[:-1] for k, v in by.items()
         }

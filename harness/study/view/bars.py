@@ -7,20 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, CustomJSTickFormatter, Legend, LegendItem
+from bokeh.models import ColumnDataSource, LegendItem
 
 from harness.reporting import style
 from harness.study.view import looks
 
 _ROW = 36
 """Pixels of a row with its name and one bar."""
-
-_PLAIN = """
-const size = Math.abs(tick), power = Math.floor(Math.log10(size));
-return size === 0 || (size >= 1e-3 && size < 1e6) ? String(Number(tick.toPrecision(6))).replace('-', '−')
-    : `${Number((tick / 10 ** power).toPrecision(3))}·10^${power}`;
-"""
-"""A tick as a number that one reads, not as 5.000e+4."""
 
 
 def bars(names: Sequence[str], groups: Sequence[tuple[str, Sequence[float]]], label: str) -> Any:
@@ -40,7 +33,7 @@ def bars(names: Sequence[str], groups: Sequence[tuple[str, Sequence[float]]], la
         found.add_tools(looks.hover([drawn], ("", "@name"), (name, "@value{0.000 a}")))
         items.append(LegendItem(label={"value": name}, renderers=[drawn]))
     if count > 1:
-        found.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None), "above")
+        looks.legend_above(found, items)
     return found
 
 
@@ -81,7 +74,7 @@ def changes(
     found.text([high] * int(lost.sum()), y[lost], [f"{sides[1]}: no finite value"] * int(lost.sum()),
                text_align="right", text_baseline="middle", text_font_size="12px", text_font=looks.FONT, x_offset=-6,
                background_fill_color="#ffffff", padding=2)  # fmt: skip
-    found.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None, margin=0), "above")
+    looks.legend_above(found, items)
     return found
 
 
@@ -91,5 +84,5 @@ def _rows(title: str, names: Sequence[str], row: int, label: str, **further: Any
         title, 90 + row * len(names), tools="reset", y_range=(-0.55, len(names) - 0.45), frame_align=False, **further
     )
     looks.names_inside(found, names, found.x_range.start)
-    found.xaxis.axis_label, found.xaxis.formatter = label, CustomJSTickFormatter(code=_PLAIN)
+    found.xaxis.axis_label, found.xaxis.formatter = label, looks.plain_ticks()
     return found

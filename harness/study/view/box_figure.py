@@ -6,13 +6,19 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from bokeh.models import ColumnDataSource, FixedTicker, Legend, LegendItem, Span
+from bokeh.models import ColumnDataSource, CustomJS, FixedTicker, LegendItem, Span
 
 from harness.models.quantities import Quantity
 from harness.reporting import style
 from harness.reporting.style import Look
 from harness.study.view import looks
 from harness.study.view.boxes import POINTS, SCORES, Box, unit_of
+
+_NO_WIDER = """
+const pixels = Math.max(1.5, Math.min(5, 0.5 * wide * cb_obj.inner_width));
+points.setv({size: {value: pixels}}, {sync: false});
+"""
+"""Points that are half as wide as a box, so that on a phone nine estimators do not cover each other."""
 
 
 class BoxFigure:
@@ -48,11 +54,11 @@ class BoxFigure:
         reference: Mapping[float, str] = MappingProxyType({}),
         across: str = "",
     ) -> None:
-        self._boxes, self._names = [b for b in boxes if len(b.values)], estimators
+        self._boxes, self._names, self._labels = [b for b in boxes if len(b.values)], estimators, labels
         self._log = log and all((b.values > 0).all() for b in self._boxes)
         self.estimators = list(dict.fromkeys(b.estimator for b in boxes))
         self.width = 0.84 / max(1, len(self.estimators))
-        unit = unit_of(score, target)
+        self._unit = unit_of(score, target)
         self.plot = looks.plot(
             title
             or f"{SCORES[score]}{'' if score in ('nees', 'nis', 'time_of_divergence') else ' of the ' + target.words}",
@@ -63,15 +69,13 @@ class BoxFigure:
             name="boxes of runs",
         )
         self.plot.toolbar.active_drag = None
-        self.plot.yaxis.axis_label = SCORES[score] + style.in_unit(unit)
+        self.plot.yaxis.axis_label = SCORES[score] + style.in_unit(self._unit)
         self.plot.xaxis.axis_label = across
         self.plot.xaxis.ticker = FixedTicker(ticks=list(range(len(labels))))
         self.plot.xaxis.major_label_overrides = {i: str(label) for i, label in enumerate(labels)}
         self.plot.xaxis.major_label_orientation = 0.0 if sum(map(len, labels)) < 90 else 0.6
         self.plot.xgrid.grid_line_color = None
-        self.plot.add_layout(
-            Legend(items=self._draw(chosen), orientation="horizontal", border_line_color=None, ncols=4), "above"
-        )
+        looks.legend_above(self.plot, self._draw(chosen), 3)
         for level, dashes in reference.items():
             self.plot.add_layout(Span(location=level, dimension="width", line_color=style.TRUTH, line_dash=dashes))
         self.marked = ColumnDataSource({"x": [], "y": []})
@@ -87,20 +91,19 @@ class BoxFigure:
         low, middle, high = np.array([b.quartiles for b in own]).reshape(-1, 3).T
         ends = np.array([[b.values[0], b.values[-1]] for b in own]).reshape(-1, 2).T
         colours = [looks.line(s) for s in styles]
+        x, wide = np.array([self.place(b.across, b.estimator) for b in own]), 0.85 * self.width
         source = ColumnDataSource({
-            "x": [self.place(b.across, b.estimator) for b in own], "low": low, "middle": middle, "high": high,
+            "x": x, "left": x - wide / 2, "right": x + wide / 2, "low": low, "middle": middle, "high": high,
             "least": ends[0], "most": ends[1], "runs": [len(b.values) for b in own], "lost": [b.lost for b in own],
             "line": colours, "tint": [looks.colour(s.tint) for s in styles], "hatch": [looks.hatch(s) for s in styles],
             "grain": [looks.grain(s) for s in styles],
             "name": [str(self._names[b.estimator]) for b in own],
         })  # fmt: skip
-        wide = 0.85 * self.width
         self.plot.segment("x", "least", "x", "most", source=source, color="line")
         box = self.plot.vbar(
             "x", wide, "high", "low", source=source, fill_color="tint", line_color="line", fill_alpha=0.8,
             hatch_pattern="hatch", hatch_color="line", hatch_alpha=0.6, hatch_scale="grain",
         )  # fmt: skip
-        self.plot.scatter("x", "middle", source=source, marker="dash", size=14, color="line", line_width=3)
         most = max(8, POINTS // max(1, len(self._boxes)))
         spread = [self._points(b, most) for b in own]
         counts, nothing = [len(s["x"]) for s in spread], np.empty(0)
@@ -110,6 +113,9 @@ class BoxFigure:
             "marker": [looks.marker(s) for s, count in zip(styles, counts, strict=True) for _ in range(count)],
         })  # fmt: skip
         drawn = self.plot.scatter("x", "y", source=points, marker="marker", size=5, color="line", alpha=0.55)
+        share = CustomJS(args={"points": drawn.glyph, "wide": wide / max(1, len(self._labels))}, code=_NO_WIDER)
+        self.plot.js_on_change("inner_width", share)
+        self.plot.segment("left", "middle", "right", "middle", source=source, color=style.TRUTH, line_width=2)
         told = [("", "@name"), ("median", "@middle{0.000 a}"), ("quartiles", "@low{0.000 a} to @high{0.000 a}")]
         told += [("smallest, largest", "@least{0.000 a}, @most{0.000 a}"), ("runs, lost", "@runs, @lost")]
         self.plot.add_tools(looks.hover([box], *told), looks.hover([drawn], ("run", "@y{0.000 a}")))
@@ -142,6 +148,15 @@ class BoxFigure:
     def boxes(self) -> list[Box]:
         """The boxes that hold a run."""
         return self._boxes
+
+    @property
+    def offered(self) -> list[tuple[str, str]]:
+        """The boxes as a list to choose from: the index of each, and what it is with its median."""
+        return [
+            (str(i), f"{self._labels[b.across]}, {self._names[b.estimator]}: "
+             f"median {style.with_unit(b.quartiles[1], self._unit)}")
+            for i, b in enumerate(self._boxes)
+        ]  # fmt: skip
 
     def mark(self, across: int, values: dict[int, float]) -> None:
         """Mark the scores of the run that is shown, by estimator."""

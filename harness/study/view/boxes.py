@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from harness.models.quantities import Quantity
+from harness.models.quantities import Quantity, words
 from harness.study.results import Design
 
 SCORES = {
@@ -152,3 +152,9 @@ def unit_of(score: str, target: Quantity) -> str:
     if score == "time_of_divergence":
         return "s"
     return "" if score in ("nees", "nis") else target.unit
+
+
+def run_in_words(design: str, level: str, drive: str, point: int | None, repeat: int) -> str:
+    """Return which run it is, as a reader says it; ``point`` of designs that have several."""
+    middle = "" if point is None else f", point {point}"
+    return f"{words(design)}, {level}, drive {drive}{middle}, repeat {repeat}"

@@ -77,7 +77,8 @@ class DrivesFigure:
         ]  # fmt: skip
         plots[-1].xaxis.axis_label = "time in s"
         if "x" in columns:
-            plots.append(column(*self._paths(columns, left, q.unit), sizing_mode="stretch_width"))
+            paths = self._paths(columns, left, q.unit)
+            plots.append(row(*paths, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"}))
         self._holder.children = plots
         self._told(drive, output)
 
@@ -122,6 +123,7 @@ class DrivesFigure:
             bar = ColorBar(color_mapper=mapper["transform"], title=title, width=14, title_text_font=looks.FONT,
                            title_text_font_style="normal", title_text_font_size="12px")  # fmt: skip
             plot.add_layout(bar, "right")
+            plot.styles = {"flex": "1 1 480px"}
             found.append(plot)
         return found
 

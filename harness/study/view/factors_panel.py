@@ -16,7 +16,6 @@ from bokeh.models import (
     ColorBar,
     ColumnDataSource,
     FixedTicker,
-    Legend,
     LegendItem,
     LinearColorMapper,
     LogColorMapper,
@@ -302,7 +301,7 @@ def _indices(design: Design, first: tuple[Interval, ...], total: tuple[Interval,
             looks.hover([dots], ("", "@name"), (name, "@value{0.000}"), ("95 %", "@lower{0.000} to @upper{0.000}"))
         )
         items.append(LegendItem(label={"value": name}, renderers=[dots]))
-    plot.add_layout(Legend(items=items, orientation="horizontal", border_line_color=None), "above")
+    looks.legend_above(plot, items)
     plot.xaxis.axis_label = "share of the variance"
     looks.names_inside(plot, names, plot.x_range.start)
     return plot

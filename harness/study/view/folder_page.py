@@ -15,6 +15,8 @@ from harness.study.view import campaign_page
 from harness.study.view.frame import Part, address_bar, put_parts, read_record, said
 from harness.study.view.tables import table
 
+_SEVERAL = {"study": "studies"}
+
 
 def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Document], None]:
     """Return what puts the page of a folder into a document.
@@ -32,7 +34,8 @@ def build(folder: Path, results: Sequence[tuple[Path, str]]) -> Callable[[Docume
             {"result": [str(i) for i in range(1, len(listed) + 1)]},
         )
         kinds = [kind for _, kind, *_ in listed]
-        count = ", ".join(f"{kinds.count(kind)} of kind {kind}" for kind in dict.fromkeys(kinds))
+        counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+        count = ", ".join(f"{n} {k if n == 1 else _SEVERAL.get(k, f'{k}s')}" for k, n in counts.items())
         parts = [Part("Results", [shown], "A title opens the page of that result.")]
         addresses = {path.name: str(i) for i, (path, _) in enumerate(results, 1)}
         for path, kind in results:

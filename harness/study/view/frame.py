@@ -17,8 +17,10 @@ from harness.common.errors import UserError
 from harness.study.view import tables
 
 _ADDRESS = """
-const time = new URLSearchParams(location.search).get('time');  // of a slider that the browser alone moves
-history.replaceState(null, '', cb_obj.value + (time === null ? '' : '&time=' + encodeURIComponent(time)));
+const was = new URLSearchParams(location.search), now = new URLSearchParams(cb_obj.value);
+for (const name of ['time', 'colour'])  // of what the browser alone moves
+    if (was.has(name)) now.set(name, was.get(name));
+history.replaceState(null, '', '?' + now);
 """
 
 

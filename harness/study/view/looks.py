@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, HoverTool, NoOverlap
+from bokeh.models import (
+    ColumnDataSource,
+    CustomJS,
+    CustomJSTicker,
+    CustomJSTickFormatter,
+    HoverTool,
+    Legend,
+    LogScale,
+    NoOverlap,
+)
 from bokeh.plotting import figure
 
 from harness.common.arrays import Floats
@@ -24,6 +33,42 @@ NAME = 0.5
 """Share of a row that its name takes where names stand inside a figure."""
 
 _TITLE = 34  # characters of a title that fit on a phone
+_FOLD = """
+const pen = document.createElement('canvas').getContext('2d'), lines = [''];
+pen.font = `bold ${title.text_font_size} ${title.text_font}`;
+for (const word of title.text.split(/\\s+/)) {
+    const longer = `${lines.at(-1)} ${word}`.trim();
+    if (longer === word || pen.measureText(longer).width < cb_obj.inner_width) lines[lines.length - 1] = longer;
+    else lines.push(word);
+}
+if (lines.join('\\n') !== title.text) {
+    title.setv({text: lines.join('\\n')}, {sync: false});
+    setTimeout(() => Bokeh.index.find_one(cb_obj)?.compute_layout());  // the one that is under way ends first
+}
+"""
+"""Breaks a title where its figure ends, whatever its width becomes; a matter of the browser alone."""
+
+_LOG_TICKS = """
+const {start, end} = cb_data, low = Math.min(start, end), high = Math.max(start, end);
+const first = Math.floor(Math.log10(low)), last = Math.ceil(Math.log10(high));
+const every = Math.max(1, Math.ceil((last - first) / 8)), parts = high / low > 1000 ? [1] : [1, 2, 5];
+let found = [];
+for (let k = first; k <= last; k += every) for (const part of parts) found.push(part * 10 ** k);
+found = found.filter((tick) => tick >= low && tick <= high);
+if (found.length > 1) return found;
+const step = 10 ** Math.floor(Math.log10((high - low) / 2));
+return Array.from({length: 20}, (_, k) => (Math.ceil(low / step) + k) * step).filter((tick) => tick <= high);
+"""
+"""Ticks at 1, 2 and 5, or at decades where the axis spans many, as in the reports; equal steps where it spans few."""
+
+_PLAIN = """
+const size = Math.abs(tick), power = Math.floor(Math.log10(size) + 1e-9);
+const raised = [...String(power)].map((c) => c === '-' ? '⁻' : '⁰¹²³⁴⁵⁶⁷⁸⁹'[Number(c)]).join('');
+const part = Number((tick / 10 ** power).toPrecision(3));
+if (size === 0 || (size >= 9e-5 && size < 1e6)) return String(Number(tick.toPrecision(6))).replace('-', '−');
+return part === 1 ? `10${raised}` : `${String(part).replace('-', '−')}·10${raised}`;
+"""
+"""A tick as a number that one reads, as in the reports, not as 5.000e+4."""
 _LABELS = 84
 """Least pixels left of a frame of equal scales: how wide its labels are is known when it is painted, and the canvas
 keeps a strip of a label that was painted over its edge."""
@@ -59,6 +104,11 @@ def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset
         axis.axis_label_text_color = axis.major_label_text_color = "#111111"
     found.title.text_font, found.title.text_font_size = FONT, "13px"
     found.title.text_color = "#111111"
+    if len(title) > _TITLE:
+        found.js_on_change("inner_width", CustomJS(args={"title": found.title}, code=_FOLD))
+    for axis, scale in ((found.xaxis, found.x_scale), (found.yaxis, found.y_scale)):
+        if isinstance(scale, LogScale):
+            axis.ticker, axis.formatter = CustomJSTicker(major_code=_LOG_TICKS, minor_code="return [];"), plain_ticks()
     found.grid.grid_line_color = "#e4e4e4"
     found.outline_line_color = None
     if further.get("match_aspect"):
@@ -84,11 +134,23 @@ def names_inside(plot: Any, names: Sequence[str], left: float) -> None:
     plot.ygrid.grid_line_color = None
 
 
-def legend_above(plot: Any) -> None:
-    """Put the legend of a figure above it, in two columns, so that it covers no line and is no wider than a phone."""
-    legend = plot.legend[0]
-    legend.orientation, legend.ncols, legend.border_line_color = "horizontal", 2, None
-    legend.padding, legend.margin = 2, 0
+def plain_ticks() -> CustomJSTickFormatter:
+    """Return what writes the ticks of an axis as the reports write numbers."""
+    return CustomJSTickFormatter(code=_PLAIN)
+
+
+def legend_above(plot: Any, items: Sequence[Any] | None = None, columns: int = 2) -> None:
+    """Put the legend of a figure above it, so that it covers no line and, in few columns, is no wider than a phone.
+
+    Args:
+        plot: The figure.
+        items: Of the legend; by default those of ``legend_label``.
+        columns: How many stand side by side.
+    """
+    legend = plot.legend[0] if items is None else Legend(items=list(items))
+    legend.orientation, legend.ncols, legend.border_line_color = "horizontal", columns, None
+    legend.padding, legend.margin, legend.spacing, legend.label_standoff = 2, 0, 10, 4
+    legend.label_height = legend.glyph_height = 16
     legend.label_text_font, legend.label_text_font_size, legend.label_text_color = FONT, "13px", "#111111"
     plot.add_layout(legend, "above")
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlencode
 
 import numpy as np
 from bokeh.document import Document
 from bokeh.events import Tap
 from bokeh.layouts import column, row
-from bokeh.models import Div, Select
+from bokeh.models import CustomJS, Div, Select
 
 from harness.common import statistics
 from harness.common.errors import UserError
@@ -21,8 +23,9 @@ from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.report.sections.boxes import factors_of
 from harness.study.results import Design
+from harness.study.view import looks
 from harness.study.view.box_figure import BoxFigure
-from harness.study.view.boxes import SCORES, Box, scores_of, sorted_box, unit_of
+from harness.study.view.boxes import RANKS, SCORES, Box, run_in_words, scores_of, sorted_box, unit_of
 from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, said
 from harness.study.view.tables import table
 
@@ -107,8 +110,7 @@ class _PairPage:
 
     def __init__(self, document: Document, first: Analysis, second: Analysis, pairs: list[Pair]) -> None:
         self._pairs, self._analysis, self._address = pairs, first, address_bar()
-        folders = [a.store.directory.resolve() for a in (first, second)]
-        self._names = [f.name if folders[0].name != folders[1].name else str(f) for f in folders]
+        self._busy = False
         given = arguments_of(document)
         number = index_of(given.get("design"), len(pairs)) or 0
         target = index_of(given.get("target"), len(pairs[number].targets)) or 0
@@ -119,36 +121,61 @@ class _PairPage:
         self._score = Select(
             title="Score", options=list(SCORES.items()), value=score if score in SCORES else "rmse", width=190
         )
+        self._box = Select(title="Box", width=360, stylesheets=[looks.WRAPPED])
+        self._rank = Select(title="Its run", options=list(RANKS.items()), value="", width=120)
         self._holder, self._told = column(sizing_mode="stretch_width"), column(sizing_mode="stretch_width")
-        self._run = Div(text="", sizing_mode="stretch_width", styles={"font-size": "15px"})
+        self._said, self._links = said(""), Div(text="", sizing_mode="stretch_width", styles={"font-size": "15px"})
+        self._figure: BoxFigure | None = None
+        self._run: tuple[int, ...] | None = None
+        self._connect()
+        self._draw()
+        self._show(self._run_of(given.get("run", "")))
+        self._put(document, first, second)
+
+    def _connect(self) -> None:
         self._design.on_change("value", lambda _a, _o, new: self._on_design(int(new)))
         for select in (self._target, self._score):
             select.on_change("value", lambda _a, _o, _n: self._draw())
-        self._figure: BoxFigure | None = None
-        self._draw()
-        widgets = row(
-            self._design, self._target, self._score, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width"
+        self._rank.on_change("value", lambda _a, _o, new: self._by_rank(new))
+        self._box.js_on_change("value", CustomJS(args={"rank": self._rank}, code="rank.value = '';"))
+
+    def _put(self, document: Document, first: Analysis, second: Analysis) -> None:
+        """Put everything into the page."""
+        folders = [a.store.directory.resolve() for a in (first, second)]
+        names = [f.name if folders[0].name != folders[1].name else str(f) for f in folders]
+        widgets, chosen = (
+            row(*parts, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width")
+            for parts in ((self._design, self._target, self._score), (self._box, self._rank))
         )
         links = Div(
             text='<a href="1">The first study</a>, <a href="2">the second study</a>.', styles={"font-size": "15px"}
         )
         parts = [
-            Part("Difference, run by run", [widgets, self._holder, self._run, links], _HINT),
+            Part("Difference, run by run", [widgets, self._holder, chosen, self._said, self._links, links], _HINT),
             Part("In numbers", [self._told]),
+            Part("What differs between the studies?", [_differing(first, second)]),
         ]
-        answer = [f"First: {self._names[0]}. Second: {self._names[1]}. Below zero the second has the smaller score."]
+        answer = [f"First: {names[0]}. Second: {names[1]}. Below zero the second has the smaller score."]
         put_parts(document, "Two studies on the same runs", answer, parts, self._address)
+
+    @property
+    def _pair(self) -> Pair:
+        return self._pairs[int(self._design.value)]
 
     def _targets(self, number: int) -> list[tuple[str, str]]:
         pair = self._pairs[number]
         return [(str(i), pair.first.targets[one].words) for i, (one, _) in enumerate(pair.targets)]
 
     def _on_design(self, number: int) -> None:
+        self._busy, self._run = True, None
         self._target.options, self._target.value = self._targets(number), "0"
+        self._busy = False
         self._draw()
 
     def _draw(self) -> None:
-        pair, target, score = self._pairs[int(self._design.value)], int(self._target.value), self._score.value
+        if self._busy:
+            return
+        pair, target, score = self._pair, int(self._target.value), self._score.value
         quantity = pair.first.targets[pair.targets[target][0]]
         found: list[Box] = []
         rows: dict[str, list[str]] = {name: [] for name in _COLUMNS}
@@ -161,43 +188,100 @@ class _PairPage:
                     rows[key].append(value)
         unit = unit_of(score, quantity)
         what = SCORES[score] + ("" if score in ("nees", "nis", "time_of_divergence") else f" of the {quantity.words}")
-        title, looks_ = f"{what}: second less first", self._analysis.looks
         self._figure = BoxFigure(
-            found,
-            pair.first.bands,
-            pair.estimators,
-            looks_,
-            score,
-            quantity,
-            False,
-            title,
-            {0.0: "dashed"},
-            factors_of(pair.first),
-        )
+            found, pair.first.bands, pair.estimators, self._analysis.looks, score, quantity, False,
+            f"{what}: second less first", {0.0: "dashed"}, factors_of(pair.first),
+        )  # fmt: skip
         self._figure.plot.yaxis.axis_label = f"difference of {SCORES[score]}{style.in_unit(unit)}"
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
+        self._box.options = self._figure.offered
+        if self._box.options:
+            self._box.value = self._box.options[0][0]
+        self._rank.value = ""
         told = f"Differences{style.in_unit(unit)}; share: median difference over the first study's median."
         self._told.children = [said(told), table(rows)]
-        self._run.text = ""
-        self._address.value = "?" + urlencode({"design": self._design.value, "target": target, "score": score})
+        self._show(self._run)
 
     def _tapped(self, event: Tap) -> None:
-        """Give the addresses of the run that was clicked in both studies."""
         hit = self._figure.hit(event.x, event.y) if self._figure is not None else None
-        if hit is None:
-            return
-        box, rank = hit
-        pair = self._pairs[int(self._design.value)]
-        band, drive, sample, repeat = map(int, box.runs[rank])
-        links = []
-        for i, (design, number) in enumerate(zip((pair.first, pair.second), pair.numbers, strict=True)):
-            e = design.estimators.index(pair.estimators[box.estimator])
-            query = f"design={number}&run={number}.{band}.{drive}.{sample}.{repeat}&compared={e}"
-            links.append(f'<a href="{i + 1}?{query}">in the {("first", "second")[i]} study</a>')
-        self._run.text = (
-            f"This run (band {band}, drive {drive}, point {sample}, repeat {repeat}): {' and '.join(links)}."
-        )
+        if hit is not None:
+            self._choose(*hit)
+
+    def _by_rank(self, rank: str) -> None:
+        if rank and self._figure is not None and self._box.value:
+            box = self._figure.boxes[int(self._box.value)]
+            self._choose(box, round(float(rank) * (len(box.values) - 1)))
+
+    def _choose(self, box: Box, rank: int) -> None:
+        self._show((box.estimator, *map(int, box.runs[rank])))
+
+    def _run_of(self, given: str) -> tuple[int, ...] | None:
+        """Return the run that an address asks for: its estimator, band, drive, point and repeat."""
+        parts, counts = given.split("."), (len(self._pair.estimators), *self._pair.first.status.shape[:1],
+                                           *self._pair.first.status.shape[2:])  # fmt: skip
+        if len(parts) != len(counts):
+            return None
+        found = [index_of(part, count) for part, count in zip(parts, counts, strict=True)]
+        return None if None in found else tuple(i for i in found if i is not None)
+
+    def _show(self, run: tuple[int, ...] | None) -> None:
+        """Say of a run what it is and how it differs, mark it, and give its addresses in both studies."""
+        self._run, pair, score, target = run, self._pair, self._score.value, int(self._target.value)
+        query = {"design": self._design.value, "target": target, "score": score}
+        self._said.text = self._links.text = ""
+        if run is not None and self._figure is not None:
+            estimator, band, drive, sample, repeat = run
+            name, design = pair.estimators[estimator], pair.first
+            point = sample if design.status.shape[3] > 1 else None
+            place = run_in_words(design.name, design.bands[band], design.drives[drive], point, repeat)
+            unit = unit_of(score, design.targets[pair.targets[target][0]])
+            values = [
+                float(v[band, drive, sample, repeat])
+                for v in (pair.of_first(score, target, estimator), pair.differences(score, target, estimator))
+            ]
+            self._figure.mark(band, {estimator: values[1]})
+            sides = [style.with_unit(v, unit) for v in (values[0], values[0] + values[1], values[1])]
+            self._said.text = (
+                f"{name}, {place}: {SCORES[score]} {sides[0]} in the first study, {sides[1]} in the second, "
+                f"difference {sides[2]}."
+            )
+            self._links.text = "This run {} and {}.".format(
+                *(
+                    f'<a href="{i + 1}?design={number}&run={number}.{band}.{drive}.{sample}.{repeat}'
+                    f'&compared={d.estimators.index(name)}">in the {("first", "second")[i]} study</a>'
+                    for i, (d, number) in enumerate(zip((pair.first, pair.second), pair.numbers, strict=True))
+                )
+            )
+            query["run"] = ".".join(map(str, run))
+        self._address.value = "?" + urlencode(query)
+
+
+def _differing(first: Analysis, second: Analysis) -> Any:
+    """Return in which settings the two study files differ; of what one of them lacks, only that it does."""
+    one, other = (_settings(tomllib.loads(str(a.store.attributes["study"]))) for a in (first, second))
+    every = dict.fromkeys([*one, *other])
+    alone = [n for n in every if (n in one) != (n in other)]
+    names = [n for n in every if n in alone or one[n] != other[n]]
+    names = [n for n in names if not any(n.startswith(f"{above}.") for above in alone)]
+    if not names:
+        return said("Their study files say the same; code, packages or files that they name may differ.")
+    shown = [
+        ["–" if n not in side else _THERE if side[n] is None else str(side[n]) for n in names] for side in (one, other)
+    ]
+    return table({"setting": names, "first study": shown[0], "second study": shown[1]})
+
+
+def _settings(of: Any, above: str = "") -> dict[str, Any]:
+    """Return the settings of a study file by what leads to them, tables as ``None``, entries of lists by name."""
+    if isinstance(of, list) and of and all(isinstance(entry, dict) for entry in of):
+        of = {str(entry.get("name", entry.get("parameter", i))): entry for i, entry in enumerate(of)}
+    if not isinstance(of, dict):
+        return {above: of}
+    found: dict[str, Any] = {above: None} if above else {}
+    for name, value in of.items():
+        found |= _settings(value, f"{above}.{name}" if above else name)
+    return found
 
 
 def _numbers(values: np.ndarray, base: np.ndarray, strata: np.ndarray) -> tuple[str, ...]:
@@ -212,5 +296,6 @@ def _numbers(values: np.ndarray, base: np.ndarray, strata: np.ndarray) -> tuple[
     return str(int(known.sum())), style.number(median.value), interval, share, smaller
 
 
+_THERE = "there"
 _COLUMNS = ("estimator", "level", "runs", "median difference", "95 % interval", "share", "smaller in")
-_HINT = "A click on a box, a whisker or a point leads to that run in both studies."
+_HINT = "A click on a box, a whisker or a point leads to that run in both studies. By keyboard: choose it below."

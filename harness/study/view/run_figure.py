@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from bokeh.events import RangesUpdate, Tap
 from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, CustomJS, Legend, LegendItem, Range1d
+from bokeh.models import ColumnDataSource, CustomJS, LegendItem, Range1d
 from scipy.stats import chi2
 
 from harness.common.arrays import Floats
@@ -157,8 +157,7 @@ class RunFigure:
             slot.labels.append(items[-1])
         found.add_tools(looks.hover([truth], ("t", "@time s"), ("truth", "@truth{0.000 a}")))
         if legend:
-            found.add_layout(Legend(items=items))
-            looks.legend_above(found)
+            looks.legend_above(found, items)
         return found
 
     def _innovation(self, output: str) -> Any:

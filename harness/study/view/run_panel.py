@@ -41,6 +41,7 @@ from harness.study.scores import FLAGS, STATUS
 from harness.study.stored import StoredRuns
 from harness.study.view import looks, tables
 from harness.study.view.above import AboveFigure
+from harness.study.view.boxes import run_in_words
 from harness.study.view.run_figure import RunFigure
 
 _GIVEN_WAY = 0.1
@@ -285,11 +286,10 @@ class RunPanel:
         self.scores = run.scores
         roots, study = self.roots, self._runs.study
         design = study.designs[place.design]
-        point = f", point {place.sample}" if design.samples > 1 else ""
-        roots["chosen"].text = (
-            f"{words(design.name)}, {words(design.band_labels[place.band])}, drive {study.drives[place.drive].name}"
-            f"{point}, repeat {place.repeat}"
-        )
+        roots["chosen"].text = run_in_words(
+            design.name, words(design.band_labels[place.band]), study.drives[place.drive].name,
+            place.sample if design.samples > 1 else None, place.repeat,
+        )  # fmt: skip
         said = ", ".join(self._in_words(n, v) for n, v in values.items())
         self._setting = True
         roots["compared"].active = list(compared)

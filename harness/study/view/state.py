@@ -13,6 +13,9 @@ from harness.study.view.boxes import SCORES
 from harness.study.view.factors import Brush
 from harness.study.view.frame import index_of
 
+OFFERED = ("signals", "parameters")
+"""What a reader chooses from lists of names; names that there are not are left out by who shows them."""
+
 
 @dataclass(frozen=True)
 class State:
@@ -29,6 +32,8 @@ class State:
         compared: Estimators that are drawn in it.
         brush: Points of the design that are selected.
         changes: Other values in the run, by parameter of the plant, SI.
+        signals: Those that are drawn over time; ``None`` for the targets.
+        parameters: Of the plant, that have a slider; ``None`` for those that the page offers first.
     """
 
     design: int = 0
@@ -42,6 +47,8 @@ class State:
     compared: tuple[int, ...] = ()
     brush: Brush | None = None
     changes: Mapping[str, float] = field(default_factory=dict)
+    signals: tuple[str, ...] | None = None
+    parameters: tuple[str, ...] | None = None
 
     @property
     def query(self) -> str:
@@ -51,6 +58,7 @@ class State:
         found |= {"log": int(self.log), "estimators": ".".join(map(str, self.estimators))}
         if self.brush is not None:
             found["brush"] = self.brush.text
+        found |= {k: ",".join(v) for k in OFFERED if (v := getattr(self, k)) is not None}
         if self.run is not None:
             run = self.run
             found["run"] = f"{run.design}.{run.band}.{run.drive}.{run.sample}.{run.repeat}"
@@ -74,6 +82,8 @@ def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> Sta
         log=given.get("log", "1") != "0",
         estimators=_indices(given.get("estimators"), len(every)) or every,
         brush=Brush.read(given.get("brush", ""), len(of.factors)),
+        signals=_names(given.get("signals")),
+        parameters=_names(given.get("parameters")),
     )
     run = _place(given.get("run", ""), results)
     if run is None:
@@ -92,6 +102,10 @@ def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> Sta
 def _indices(given: str | None, count: int) -> tuple[int, ...]:
     found = [index_of(part, count) for part in (given or "").split(".")]
     return tuple(dict.fromkeys(i for i in found if i is not None))
+
+
+def _names(given: str | None) -> tuple[str, ...] | None:
+    return None if given is None else tuple(filter(None, given.split(",")))
 
 
 def _place(given: str, results: StudyResults) -> Place | None:

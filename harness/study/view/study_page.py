@@ -14,7 +14,6 @@ from bokeh.layouts import column
 from bokeh.models import CheckboxButtonGroup, CustomJS, RadioButtonGroup, Select
 
 from harness.models.quantities import words
-from harness.reporting import style
 from harness.study.replay import Place
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
@@ -24,12 +23,12 @@ from harness.study.report.sections.over_time import AlongDrive
 from harness.study.view import looks
 from harness.study.view.above import Along
 from harness.study.view.box_figure import BoxFigure
-from harness.study.view.boxes import RANKS, SCORES, Box, boxes, expected, unit_of
+from harness.study.view.boxes import RANKS, SCORES, Box, boxes, expected
 from harness.study.view.factors import Brush
 from harness.study.view.factors_panel import FactorsPanel
 from harness.study.view.frame import address_bar, arguments_of, fill, said, seconds_of
 from harness.study.view.run_panel import RunPanel, Runs
-from harness.study.view.state import read
+from harness.study.view.state import OFFERED, read
 
 _SEEN = 1500
 """Time in ms after which a page that was asked for is seen."""
@@ -57,7 +56,11 @@ class StudyPage:
         self._holder = column(sizing_mode="stretch_width")
         self._factors = FactorsPanel(document, analysis, self._choose_point, self._brushed, self._along)
         self._factors.brush = self.state.brush
-        self._panel.above.begin_at = seconds_of(arguments_of(document).get("time"))
+        given = arguments_of(document)
+        self._panel.above.begin_at = seconds_of(given.get("time"))
+        self._panel.above.begin_by = given.get("colour", "")
+        for name in OFFERED:
+            self._offer(name)
         self._widgets = self._make_widgets()
         self._add_roots()
         self._redraw()
@@ -94,6 +97,20 @@ class StudyPage:
         found["rank"].on_change("value", self._by_rank)
         found["box"].js_on_change("value", CustomJS(args={"rank": found["rank"]}, code="rank.value = '';"))
         return found
+
+    def _offer(self, name: str) -> None:
+        """Let a list of the run be as the address says, and the address as the list."""
+        widget, asked = self._panel.roots[name], getattr(self.state, name)
+        if asked is not None:
+            there = dict(widget.options)
+            widget.value = [v for v in asked if v in there]
+
+        def changed(_attribute: str, _old: list[str], new: list[str]) -> None:
+            further: dict[str, Any] = {name: tuple(new)}
+            self.state = replace(self.state, **further)
+            self._address.value = self.state.query
+
+        widget.on_change("value", changed)
 
     def _on_select(self, name: str) -> Callable[[str, str, str], None]:
         def changed(_attribute: str, _old: str, new: str) -> None:
@@ -144,12 +161,7 @@ class StudyPage:
                                  across=factors_of(design) if state.level is None else "drive")  # fmt: skip
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
-        unit = unit_of(state.score, target)
-        w["box"].options = [
-            (str(i), f"{labels[b.across]}, {design.estimators[b.estimator]}: "
-             f"median {style.with_unit(b.quartiles[1], unit)}")
-            for i, b in enumerate(self._figure.boxes)
-        ]  # fmt: skip
+        w["box"].options = self._figure.offered
         if w["box"].options:
             w["box"].value = w["box"].options[0][0]
         w["rank"].value = ""

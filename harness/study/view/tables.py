@@ -18,13 +18,17 @@ from harness.study.view import looks
 SORTED_FROM, FILTERED_FROM, ROLLED_FROM = 3, 9, 18
 """Rows from which a table can be sorted, filtered, and rolls in a frame of its own."""
 
+PROSE_FROM = 60
+"""Characters of a cell from which the rows of a table become paragraphs on a phone."""
+
 _NUMBER = re.compile(r"[<>]?\s*[-−+]?\d|–$")
-_STYLE = (Path(__file__).parent / "tables.css").read_text(encoding="utf-8")
+_SHARED = Path(harness.reporting.__file__).parent
+_STYLE = "".join(f.read_text(encoding="utf-8") for f in (_SHARED / "rolled.css", Path(__file__).parent / "tables.css"))
 
 
 def script() -> str:
     """Return what sorts and filters the tables of a page: that of the reports."""
-    return (Path(harness.reporting.__file__).parent / "tables.js").read_text(encoding="utf-8")
+    return (_SHARED / "tables.js").read_text(encoding="utf-8")
 
 
 def table(
@@ -53,9 +57,15 @@ def rows_of(
     head = "".join(f"<th{mark[n]}{width[n]}>{text}</th>" for n, text in zip(columns, heads, strict=True))
     body = []
     for i in range(count):
-        cells = (f"<td{mark[n]}>{_linked(texts[i], links.get(n, ())[i : i + 1])}</td>" for n, texts in columns.items())
+        cells = (
+            f'<td{mark[n]} data-of="{html.escape(n)}">{_linked(texts[i], links.get(n, ())[i : i + 1])}</td>'
+            for n, texts in columns.items()
+        )
         body.append(f"<tr>{''.join(cells)}</tr>")
-    rolled = ' class="sheet rolled" tabindex="0"' if count >= ROLLED_FROM and not still else ' class="sheet"'
+    longest = max((len(str(text)) for texts in columns.values() for text in texts), default=0)
+    rolls = count >= ROLLED_FROM and not still
+    named = f"sheet{' rolled' if rolls else ''}{' prose' if longest > PROSE_FROM else ''}"
+    rolled = f' class="{named}"' + (' tabindex="0"' if rolls else "")
     field = '<div class="tools"><label>rows with <input type="search"></label></div>'
     return (
         f"{field if count >= FILTERED_FROM and not still else ''}<div{rolled}><table><thead><tr>{head}</tr></thead>"
@@ -64,9 +74,9 @@ def rows_of(
 
 
 def _least_width(texts: Sequence[str]) -> str:
-    """Return the style of a column of words: half of its longest text, so that no row of a phone grows tall by it."""
+    """Return the style of a column of words: half of its longest text, so that no row grows tall by it."""
     longest = max(map(len, map(str, texts)), default=0)
-    return f' style="min-width: min(18rem, {longest // 2}ch)"' if longest > 16 else ""
+    return f' style="min-width: min(18rem, 45vw, {longest // 2}ch)"' if longest > 16 else ""
 
 
 def correlations(names: Sequence[str], values: Sequence[Sequence[float | None]]) -> Div:

@@ -133,52 +133,86 @@ def _where(found: Mapping[str, Any]) -> list[Part]:
     return [Part("Where on the vehicle?", models, hint)]
 
 
-_ROWS = {"force": 2.2, "tyres and steering": 0.0, "yaw moment": 3.2, "other": 4.2, "equation": -2.2, "sensor": -3.2}
+_ON_VEHICLE = "tyres and steering"
+_ROWS = ("sensor", "equation", _ON_VEHICLE, "force", "yaw moment", "other")
+"""Kinds of inputs from below; those that act on tyres and steering are drawn on the vehicle itself."""
+
+_LEVEL, _LARGEST = 38, 34
+"""Pixels from one mark to the next above it, and of the largest mark."""
+
+_NEAR = 0.2
+"""Share of the vehicle's length within which marks would cover each other on a phone."""
 
 
 def _row(record: Mapping[str, Any]) -> str:
     if record["kind"] != "port":
         return str(record["kind"])
     if "_axle_" in record["ports"][0] or record["channel"] == "road_wheel_angle":
-        return "tyres and steering"
+        return _ON_VEHICLE
     return {"N": "force", "N*m": "yaw moment"}.get(record["unit"], "other")
+
+
+def _levels(placed: Sequence[Mapping[str, Any]], wide: float) -> tuple[list[float], dict[str, tuple[float, float]]]:
+    """Return how high each input is drawn, none over another, and from where to where each kind of them reaches.
+
+    Args:
+        placed: Inputs.
+        wide: Length of the vehicle, m.
+    """
+    taken: dict[str, list[list[float]]] = {}
+    found: list[tuple[str, int]] = []
+    for record in placed:
+        kind, x = _row(record), float(record["ahead_of_first_cog"])
+        levels = taken.setdefault(kind, [])
+        free = (k for k, there in enumerate(levels) if all(abs(x - other) > _NEAR * wide for other in there))
+        level = next(free, len(levels))
+        if level == len(levels):
+            levels.append([])
+        levels[level].append(x)
+        found.append((kind, level))
+    reach, bottom = {}, 0.0
+    for kind in _ROWS:
+        count = max(len(taken.get(kind, ())), int(kind == _ON_VEHICLE))
+        if count:
+            around = 0.5 if kind == _ON_VEHICLE else 0.0  # of the vehicle, with its wheels
+            reach[kind] = bottom + around, bottom + around + count
+            bottom += count + 2 * around
+    return [reach[kind][0] + level + 0.5 for kind, level in found], reach
 
 
 def _vehicle(plan: Mapping[str, Any], placed: Sequence[Mapping[str, Any]]) -> Any:
     """Return the vehicle from above with a circle per input, its area proportional to the gain."""
-    found = looks.plot("It drives to the right", 380, tools="pan,wheel_zoom,reset", y_range=(-4.2, 5.2))
+    ends = [b[k] for b in plan["bodies"].values() for k in ("back", "front")]
+    heights, reach = _levels(placed, max(ends) - min(ends))
+    top = max(high for _, high in reach.values()) + (0.5 if list(reach)[-1] == _ON_VEHICLE else 0.0)
+    found = looks.plot("It drives to the right", 100 + round(_LEVEL * top), tools="pan,wheel_zoom,reset",
+                       y_range=(-0.1, top + 0.1), name="place on the vehicle")  # fmt: skip
+    low, high = reach[_ON_VEHICLE][0] - 0.15, reach[_ON_VEHICLE][1] + 0.15
     for body in plan["bodies"].values():
         dashes = "solid" if body["stated"] else "dashed"
-        found.quad(body["back"], body["front"], 1.2, -1.2, fill_color="#f2f2f2", line_color="#333333", line_dash=dashes)
+        found.quad(body["back"], body["front"], high, low, fill_color="#f2f2f2", line_color="#333333", line_dash=dashes)
     for axle in plan["axles"].values():
-        for side in (-1.05, 1.05):
-            found.rect(axle["x"], side, 0.8, 0.28, fill_color="#555555", line_color="#333333")
+        for side in (low, high):
+            found.rect(axle["x"], side, 0.8, 0.24, fill_color="#555555", line_color="#333333")
     if plan["coupling"] is not None:
-        found.scatter(plan["coupling"], 0.0, marker="x", size=12, color="#000000", line_width=2)
+        found.scatter(plan["coupling"], (low + high) / 2, marker="x", size=12, color="#000000", line_width=2)
     most = max(r["log_likelihood_gain"] for r in placed)
-    taken: dict[tuple[str, float], int] = {}
-    ends = [b[k] for b in plan["bodies"].values() for k in ("back", "front")]
-    wide = max(ends) - min(ends)
-    columns: list[tuple[Any, ...]] = []
-    for r in placed:
-        kind, x = _row(r), float(r["ahead_of_first_cog"])
-        beside = taken.get((kind, round(x, 1)), 0)
-        taken[kind, round(x, 1)] = beside + 1
-        x += 0.05 * wide * ((beside + 1) // 2) * (-1) ** beside
-        gains = r["log_likelihood_gain"], r["log_likelihood_gain_after"] or 0.0
-        size = 8 + 34 * math.sqrt(gains[0] / most)
-        columns.append((x, _ROWS[kind], size, words(r["channel"]), *gains, str(r["rank"])))
-    names = ("x", "y", "size", "name", "before", "after", "rank")
-    source = ColumnDataSource({n: [c[i] for c in columns] for i, n in enumerate(names)})
+    source = ColumnDataSource({
+        "x": [float(r["ahead_of_first_cog"]) for r in placed], "y": heights,
+        "size": [8 + (_LARGEST - 8) * math.sqrt(r["log_likelihood_gain"] / most) for r in placed],
+        "name": [words(r["channel"]) for r in placed], "before": [r["log_likelihood_gain"] for r in placed],
+        "after": [r["log_likelihood_gain_after"] or 0.0 for r in placed], "rank": [str(r["rank"]) for r in placed],
+    })  # fmt: skip
     look = style.looks(["gain"])["gain"]
     marks = found.scatter(
         "x", "y", size="size", source=source, fill_color=looks.colour(look.tint), fill_alpha=0.85,
         line_color=looks.line(look),
     )  # fmt: skip
-    found.text("x", "y", "rank", source=source, text_align="center", text_baseline="middle", text_font_size="11px")
+    found.text("x", "y", "rank", source=source, text_align="center", text_baseline="middle", text_font_size="13px")
     found.add_tools(looks.hover([marks], ("", "@name"), ("gain before", "@before{0.0 a}"), ("after", "@after{0.0 a}")))
-    found.yaxis.ticker = FixedTicker(ticks=sorted(_ROWS.values()))  # of others not all get their label
-    found.yaxis.major_label_overrides = {y: name for name, y in _ROWS.items()}
+    middles = {(below + above) / 2: kind for kind, (below, above) in reach.items()}
+    found.yaxis.ticker = FixedTicker(ticks=sorted(middles))  # of others not all get their label
+    found.yaxis.major_label_overrides = middles
     found.xaxis.axis_label = "ahead of the first body's CoG in m"
     return found
 

@@ -58,12 +58,16 @@ def test_points_are_thinned_by_rank_with_both_ends(results):
 def _asked(query):
     from urllib.parse import parse_qs
 
-    return {name: [v.encode() for v in values] for name, values in parse_qs(query.lstrip("?")).items()}
+    return {
+        name: [v.encode() for v in values]
+        for name, values in parse_qs(query.lstrip("?"), keep_blank_values=True).items()
+    }
 
 
 def test_an_address_says_what_is_shown(results):
     brush = Brush("0", 1600.0, 1900.0, 0.01, 0.5)
-    state = State(0, 0, "nis", 1, None, False, (1,), Place(0, 1, 1, 0, 5), (0, 1), brush, {"mass": 1750.5})
+    state = State(0, 0, "nis", 1, None, False, (1,), Place(0, 1, 1, 0, 5), (0, 1), brush, {"mass": 1750.5},
+                  ("yaw_rate", "lateral_velocity"), ())  # fmt: skip
     assert read(_asked(state.query), results) == state
     assert read({}, results).estimators == (0, 1)
 

@@ -233,6 +233,48 @@ def test_the_worst_drive_of_an_estimator_and_where_on_it_are_found_by_choosing(o
     assert sum("RMSE" in row for row in rows) == 2  # the other estimator on the same run: is it the plant's?
 
 
+OFFERED = """(title) => [...Bokeh.documents[0]._all_models.values()].find((m) => m.title === title).value.join()"""
+
+
+def test_signals_sliders_and_colours_stand_in_the_address(opened):
+    page = opened("?run=0.1.1.0.4&compared=0")
+    said(page, SAME)
+    page.get_by_label("Path coloured by").select_option("error of EKF: lateral velocity")
+    for title, value in (("Signals", ["yaw_rate"]), ("Parameters of the plant", [])):
+        found = "[...Bokeh.documents[0]._all_models.values()].find((m) => m.title === title)"
+        page.evaluate(f"([title, value]) => {{ {found}.value = value; }}", [title, value])
+    page.wait_for_function("/parameters=(&|$)/.test(location.search) && location.search.includes('signals=yaw_rate')")
+    page.wait_for_function("location.search.includes('colour=error+of+EKF')")
+    again = opened(page.evaluate("location.search"))
+    said(again, SAME)
+    assert [again.evaluate(OFFERED, t) for t in ("Signals", "Parameters of the plant")] == ["yaw_rate", ""]
+    assert again.get_by_label("Path coloured by").input_value() == "error of EKF: lateral velocity"
+    assert again.locator("#what-if .noUi-handle").count() == 0
+
+
+POINTS = """() => {
+    const plot = Bokeh.documents[0].get_model_by_name('boxes of runs');
+    const scatter = plot.renderers.map((r) => r.glyph).find((g) => g.type === 'Scatter' && g.marker?.field);
+    const wide = plot.renderers.map((r) => r.glyph).find((g) => g.type === 'VBar').width.value;
+    return [scatter.size.value, wide * plot.inner_width / (plot.x_range.end - plot.x_range.start)];
+}"""
+LEGIBLE = """() => {
+    const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name('boxes of runs'));
+    const axis = [...view.all_renderer_views].find((v) => v.model.type === 'LogAxis');
+    return axis.tick_coords.major[1].length;
+}"""
+
+
+@pytest.mark.parametrize("width", [300, 1280])
+def test_points_cover_no_box_and_a_logarithmic_axis_has_numbers(opened, width):
+    page = opened()
+    page.set_viewport_size({"width": width, "height": 900})
+    page.wait_for_timeout(500)
+    size, box = page.evaluate(POINTS)
+    assert size <= max(1.5, 0.51 * box)
+    assert 3 <= page.evaluate(LEGIBLE) <= 10
+
+
 FOCUS = """() => {
     let at = document.activeElement;
     while (at?.shadowRoot?.activeElement) at = at.shadowRoot.activeElement;

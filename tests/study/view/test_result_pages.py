@@ -58,6 +58,50 @@ def test_every_page_fits_the_screen(visit, address_of_results, number, width):
         assert row.bounding_box()["height"] < 300  # beside a column of words that is out of sight
 
 
+ROLLED = """(sheet) => {
+    sheet.scrollIntoView({block: 'center'});
+    const cut = sheet.scrollWidth > sheet.clientWidth;
+    sheet.scrollLeft = sheet.scrollWidth;
+    const last = [...sheet.querySelectorAll('th')].at(-1).getBoundingClientRect();
+    const shadow = getComputedStyle(sheet).backgroundImage.split('linear-gradient').length - 1;
+    return [cut, shadow, sheet.getBoundingClientRect().right <= innerWidth, last.right <= innerWidth];
+}"""
+
+
+@pytest.mark.parametrize("number", ["3", "5"])
+def test_on_a_phone_every_column_is_reached_and_its_frame_says_that_there_are_more(visit, address_of_results, number):
+    page = visit(address_of_results, number)
+    page.set_viewport_size({"width": 390, "height": 780})
+    page.wait_for_timeout(300)
+    seen = [sheet.evaluate(ROLLED) for sheet in page.locator(".sheet:not(.prose)").all()]
+    assert any(cut for cut, *_ in seen)
+    assert all(shadow == 4 and inside and reached for _, shadow, inside, reached in seen)
+
+
+def test_on_a_phone_long_texts_of_a_table_are_read_below_each_other(visit, address_of_results):
+    page = visit(address_of_results)
+    page.set_viewport_size({"width": 390, "height": 780})
+    page.wait_for_timeout(300)
+    for cell in page.locator(".prose td").all():
+        box = cell.bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+    page.get_by_label("rows with").fill("z-check-2")
+    expect(page.get_by_role("region", name="Results").locator("tbody tr:visible")).to_have_count(1)
+
+
+LINES = "() => Bokeh.documents[0].get_model_by_name('boxes of runs').title.text.split('\\n').length"
+
+
+def test_a_title_is_broken_where_its_figure_ends(visit, address_of_pair):
+    page = visit(address_of_pair)
+    page.wait_for_function(f"({LINES})() === 1")
+    page.set_viewport_size({"width": 390, "height": 780})
+    page.wait_for_function(f"({LINES})() > 1")
+    page.set_viewport_size({"width": 1280, "height": 900})
+    page.wait_for_function(f"({LINES})() === 1")
+
+
 def test_a_trace_shows_another_recording_and_sorts_its_candidates(visit, address_of_results):
     page = visit(address_of_results, "5")
     figures = page.get_by_role("region", name="Before and after").locator(".bk-Figure")
@@ -112,6 +156,20 @@ def test_a_click_on_a_difference_leads_to_the_run_in_both_studies(visit, address
         shown = run.locator("#what-if table tbody tr").first.locator("td").nth(1).inner_text()
         value = stored[1, sample, drive, repeat, 1]
         assert float(shown.split()[0]) == pytest.approx(value, rel=0.005)
+
+
+def test_by_keyboard_a_difference_leads_to_its_run_and_the_address_says_it(visit, address_of_pair):
+    page = visit(address_of_pair)
+    page.get_by_label("Box", exact=True).select_option(index=3)
+    page.get_by_label("Its run").select_option("smallest")
+    page.wait_for_function("location.search.includes('run=1.1.')")
+    page.get_by_text("in the first study,").wait_for()
+    again = visit(address_of_pair, page.evaluate("location.search"))
+    again.get_by_text("in the first study,").wait_for()
+    text = again.get_by_text("in the first study,").inner_text()
+    assert text == page.get_by_text("in the first study,").inner_text()
+    assert "mass, 1.9 t, drive" in text
+    assert again.get_by_role("link", name="in the second study").get_attribute("href").startswith("2?design=0&run=0.1.")
 
 
 def test_a_finding_of_the_campaign_leads_to_its_study(visit, address_of_results):

@@ -1,5 +1,6 @@
 """What the pages of traces, fits, checks, pairs and points of a design are made of, without a browser."""
 
+import html
 import json
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import pytest
 from bokeh.document import Document
 
 from harness.common.errors import UserError
+from harness.reporting import style
 from harness.study.replay import Place, Replayer
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
@@ -74,6 +76,8 @@ def test_a_fit_and_a_check_have_their_figures(results):
 
 def test_a_folder_leads_to_each_result(results):
     found = pages([results])
+    said = [m.text for m in built(found["/"]).models if type(m).__name__ == "Div"]
+    assert "1 campaign, 1 check, 1 identification, 1 trace" in said
     assert list(found) == ["/", "/1", "/2", "/3", "/4"]
     text, findings = sorted(tables(built(found["/"])), key=lambda t: "Mass counts" in t)
     assert "2 findings: 1 reproduced, 1 not reproduced." in text
@@ -109,6 +113,34 @@ def test_the_same_runs_differ_by_nothing_and_other_seeds_are_refused(folder):
     other = Analysis(replace(study.store, attributes=study.store.attributes | {"seed": 12}))
     with pytest.raises(UserError, match="seed 11 and 12"):
         pair_page.pairs_of(study, other)
+
+
+def test_two_studies_are_told_apart_by_their_settings_and_a_run_of_both_by_its_words(folder, other):
+    study, second = analyse(folder), analyse(other)
+    document = built(pair_page.build(folder, other))
+    (told,) = (t for t in tables(document) if "setting" in t)
+    assert f"estimator.{html.escape(NASTY)}.alpha" in told
+    assert ">0.5<" in told
+    assert ">0.05<" in told
+    assert "design.all" in told  # the second has no such design, and that is all that is said of it
+    assert "design.all.samples" not in told
+    assert "plant" not in told
+    assert pair_page._settings({"a": {"b": 1}, "c": [{"name": "d", "e": 2}]}) == {
+        "a": None, "a.b": 1, "c": None, "c.d": None, "c.d.name": "d", "c.d.e": 2,
+    }  # fmt: skip
+    box = next(m for m in document.models if type(m).__name__ == "Select" and m.title == "Box")
+    rank = next(m for m in document.models if type(m).__name__ == "Select" and m.title == "Its run")
+    number = next(i for i, (_, offered) in enumerate(box.options) if offered.startswith(f"1.9 t, {NASTY}"))
+    box.value, rank.value = str(number), "1"
+    (pair,) = pair_page.pairs_of(study, second)
+    change = pair.differences("rmse", 0, 1)[1]
+    said = next(m.text for m in document.models if type(m).__name__ == "Div" and "in the first study," in m.text)
+    drive, sample, repeat = (int(i) for i in np.unravel_index(change.argmax(), change.shape))
+    assert said.startswith(
+        f"{NASTY}, mass, 1.9 t, drive {study.store.designs[0].drives[drive]}, repeat {repeat}: RMSE "
+    )
+    assert said.endswith(f"difference {style.with_unit(float(change.max()), 'm/s')}.")
+    assert sample == 0
 
 
 def test_points_of_a_design_have_their_factors_score_and_worst_run(folder):
@@ -156,6 +188,27 @@ def test_the_numbers_on_the_vehicle_are_those_of_the_list_and_every_row_has_its_
     assert {f"{k}: {n}" for data in rows for k, n in zip(data["rank"], data["name"], strict=True)} <= set(listed)
     (ticks,) = (m.ticks for m in document.models if type(m).__name__ == "FixedTicker")
     assert ticks == sorted(ticks)
+
+
+def test_no_mark_on_the_vehicle_covers_another_and_each_stands_at_its_place(results, tmp_path):
+    record = json.loads((results / "trace" / "trace.json").read_text())
+    places = [("sensor", 0.0), ("sensor", 0.0), ("sensor", 0.1), ("sensor", 1.5), ("port", 1.2), ("port", 1.2)]
+    record["pinpoint"] = [
+        record["pinpoint"][0] | {"kind": kind, "ahead_of_first_cog": x, "ports": ["lateral_force_axle_front"]}
+        for kind, x in places
+    ]
+    (tmp_path / "trace.json").write_text(json.dumps(record))
+    document = built(trace_page.build(tmp_path))
+    (data,) = (m.data for m in document.models if type(m).__name__ == "ColumnDataSource" and "rank" in m.data)
+    assert data["x"] == [x for _, x in places]
+    plot = document.get_model_by_name("place on the vehicle")
+    per_pixel = (plot.y_range.end - plot.y_range.start) / (plot.height - 100)  # what labels and title leave
+    for i, x in enumerate(data["x"]):
+        for k in range(i):
+            beside = abs(x - data["x"][k]) > 0.2 * 4.0  # m, of a vehicle of 4 m
+            assert beside or abs(data["y"][i] - data["y"][k]) > data["size"][i] * per_pixel
+    body = next(r.glyph for r in plot.renderers if type(r.glyph).__name__ == "Quad")
+    assert [body.bottom < y < body.top for y in data["y"]] == [False] * 4 + [True] * 2
 
 
 def test_a_comparison_that_holds_but_for_a_factor_is_drawn_with_it(results, tmp_path):
