@@ -15,7 +15,6 @@ import numpy as np
 from bokeh.events import Tap
 from bokeh.layouts import column, row
 from bokeh.models import (
-    ColorBar,
     ColumnDataSource,
     CustomJS,
     CustomJSTickFormatter,
@@ -178,9 +177,7 @@ class AboveFigure:
         )  # fmt: skip
         found.x_range, found.y_range = DataRange1d(renderers=[path]), DataRange1d(renderers=[path])
         found.xaxis.axis_label, found.yaxis.axis_label = "x in m, ahead at the start", "y in m, left at the start"
-        bar = ColorBar(color_mapper=mapper["transform"], title=USE, width=14, title_text_font_style="normal",
-                       title_text_font=looks.FONT, title_text_font_size="12px")  # fmt: skip
-        found.add_layout(bar, "right")
+        bar = looks.colour_bar(found, mapper["transform"], USE)
         args = {"path": self._path, "mapper": mapper["transform"], "bar": bar, "chosen": self._by}
         self._mapper, self._bar = mapper["transform"], bar
         self._by.js_on_change("value", CustomJS(args=args, code=_COLOUR_BY))
@@ -222,11 +219,10 @@ class AboveFigure:
         found.xaxis.axis_label = "ahead of the first body's CoG in m"
         found.yaxis.axis_label = "to the left in m"
         found.add_tools(looks.hover([wheels], ("axle", "@axle"), ("friction use", "@use{0 %}")))
-        bar = ColorBar(color_mapper=mapper["transform"], title=USE, width=14, title_text_font_style="normal",
-                       title_text_font=looks.FONT, title_text_font_size="12px",
-                       ticker=FixedTicker(ticks=[0, 0.25, 0.5, 0.75, 1]),
-                       formatter=CustomJSTickFormatter(code="return Math.round(100 * tick) + ' %'"))  # fmt: skip
-        found.add_layout(bar, "right")
+        looks.colour_bar(
+            found, mapper["transform"], USE, ticker=FixedTicker(ticks=[0, 0.25, 0.5, 0.75, 1]),
+            formatter=CustomJSTickFormatter(code="return Math.round(100 * tick) + ' %'"),
+        )  # fmt: skip
         return found
 
     def show(self, run: Replayed) -> None:

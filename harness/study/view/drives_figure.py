@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import ColorBar, ColumnDataSource, DataRange1d, Range1d, Select
+from bokeh.models import ColumnDataSource, DataRange1d, Range1d, Select
 from bokeh.palettes import Cividis256
 from bokeh.transform import linear_cmap
 
@@ -120,9 +120,7 @@ class DrivesFigure:
             plot.x_range, plot.y_range = shared
             plot.xaxis.axis_label, plot.yaxis.axis_label = "x in m, ahead at the start", "y in m, left at the start"
             title = f"size in {unit}" if unit else "size"
-            bar = ColorBar(color_mapper=mapper["transform"], title=title, width=14, title_text_font=looks.FONT,
-                           title_text_font_style="normal", title_text_font_size="12px")  # fmt: skip
-            plot.add_layout(bar, "right")
+            looks.colour_bar(plot, mapper["transform"], title)
             plot.styles = {"flex": "1 1 480px"}
             found.append(plot)
         return found

@@ -13,7 +13,6 @@ from bokeh.events import SelectionGeometry
 from bokeh.layouts import column, row
 from bokeh.models import (
     BasicTicker,
-    ColorBar,
     ColumnDataSource,
     FixedTicker,
     LegendItem,
@@ -169,9 +168,7 @@ class FactorsPanel:
         parallel.xaxis.major_label_overrides = dict(enumerate(names))
         parallel.yaxis.visible = False
         parallel.on_event(SelectionGeometry, self._on_brush(PARALLEL))
-        bar = ColorBar(color_mapper=mapper, title=label, width=14, title_text_font=looks.FONT,
-                       title_text_font_style="normal", title_text_font_size="12px", ticker=BasicTicker())  # fmt: skip
-        parallel.add_layout(bar, "right")
+        looks.colour_bar(parallel, mapper, label, ticker=BasicTicker())
         plots = []
         for i in factors:
             factor = design.factors[i]

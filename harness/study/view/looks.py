@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.models import (
+    ColorBar,
     ColumnDataSource,
     CustomJS,
     CustomJSTicker,
@@ -153,6 +154,17 @@ def legend_above(plot: Any, items: Sequence[Any] | None = None, columns: int = 2
     legend.label_height = legend.glyph_height = 16
     legend.label_text_font, legend.label_text_font_size, legend.label_text_color = FONT, "13px", "#111111"
     plot.add_layout(legend, "above")
+
+
+def colour_bar(plot: Any, mapper: Any, title: str, **further: Any) -> ColorBar:
+    """Put what the colours of a figure mean to its right, and return it."""
+    found = ColorBar(
+        color_mapper=mapper, title=title, width=14, title_text_font=FONT, title_text_font_style="normal",
+        title_text_font_size="13px", title_text_color="#111111", major_label_text_font=FONT,
+        major_label_text_font_size="13px", major_label_text_color="#111111", **further,
+    )  # fmt: skip
+    plot.add_layout(found, "right")
+    return found
 
 
 def dash(look: Look) -> str | list[int]:
