@@ -242,7 +242,7 @@ class AboveFigure:
         self._show_path(run, moves, begins)
         force = float(np.nanmax(np.abs(moves["lateral_force"].values), initial=1.0))
         geometry = _geometry(run, self._looks) | {"magnified": magnified, "force": force}
-        self._extent.data = _extent(run.plan, moves, geometry["reach"])
+        self._extent.data = _extent(run.plan, frames, geometry["reach"])
         self._geometry.data = {"json": [json.dumps(geometry)]}
         self._slider.end = max(self._slider.start + 0.01, float(moves["time"].values[begins[-1]]))
         if not self._begun:
@@ -379,13 +379,16 @@ def _geometry(run: Replayed, chosen: dict[str, Look]) -> dict[str, Any]:
     }
 
 
-def _extent(plan: Plan, moves: Any, reach: float) -> dict[str, list[float]]:
-    """Return the corners of what the vehicle ever takes up in the axes of its first body."""
+def _extent(plan: Plan, frames: Mapping[str, Floats], reach: float) -> dict[str, list[float]]:
+    """Return the corners of what the vehicle, true or estimated, ever takes up in the axes of its first body."""
     first, *others = plan.outlines.values()
     x, y = [first.front + reach, first.back - reach], [first.width / 2 + 2 * reach, -first.width / 2 - 2 * reach]
     if others and plan.coupling is not None:
-        theta = moves["heading"].values[:, 1] - moves["heading"].values[:, 0]
+        turned = np.concatenate([np.ravel(v) for n, v in frames.items() if n.startswith("articulation")])
+        theta = turned[np.isfinite(turned)]
         length = others[0].back - plan.coupling[1] - reach / 2
-        x += [float(np.min(plan.coupling[0] + length * np.cos(theta)))]
-        y += [float(np.min(length * np.sin(theta))), float(np.max(length * np.sin(theta)))]
+        for side in (-others[0].width / 2, others[0].width / 2):
+            ahead = plan.coupling[0] + length * np.cos(theta) - side * np.sin(theta)
+            left = length * np.sin(theta) + side * np.cos(theta)
+            x, y = [*x, *ahead.tolist()], [*y, *left.tolist()]
     return {"x": [min(x), max(x)], "y": [min(y), max(y)]}

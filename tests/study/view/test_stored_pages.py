@@ -3,19 +3,21 @@
 import html
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bokeh.document import Document
 
 from harness.common.errors import UserError
+from harness.models.assembly.plan import Outline
 from harness.reporting import style
 from harness.study.replay import Place, Replayer
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.study.stored import study_of
 from harness.study.view import check_page, fit_page, folder_page, pair_page, trace_page
-from harness.study.view.above import AboveFigure, Along
+from harness.study.view.above import AboveFigure, Along, _extent
 from harness.study.view.bars import bars, changes
 from harness.study.view.boxes import expected
 from harness.study.view.factors import points_of, shares, varied
@@ -235,6 +237,18 @@ def test_a_tolerance_box_has_its_ends_in_the_units_of_its_factors(folder):
     figure = tolerance_box(design, [0.5, 0.5], [1.0, 0.5], 0.25)
     (names,) = (r.data_source.data["name"] for r in figure.renderers if type(r.glyph).__name__ == "Text")
     assert names == ["mass: 1.50 to 4.00 t", "mass: 1.41 to 2.83"]
+
+
+def test_the_frame_of_the_vehicle_holds_every_corner_of_a_trailer_that_is_turned_or_believed_to_be():
+    outline = Outline(-4.0, 4.0, 2.5, True)
+    plan = SimpleNamespace(outlines={"tractor": outline, "trailer": outline}, coupling=(-2.0, 3.0))
+    believed = np.array([0.0, np.pi / 2, np.nan])
+    held = _extent(plan, {"articulation": np.zeros(3), "articulation 0": believed, "x": np.full(3, 99.0)}, 1.0)
+    assert held["x"][0] <= -2.0 - 7.0  # behind the coupling by the trailer's own length
+    assert held["y"][0] <= -7.0  # turned by a right angle
+    assert held["x"][1] == 5.0  # of the tractor
+    side = _extent(plan, {"articulation": np.array([np.pi / 4])}, 0.0)
+    assert side["y"][0] == pytest.approx(-(7.0 + 1.25) / np.sqrt(2))
 
 
 def test_all_figures_of_a_design_share_one_selection_that_leads_to_a_run(folder):
