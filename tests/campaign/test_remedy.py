@@ -5,18 +5,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from harness.campaign.remedy import choices
 from harness.campaign.remedy.answer import headline
 from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.campaign.remedy.judge import Outcome, best, harm, helps
+from harness.campaign.remedy.judge import Outcome, best, harm, helps, judged
+from harness.campaign.remedy.promise import promises
 from harness.campaign.remedy.report import belief_text, believed, write_report
-from harness.campaign.remedy.run import try_remedies
+from harness.campaign.remedy.run import _more_estimated, try_remedies
 from harness.common.errors import UserError
 from harness.config import build_study
+from harness.engine.simd.lanes import LANES
+from harness.study.bound import smallest_rmse
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
+from harness.study.scores import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED
+from harness.study.tolerance import Tolerance
 
 CONTENT = {
     "name": "small",
@@ -127,6 +133,86 @@ def test_of_remedies_that_are_about_as_good_the_one_that_needs_less_is_taken():
     assert helps(bare, first)
     assert not helps(outcome(sensor, [1.0, 3.5]), first)
     assert best([first, outcome(Remedy(estimated=("p",)), [1, 2]), measured], first) is measured
+
+
+def box(size):
+    none = np.zeros(0)
+    return {0: Tolerance(nominal=0.5, box=size, typical=size, holds=0.9, lower=none, upper=none, rays=8)}
+
+
+def test_a_box_that_grows_from_nothing_helps_and_the_larger_one_is_taken():
+    first = outcome(AS_IT_IS, [1.0], boxes=box(0.0))
+    some = outcome(Remedy(tuned=True), [1.0], boxes=box(0.2))
+    more = outcome(Remedy(estimated=("p",)), [3.0], boxes=box(0.5))
+    none = outcome(Remedy(considered=("p",)), [0.1], boxes=box(0.0))
+    assert best([first, some, more, none], first) is more
+    assert (harm(first, first), harm(none, first)) == (1.0, 1.0)
+    assert helps(some, first)
+    assert not helps(none, first)
+
+
+def test_runs_in_which_the_vehicle_left_its_model_are_not_the_estimators():
+    errors = np.array([1.0, 3.0, np.nan, np.nan]).reshape(1, 1, 1, 1, 4, 1)
+    status = np.array([OK, OK, PLANT_DIVERGED, ESTIMATOR_DIVERGED]).reshape(1, 1, 1, 4, 1)
+    design = SimpleNamespace(
+        status=status, rmse=errors, targets=[SimpleNamespace(name="articulation_angle")], sampling="sobol",
+        matched=None, bands=["all"], state_dimension=3, per_run=lambda _: np.full(4, np.nan),
+    )  # fmt: skip
+    found = judged(AS_IT_IS, study(), SimpleNamespace(designs=[design]), 1.0)
+    assert (found.medians[0, 0], found.worst[0]) == (3.0, np.inf)  # of 1, 3 and the lost one
+    assert found.lost == pytest.approx(1 / 3)
+    gone = np.full_like(status, PLANT_DIVERGED)
+    none = judged(AS_IT_IS, study(), SimpleNamespace(designs=[SimpleNamespace(**vars(design) | {"status": gone})]), 1.0)
+    assert (none.medians[0, 0], none.worst[0], none.lost) == (np.inf, np.inf, 1.0)
+
+
+def test_all_that_drives_the_error_is_told_in_short():
+    sensor = Equipment("series", (), ("steering_wheel_angle",), ("steering_wheel_angle",))
+    remedy = Remedy(estimated=("trailer_mass", "friction"), equipment=sensor)
+    assert remedy.told_with_sensors(("friction", "trailer_mass")) == "estimate both, with steering wheel angle"
+    assert remedy.words == "estimate the trailer mass and friction, with steering wheel angle"
+    assert Remedy(considered=("a", "b", "c")).told(("a", "b", "c")) == "consider all three"
+    assert Remedy(considered=("a",)).told(("a",)) == "consider the a"
+
+
+def test_one_more_parameter_is_estimated_as_long_as_that_gains():
+    """Alone ``b`` is best, ``a`` beside it gains, ``c`` besides does not; of all four nothing is asked again."""
+    harms = {"": 1.0, "a": 0.9, "b": 0.5, "c": 0.6, "d": 2.0, "ab": 0.3, "bc": 0.4, "bd": 0.9, "abc": 0.35, "abd": 0.5}
+    asked = []
+
+    def attempt(remedy):
+        asked.append("".join(remedy.estimated))
+        return outcome(remedy, [harms[asked[-1]]])
+
+    first = outcome(AS_IT_IS, [1.0])
+    alone = [outcome(Remedy(estimated=(n,)), [harms[n]]) for n in "abcd"]
+    plan = SimpleNamespace(drivers=tuple("abcd"), impossible={})
+    found = _more_estimated(attempt, [first, *alone], plan, Console(quiet=True))
+    assert asked == ["ab", "bc", "bd", "abc", "abd"]
+    assert best([first, *alone, *found], first).remedy.estimated == ("a", "b")
+    asked.clear()
+    _more_estimated(attempt, [first, *(outcome(o.remedy, [1.0]) for o in alone)], plan, Console(quiet=True))
+    assert not asked  # none alone gains anything
+
+
+def test_what_is_promised_of_a_target_is_the_bound_with_the_parameter_known_where_it_is_hardly_unknown():
+    def smallest(levels, equipments=()):
+        factor = {"parameter": "trailer_mass", "levels": levels}
+        found, lost = promises(
+            study(design=[{"name": "level", "factor": [factor]}]), "EKF", ["trailer_mass"], equipments
+        )
+        assert not lost
+        return found
+
+    known = study(design=[{"name": "nominal", "repeats": LANES}])
+    bound = smallest_rmse(StudyEvaluator(known), Unit(0, 0, 0, 0, 1))
+    sure = smallest(["23.999 t", "24.001 t"])[None].smallest
+    np.testing.assert_allclose(sure, np.rad2deg(bound[None]), rtol=1e-3)
+    (equipment,) = (e for e in choices.equipments(study()) if e.sensors == "series")
+    unsure = smallest(["8 t", "24 t"], [equipment])
+    assert unsure[None].smallest[0, 0] > 1.1 * sure[0, 0]
+    assert unsure[equipment].smallest[0, 0] < unsure[None].smallest[0, 0]
+    assert unsure[equipment].share < unsure[None].share <= 1.0
 
 
 def test_a_study_that_varies_no_parameter_of_the_plant_is_refused():

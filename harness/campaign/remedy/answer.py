@@ -29,9 +29,10 @@ def times(ratio: float) -> str:
 def _main(tried: Tried) -> Iterator[str]:
     first = tried.outcomes[0]
     if not helps(tried.best, first):
+        small = "makes the boxes a quarter wider" if first.boxes else "takes a fifth off the error at the worst level"
         yield (
-            f"Nothing that was tried helps against the {_drivers(tried)}: no remedy takes a fifth off the error at the "
-            f"worst level, also not with further sensors."
+            f"Nothing that was tried helps against the {_drivers(tried)}: no remedy {small}, also not with further "
+            "sensors."
         )
         return
     bare = best(without_sensor(tried.outcomes), first)
@@ -45,17 +46,20 @@ def _main(tried: Tried) -> Iterator[str]:
 
 
 def _effect(o: Outcome, first: Outcome) -> str:
-    """Say what a remedy does to the errors at the worst level, and to the boxes."""
+    """Say what a remedy does to the boxes, and to the errors at the worst level."""
+    text = ""
+    if o.boxes:
+        grown = [
+            f"for the {first.targets[t].words} from {percent(first.boxes[t].box)} to {percent(one.box)}"
+            for t, one in o.boxes.items()
+        ]
+        text = f"The box that is tolerated grows {listed(grown)} of the way. "
     parts = []
     for t, target in enumerate(first.targets):
         before, after = float(first.medians[t].max()), float(o.medians[t].max())
         parts.append(f"for the {target.words} from {number(before)} to {with_unit(after, target.unit)}")
     level = " at the worst level" if len(first.levels) > 1 else ""
-    text = f"The median error{level} goes {listed(parts)}."
-    for t, one in o.boxes.items():
-        name = first.targets[t].words
-        text += f" The box for the {name} goes from {percent(first.boxes[t].box)} to {percent(one.box)} of the way."
-    return text
+    return f"{text}The median error{level} goes {listed(parts)}."
 
 
 def _drivers(tried: Tried) -> str:
@@ -74,6 +78,8 @@ def further(tried: Tried) -> Iterator[tuple[str, str]]:
         told = listed([f"{times(float(r))} for the {q.words}" for r, q in zip(ratios, first.targets, strict=True)])
         ideal = "believing the amended model" if tried.traced else "with the parameters known"
         yield "How near to the ideal?", f"The error at the worst level over that {ideal}: {told}."
+    if better := _could_be_better(tried):
+        yield "Could any estimator do better?", better
     yield "What does it cost?", _cost(tried)
     if np.isfinite(taken.nees):
         yield (
@@ -85,6 +91,36 @@ def further(tried: Tried) -> Iterator[tuple[str, str]]:
         yield "What does it need?", _need(taken.remedy, tried)
     if not tried.traced:
         yield "Why not without a sensor?", _without(tried)
+
+
+def _could_be_better(tried: Tried) -> str:
+    """Say what the best estimator is left with where the parameters are unknown, by sensors of the study and best."""
+    parts = []
+    for equipment in dict.fromkeys((None, tried.best.remedy.equipment)):
+        if equipment not in tried.promise:
+            continue
+        smallest = tried.promise[equipment].smallest
+        told = []
+        for t, target in enumerate(tried.best.targets):
+            drive = int(np.argmax(smallest[:, t]))
+            error, limit = float(smallest[drive, t]), _limit(tried, t)
+            beyond = f", above the limit of {with_unit(limit, target.unit)}" if error > limit else ""
+            where = words(tried.study.drives[drive].name)
+            told.append(f"{with_unit(error, target.unit)} in the {target.words} ({where}{beyond})")
+        sensors = f"{Remedy(equipment=equipment).measures} in addition" if equipment else "the study's own sensors"
+        parts.append(f"with {sensors} {listed(told)}")
+    if not parts:
+        return ""
+    return (
+        "The parameters being as unknown as the study varies them, the best estimator that there can be is left on "
+        f"its worst drive with an RMSE of: {'; '.join(parts)} (Cramér-Rao bound)."
+    )
+
+
+def _limit(tried: Tried, t: int) -> float:
+    """Return the limit of a target in report units, infinite if the study has none."""
+    target = tried.best.targets[t]
+    return tried.study.limits.get(target.name, np.inf) * target.scale
 
 
 def _cost(tried: Tried) -> str:
@@ -114,17 +150,16 @@ def _need(remedy: Remedy, tried: Tried) -> str:
 
 
 def _poor_drives(tried: Tried, equipment: Equipment | None) -> list[str]:
-    left = tried.promise[equipment].max(axis=1)
+    left = tried.promise[equipment].left.max(axis=1)
     names = [words(d.name) for d in tried.study.drives]
     return [n for n, share in zip(names, left, strict=True) if share > _NOTHING_LEARNT]
 
 
 def _without(tried: Tried) -> str:
     """Say what the study's own sensors could tell at best."""
-    left = tried.promise.get(None)
-    if left is None:
+    if None not in tried.promise:
         return "What its sensors could tell was not computed."
-    worst = left.max(axis=1)
+    worst = tried.promise[None].left.max(axis=1)
     poor = _poor_drives(tried, None)
     text = (
         f"With the study's own sensors {percent(float(np.median(worst)))} of the first uncertainty is left at best in "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,13 +84,21 @@ class Remedy:
     @property
     def does(self) -> str:
         """What is done with parameters, in words."""
+        return self.told()
+
+    def told(self, drivers: Sequence[str] = ()) -> str:
+        """Say what is done with parameters, where all of those that drive the error are meant in short.
+
+        Args:
+            drivers: These; none are told by their names.
+        """
         named = {
             "estimate": self.estimated,
             "consider": self.considered,
             "run a bank of filters over": self.banked,
             "know": self.known,
         }
-        parts = [f"{verb} the {listed([words(n) for n in names])}" for verb, names in named.items() if names]
+        parts = [f"{verb} {_these(names, drivers)}" for verb, names in named.items() if names]
         parts += ["tune for the worst case"] if self.tuned else []
         parts += [ADAPTED[self.adapted]] if self.adapted else []
         parts += ["believe the amended model"] if self.amended else []
@@ -112,10 +120,23 @@ class Remedy:
     @property
     def words(self) -> str:
         """What it does, as the report calls it."""
+        return self.told_with_sensors()
+
+    def told_with_sensors(self, drivers: Sequence[str] = ()) -> str:
+        """Say what it does and measures; ``drivers`` as in ``told``."""
+        does = self.told(drivers)
         if self.equipment is None:
-            return self.does
+            return does
         sensors = listed([words(s) for s in self.equipment.sources])
-        return f"add {sensors}" if self.does == AS_IT_IS.does else f"{self.does}, with {sensors}"
+        return f"add {sensors}" if does == AS_IT_IS.does else f"{does}, with {sensors}"
+
+
+def _these(names: Sequence[str], drivers: Sequence[str]) -> str:
+    """Name parameters, or say ``all four``."""
+    if len(names) > 1 and set(names) == set(drivers):
+        counts = {2: "both", 3: "all three", 4: "all four", 5: "all five", 6: "all six"}
+        return counts.get(len(names), f"all {len(names)}")
+    return f"the {listed([words(n) for n in names])}"
 
 
 AS_IT_IS = Remedy()
@@ -260,11 +281,23 @@ def pairs(drivers: Sequence[str], chosen: Sequence[Equipment], considers: bool) 
     """Return what can be done with sensors: each equipment alone, with the drivers estimated, considered, in a bank."""
     for equipment in chosen:
         yield Remedy(equipment=equipment)
+        for name in drivers if len(drivers) > 1 else ():
+            yield Remedy(estimated=(name,), equipment=equipment)
         yield Remedy(estimated=tuple(drivers), equipment=equipment)
         if considers:
             yield Remedy(considered=tuple(drivers), equipment=equipment)
             if len(drivers) <= MOST_BANKED:
                 yield Remedy(banked=tuple(drivers), equipment=equipment)
+
+
+def enlarged(remedy: Remedy, drivers: Sequence[str]) -> list[Remedy]:
+    """Return remedies that estimate one more of the drivers each, in the order of the drivers, but for all of them."""
+    found = []
+    for name in drivers:
+        names = tuple(d for d in drivers if d in remedy.estimated or d == name)
+        if len(remedy.estimated) < len(names) < len(drivers):
+            found.append(replace(remedy, estimated=names))
+    return found
 
 
 def promising(promise: dict[Equipment, float], count: int) -> list[Equipment]:

@@ -14,7 +14,7 @@ from harness.config import Study
 from harness.models.quantities import Quantity
 from harness.study.report.ranking import tolerances
 from harness.study.results import Design, StudyResults
-from harness.study.scores import OK
+from harness.study.scores import OK, PLANT_DIVERGED
 from harness.study.tolerance import Tolerance
 
 HELPS = 0.8
@@ -22,6 +22,10 @@ HELPS = 0.8
 
 ALIKE = 1.1
 """Up to this ratio two remedies are worth the same, and the one that needs less is chosen."""
+
+
+_NO_ROOM = 1e-6
+"""Size that boxes together have at least, so that what makes one from nothing is put in order by how large it is."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +37,12 @@ class Outcome:
         study: The study that did it.
         targets: Those of the study as it is.
         levels: Labels of the levels or bands.
-        medians: Median RMSE in report units ``(target, level)``; a lost run counts as infinitely wrong.
+        medians: Median RMSE in report units ``(target, level)``; a lost run counts as infinitely wrong. Runs in which
+            the vehicle itself left the range of its model count here as nowhere but in the boxes, being nobody's.
         home: Level at which the vehicle is as believed; ``None`` if there is none.
         nominal: Median RMSE there, or at the nominal point of a tolerance design ``(target,)``; NaN if there is none.
         worst: Largest RMSE of any run ``(target,)``, infinite if one was lost.
-        lost: Share of the runs without a score.
+        lost: Share of the runs that the estimator lost.
         nees: Median over the runs of the average NEES over its expectation; NaN without one.
         consistent: Share of the runs whose average NEES is below the upper 95 % bound of a single run.
         boxes: What it tolerates by target, where the study asks for it.
@@ -65,8 +70,9 @@ def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) 
     """Return what came of a remedy by the results of its study."""
     design = found.designs[0]
     wanted = [t for t, q in enumerate(design.targets) if q.name not in study.belief.estimated_parameters]
-    errors = np.where(design.status == OK, design.rmse, np.inf)[wanted, :, 0]
-    medians = np.median(errors.reshape(*errors.shape[:2], -1), axis=2)
+    there = design.status != PLANT_DIVERGED
+    errors = np.where(design.status == OK, design.rmse, np.where(there, np.inf, np.nan))[wanted, :, 0]
+    medians = _median(errors.reshape(*errors.shape[:2], -1))
     nested = next((d for d in found.designs if d.sampling == "tolerance"), None)
     nominal = np.full(len(wanted), np.nan) if design.matched is None else medians[:, design.matched]
     boxes: dict[int, Tolerance] = {}
@@ -84,14 +90,21 @@ def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) 
         medians=medians,
         home=design.matched,
         nominal=nominal,
-        worst=errors.max(axis=(1, 2, 3, 4)),
-        lost=float(np.mean(design.status != OK)),
+        worst=np.nanmax(errors, axis=(1, 2, 3, 4)) if there.any() else np.full(len(wanted), np.inf),
+        lost=float(np.mean(design.status[there] != OK)) if there.any() else 1.0,
         nees=nees,
         consistent=consistent,
         boxes=boxes,
         states=len(study.belief.model().states),
         step_time=step_time,
     )
+
+
+def _median(errors: Floats) -> Floats:
+    """Return the median over the last axis of what is there; infinite where nothing is."""
+    nothing = np.isnan(errors).all(axis=-1, keepdims=True)
+    found: Floats = np.nanmedian(np.where(nothing, np.inf, errors), axis=-1)
+    return found
 
 
 def _consistency(design: Design) -> tuple[float, float]:
@@ -110,7 +123,7 @@ def harm(outcome: Outcome, first: Outcome) -> float:
     at the worst level over that as it is, of the target for which this is largest.
     """
     if outcome.boxes and first.boxes:
-        return _room(first) / max(_room(outcome), 1e-9)
+        return max(_room(first), _NO_ROOM) / max(_room(outcome), _NO_ROOM)
     return float(np.max(outcome.medians.max(axis=1) / first.medians.max(axis=1)))
 
 

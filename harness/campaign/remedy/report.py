@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 
+from harness.campaign.remedy import figures
 from harness.campaign.remedy.answer import further, headline, times
-from harness.campaign.remedy.choices import AS_IT_IS, Remedy, prior
+from harness.campaign.remedy.choices import Remedy, prior
 from harness.campaign.remedy.choices import parameters as parameters_of
-from harness.campaign.remedy.judge import Outcome, harm, nominal_cost
+from harness.campaign.remedy.judge import Outcome, nominal_cost
 from harness.campaign.remedy.run import Tried
 from harness.common.files import write_files
 from harness.config import ModelSpec, Study
 from harness.config.parameter_set import UNSURE, set_text
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
-from harness.reporting import style
 from harness.reporting.document import (
     Block,
     Bullets,
@@ -35,7 +34,7 @@ from harness.reporting.document import (
     strong,
     write,
 )
-from harness.reporting.style import in_unit, number, percent
+from harness.reporting.style import in_unit, number, percent, with_unit
 
 BELIEF = "belief.toml"
 STUDY = "study.toml"
@@ -55,7 +54,11 @@ def write_report(tried: Tried, out: Path, command: str) -> list[Path]:
     title = f"What helps where the {_drivers(tried)} {'is' if len(tried.drivers) == 1 else 'are'} not as believed?"
     sections = [
         Section(partial(_answer, tried), "Answer"),
-        Section(partial(_levels, tried), "How large are the errors at every level?"),
+        *(
+            [Section(partial(_levels, tried), "How large are the errors at every level?")]
+            if len(tried.outcomes[0].levels) > 1
+            else []
+        ),
         *([Section(partial(_promise, tried), "What could be known at best?")] if tried.promise else []),
         Section(partial(_made, tried, command), "How was this made?"),
     ]
@@ -103,49 +106,101 @@ def _drivers(tried: Tried) -> str:
 
 
 def _answer(tried: Tried) -> list[Block]:
-    return [
+    first = tried.outcomes[0]
+    found: list[Block] = [
         Heading("Answer"),
         Prose(strong(headline(tried))),
         Bullets([f"{strong(head)} {plain(text)}" for head, text in further(tried)]),
-        _table(tried),
     ]
+    if first.boxes:
+        caption = "How far all factors may drift together before a drive exceeds its limit, the remedy to take first"
+        more = len(tried.outcomes) - figures.MOST_DRAWN
+        caption += f"; {more} more stand in the table." if more > 0 else "."
+        found.append(Drawing(partial(figures.boxes, tried), caption, "Box that each remedy tolerates"))
+    elif len(first.levels) > 1:
+        caption = (
+            "Median RMSE at each level, lost runs counted as infinitely wrong (no point); grey: the vehicle is as "
+            "believed."
+        )
+        found.append(Drawing(partial(figures.levels, tried), caption, "Median error of remedies over the levels"))
+    return [*found, _table(tried), _further_table(tried)]
+
+
+def _rows(tried: Tried) -> list[Outcome]:
+    return [*figures.in_order(tried), *([tried.known] if tried.known else [])]
+
+
+def _named(o: Outcome, tried: Tried) -> list[str]:
+    return [o.remedy.told(tried.drivers), o.remedy.measures]
 
 
 def _table(tried: Tried) -> Sheet:
     """Return the table to decide by: the best first, and what it is measured against last."""
     first = tried.outcomes[0]
-    order = [tried.best, *sorted((o for o in tried.outcomes if o is not tried.best), key=lambda o: harm(o, first))]
     header = ["remedy", "measured in addition"]
-    for q in first.targets:
-        header += [f"{q.words}{in_unit(q.unit)}, worst level", "worst run"]
     header += [f"box, {first.targets[t].words}" for t in first.boxes]
-    header += ["as believed", "NEES", "runs consistent", "time per step"]
-    rows = [_row(o, first) for o in order] + ([_row(tried.known, first)] if tried.known else [])
+    header += [f"{q.words}{in_unit(q.unit)}" for q in first.targets]
+    header += ["as believed", "runs consistent", "time per step"]
+    rows = []
+    for o in _rows(tried):
+        cost = nominal_cost(o, first)
+        rows.append(
+            [
+                *_named(o, tried),
+                *(percent(o.boxes[t].box) if t in o.boxes else "–" for t in first.boxes),
+                *(_against(o, first, t) for t in range(len(o.targets))),
+                times(cost) if np.isfinite(cost) or np.isinf(cost) else "–",
+                percent(o.consistent) if np.isfinite(o.consistent) else "–",
+                times(o.step_time / first.step_time),
+            ]
+        )
     ideal = "the amended model believed" if tried.traced else "what nobody can do: know the parameters"
+    level = ", at the level where it is largest" if len(first.levels) > 1 else ""
+    box = "Box: how far all factors may drift together, of the way to the edges. " if first.boxes else ""
     caption = (
-        "The remedies on the same points, drives and noise, the one to take first; "
-        + (f"last, {ideal}. " if tried.known else "")
-        + "Worst level: median RMSE at the level where it is largest, lost runs counted as infinitely wrong (∞), and "
-        "over that as it is. As believed: median RMSE where the vehicle is as believed, over that as it is. NEES: "
-        "median over its expectation. Runs consistent: those whose average NEES is below its 95 % bound. Time: in the "
-        "study's lanes, over that as it is."
+        "The remedies on the same points, drives and noise, the one to take first"
+        + (f"; last, {ideal}. " if tried.known else ". ")
+        + f"{box}Errors: median RMSE{level}, lost runs counted as infinitely wrong (∞), and over that as it is. As "
+        "believed: the error where the vehicle is as believed, over that as it is. Runs consistent: those whose "
+        "average NEES is below its 95 % bound. Time: in the study's lanes, over that as it is."
     )
-    if first.boxes:
-        caption += " Box: how far all parameters may drift together, of the way to the edges."
     return Sheet(header, rows, caption, left=2)
 
 
-def _row(o: Outcome, first: Outcome) -> list[str]:
-    found = [o.remedy.does, o.remedy.measures]
-    for t in range(len(o.targets)):
-        highest, before = o.medians[t].max(), first.medians[t].max()
-        ratio = "" if o is first or not np.isfinite(highest) else f" ({number(highest / before, 2)}×)"
-        found += [_error(highest) + ratio, _error(o.worst[t])]
-    found += [f"{percent(o.boxes[t].box)}" if t in o.boxes else "–" for t in first.boxes]
-    cost = nominal_cost(o, first)
-    found.append("–" if not np.isfinite(cost) and not np.isinf(cost) else times(cost))
-    found += [number(o.nees, 2), percent(o.consistent) if np.isfinite(o.consistent) else "–"]
-    return [*found, times(o.step_time / first.step_time)]
+def _against(o: Outcome, first: Outcome, t: int) -> str:
+    """Write an error at the worst level, and over that as it is."""
+    highest, before = o.medians[t].max(), first.medians[t].max()
+    ratio = "" if o is first or not np.isfinite(highest) else f" ({times(highest / before)})"
+    return _error(highest) + ratio
+
+
+def _further_table(tried: Tried) -> Sheet:
+    """Return what else is known of every remedy."""
+    first = tried.outcomes[0]
+    header = ["remedy", "measured in addition", *(f"worst run, {q.words}{in_unit(q.unit)}" for q in first.targets)]
+    header += [f"half of the ways, {first.targets[t].words}" for t in first.boxes]
+    header += ["runs lost", "NEES", "states"]
+    rows = [
+        [
+            *_named(o, tried),
+            *(_error(v) for v in o.worst),
+            *(percent(o.boxes[t].typical) if t in o.boxes else "–" for t in first.boxes),
+            percent(o.lost),
+            number(o.nees, 2) if np.isfinite(o.nees) else "–",
+            f"{o.states}",
+        ]
+        for o in _rows(tried)
+    ]
+    ways = (
+        "Half of the ways: how far half of the directions in which everything drifts may be gone. "
+        if first.boxes
+        else ""
+    )
+    caption = (
+        f"What else is known of them. {ways}Runs in which the vehicle itself left the range of its model are no "
+        "remedy's: they end boxes and count as nothing else. NEES: median over its expectation."
+    )
+    return Sheet(header, rows, caption, left=2)
 
 
 def _error(value: float) -> str:
@@ -156,58 +211,10 @@ def _levels(tried: Tried) -> list[Block]:
     first = tried.outcomes[0]
     shown = [*tried.outcomes, *([tried.known] if tried.known else [])]
     found: list[Block] = [Heading("How large are the errors at every level?")]
-    if len(first.levels) > 1:
-        caption = (
-            "Median RMSE of each remedy at each level, lost runs counted as infinitely wrong (no point); grey: the "
-            "vehicle is as believed."
-        )
-        found.append(Drawing(partial(_draw, tried), caption, "Median error of each remedy over the levels"))
     for t, q in enumerate(first.targets):
-        rows = [[o.remedy.words, *(_error(v) for v in o.medians[t])] for o in shown]
+        rows = [[o.remedy.told_with_sensors(tried.drivers), *(_error(v) for v in o.medians[t])] for o in shown]
         found.append(Sheet(["remedy", *first.levels], rows, f"Median RMSE of {q.words}{in_unit(q.unit)}."))
     return found
-
-
-def _draw(tried: Tried) -> bytes:
-    """Draw the study as it is, the remedy to take, the best without a sensor, and the ideal."""
-    first = tried.outcomes[0]
-    bare = [o for o in tried.outcomes if not o.remedy.added and o is not first]
-    chosen = {AS_IT_IS.words: first}
-    if bare:
-        one = min(bare, key=lambda o: harm(o, first))
-        chosen[f"without a further sensor: {one.remedy.words}"] = one
-    chosen[f"to take: {tried.best.remedy.words}"] = tried.best
-    if tried.known:
-        chosen["the same, parameters known"] = tried.known
-    looks = style.looks(list(chosen))
-    with style.drawing():
-        fig = style.figure(1.1 + 2.2 * len(first.targets))
-        panels = fig.subplots(len(first.targets), 1, sharex=True, squeeze=False)[:, 0]
-        for t, axes in enumerate(panels):
-            _panel(axes, t, chosen, looks, first)
-        panels[-1].set_xticks(range(len(first.levels)), first.levels)
-        handles = [
-            Line2D([], [], color=looks[n].line, ls=looks[n].dashes, marker=looks[n].marker, label=n) for n in chosen
-        ]
-        style.head(fig, f"How large is the error where the {_drivers(tried)} differs from the belief?", handles)
-        return style.svg(fig)
-
-
-def _panel(axes: Axes, t: int, chosen: dict[str, Outcome], looks: dict[str, style.Look], first: Outcome) -> None:
-    style.mark_matched(axes, first.home)
-    seen = []
-    for name, o in chosen.items():
-        values = np.where(np.isfinite(o.medians[t]), o.medians[t], np.nan)
-        seen += [v for v in values if v > 0]
-        with style.series(axes, name):
-            axes.plot(
-                range(len(values)), values, marker=looks[name].marker, ls=looks[name].dashes, color=looks[name].line
-            )
-    if seen:
-        style.logarithmic(axes, min(seen), max(seen))
-    axes.set_title(first.targets[t].words, loc="left")
-    axes.set_ylabel(f"RMSE{in_unit(first.targets[t].unit)}")
-    axes.grid(axis="y")
 
 
 def _promise(tried: Tried) -> list[Block]:
@@ -215,7 +222,7 @@ def _promise(tried: Tried) -> list[Block]:
     known = {f.parameter: f for f in parameters_of(tried.study)}
     drives = [d.name for d in tried.study.drives]
     rows = []
-    for equipment, left in tried.promise.items():
+    for equipment, promise in tried.promise.items():
         for d, name in enumerate(tried.drivers):
             factor = known[name]
             shown = quantity(name, factor.unit) if name in SIGNALS else None
@@ -227,7 +234,7 @@ def _promise(tried: Tried) -> list[Block]:
                     added if d == 0 else "",
                     f"{words(name)}{in_unit(unit)}",
                     number(first),
-                    *(number(first * v) for v in left[:, d]),
+                    *(number(first * v) for v in promise.left[:, d]),
                 ]
             )
     text = (
@@ -239,12 +246,34 @@ def _promise(tried: Tried) -> list[Block]:
     blocks: list[Block] = [Heading("What could be known at best?"), Prose(plain(text))]
     header = ["measured in addition", "parameter", "known to ±", *(words(d) for d in drives)]
     blocks.append(Sheet(header, rows, "Standard deviation at the end of each drive at best.", left=2))
+    blocks += _smallest(tried, drives)
     if tried.measuring:
         sets = "; ".join(Remedy(equipment=e).measures for e in tried.measuring)
         blocks.append(Prose(plain(f"Not tried, because they measure a target itself: {sets}.")))
     if tried.impossible:
         blocks.append(Bullets([plain(f"Not possible: {what}: {why}") for what, why in tried.impossible.items()]))
     return blocks
+
+
+def _smallest(tried: Tried, drives: Sequence[str]) -> list[Block]:
+    """Say what the best estimator is left with in the targets while the parameters are unknown."""
+    rows = []
+    for equipment, promise in tried.promise.items():
+        for t, q in enumerate(tried.outcomes[0].targets):
+            added = Remedy(equipment=equipment).measures if t == 0 else ""
+            rows.append([added, f"{q.words}{in_unit(q.unit)}", *(number(v) for v in promise.smallest[:, t])])
+    limits = [
+        f"{with_unit(tried.study.limits[q.name] * q.scale, q.unit)} for the {q.words}"
+        for q in tried.outcomes[0].targets
+        if q.name in tried.study.limits
+    ]
+    text = (
+        "The same bound for what is to be estimated, from the first sample on: the smallest RMSE in the mean over "
+        "vehicles whose parameters differ from the belief as the study varies them. Some of these vehicles are further "
+        "off than the mean." + (f" The limits are {listed(limits)}." if limits else "")
+    )
+    header = ["measured in addition", "target", *(words(d) for d in drives)]
+    return [Prose(plain(text)), Sheet(header, rows, "Smallest RMSE along each drive.", left=2)]
 
 
 def _made(tried: Tried, command: str) -> list[Block]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,15 +15,14 @@ from rich.text import Text
 
 from harness.campaign.remedy import choices, traced
 from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.campaign.remedy.judge import Outcome, best, judged
+from harness.campaign.remedy.judge import Outcome, best, harm, judged
+from harness.campaign.remedy.promise import Promise, promises
 from harness.common.errors import ModelError, UserError
 from harness.common.lock import locked
 from harness.config import Study
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import load_estimator
-from harness.estimation.information import parameter_information
 from harness.realtime.measure import PACES, contestants, measure
-from harness.simulation.drives import profile_of
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.report.ranking import Ranking
@@ -59,8 +58,7 @@ class Tried:
         cycle: Median time of a step in a cycle of its own, one run, in s, as it is and with the remedy to take; NaN
             where the system has no clock for it.
         traced: Whether the drivers are effects that a trace named, which the plant has and the belief lacks.
-        promise: Share of the first deviation that is left of each driver at best after each drive
-            ``(drive, driver)``, by equipment; ``None`` stands for the study's own.
+        promise: What could be known at best, by equipment; ``None`` stands for the study's own.
         measuring: Equipments that measure a target itself, which are not tried.
         impossible: Remedies that could not be built, with the reason.
     """
@@ -72,7 +70,7 @@ class Tried:
     best: Outcome
     known: Outcome | None
     cycle: tuple[float, float]
-    promise: dict[Equipment | None, np.ndarray]
+    promise: dict[Equipment | None, Promise]
     measuring: list[Equipment]
     impossible: dict[str, str] = field(default_factory=dict)
     traced: bool = False
@@ -114,6 +112,7 @@ def try_remedies(
         first = attempt(AS_IT_IS)
         plan = _against_effects(study, name, most) if is_traced else _plan(study, name, out, most, console)
         outcomes = [first, *_all(attempt, plan.further, console, plan.impossible)]
+        outcomes += _more_estimated(attempt, outcomes, plan, console)
         one = best(outcomes, first).remedy
         tuned = replace(one, tuned=True)
         if tunable and not one.banked and tuned not in plan.further:
@@ -143,7 +142,7 @@ class _Plan(NamedTuple):
 
     drivers: tuple[str, ...]
     further: list[Remedy]
-    promise: dict[Equipment | None, np.ndarray]
+    promise: dict[Equipment | None, Promise]
     impossible: dict[str, str]
 
 
@@ -157,8 +156,8 @@ def _plan(study: Study, estimator: str, out: Path, most: int, console: Console) 
         )
     equipments, _ = _of_use(study)
     with console.status("what could be known of the parameters at best"):
-        promise, impossible = _promises(study, estimator, drivers, equipments)
-    chosen = choices.promising({e: _share(promise[e]) for e in equipments if e in promise}, most)
+        promise, impossible = promises(study, estimator, drivers, equipments)
+    chosen = choices.promising({e: promise[e].share for e in equipments if e in promise}, most)
     file = load_estimator(_kind(study, estimator))
     alone = choices.singles(drivers, file.KALMAN_TYPE, file.HAS_COVARIANCE)
     further = [*alone, *choices.pairs(drivers, chosen, file.KALMAN_TYPE)]
@@ -171,6 +170,24 @@ def _against_effects(study: Study, estimator: str, most: int) -> _Plan:
     file = load_estimator(_kind(study, estimator))
     further = list(traced.remedies(chosen, file.KALMAN_TYPE, file.HAS_COVARIANCE))
     return _Plan(tuple(traced.named(study)), further, {}, {})
+
+
+def _more_estimated(
+    attempt: partial[Outcome], outcomes: Sequence[Outcome], plan: _Plan, console: Console
+) -> list[Outcome]:
+    """Estimate one more driver at a time, beside those with which it gains most, as long as it gains anything.
+
+    All together may be worse than some: what a drive does not tell apart is put down to the wrong one.
+    """
+    first, found = outcomes[0], []
+    for equipment in dict.fromkeys(o.remedy.equipment for o in outcomes):
+        taken = next((o for o in outcomes if o.remedy == Remedy(equipment=equipment)), first)
+        tried = [o for o in outcomes if o.remedy == Remedy(estimated=o.remedy.estimated[:1], equipment=equipment)]
+        while tried and harm(better := min(tried, key=lambda o: harm(o, first)), first) < harm(taken, first):
+            taken = better
+            tried = _all(attempt, choices.enlarged(taken.remedy, plan.drivers), console, plan.impossible)
+            found += tried
+    return found
 
 
 def _kind(study: Study, estimator: str) -> str:
@@ -277,32 +294,3 @@ def _of_use(study: Study) -> tuple[list[Equipment], list[Equipment]]:
     found = choices.equipments(study)
     measuring = [e for e in found if set(e.added) & set(study.targets)]
     return [e for e in found if e not in measuring], measuring
-
-
-def _promises(
-    study: Study, estimator: str, drivers: Sequence[str], equipments: Iterable[Equipment]
-) -> tuple[dict[Equipment | None, np.ndarray], dict[str, str]]:
-    """Return what is left unknown of the drivers at best, by equipment, and which of these are not possible."""
-    found: dict[Equipment | None, np.ndarray] = {}
-    impossible: dict[str, str] = {}
-    for equipment in (None, *equipments):
-        remedy = Remedy(estimated=tuple(drivers), equipment=equipment)
-        try:
-            changed = choices.applied(study, remedy, estimator)
-        except UserError as error:
-            impossible[remedy.words] = str(error)
-            continue
-        found[equipment] = np.array(list(_left(changed, drivers)))
-    return found, impossible
-
-
-def _left(study: Study, drivers: Sequence[str]) -> Iterator[np.ndarray]:
-    first = {s.name: s.prior for s in study.belief.parameter_states}
-    for drive in study.drives:
-        std = parameter_information(study.belief, profile_of(study.plant, drive))["std"]
-        yield np.array([float(std.sel(parameter=n)[-1]) / first[n] for n in drivers])
-
-
-def _share(left: np.ndarray) -> float:
-    """Return the geometric mean over parameters, in the median over drives."""
-    return float(np.median(np.exp(np.mean(np.log(np.maximum(left, 1e-12)), axis=1))))
