@@ -161,16 +161,17 @@ def considered() -> None:
 
 
 def unweighed() -> None:
-    """Show the share of samples inside the stated band if the mass is considered and nothing is linearised in it."""
+    """Show the share of samples inside the stated band, and its half width, if nothing is linearised in the mass."""
     rows = []
     for sensors in ("series", "stability_control"):
-        for prior in ("8 t", "14 t"):
+        for prior in ("8 t", "14 t", "24 t"):
             belief = {"unknown_parameters": [{"name": "trailer_mass", "prior": prior}]}
             table_of = {"name": "RBPF", "kind": "rbpf", "particles": 16, "weighed": False}
             found = list(runs(study(belief, sensors, "rbpf", {"estimator": [table_of]})))
             shares = [100 * np.mean([r.covered[0] for r in found if r.level == level]) for level in LEVELS]
-            rows.append([sensors, prior, *(f"{s:.0f} %" for s in shares)])
-    table(["sensors", "considered ±", *LEVELS], rows)
+            width = 1.96e-3 * np.median([np.median(r.kept[:, 1, 0]) for r in found])
+            rows.append([sensors, prior, *(f"{s:.0f} %" for s in shares), f"{width:.1f}"])
+    table(["sensors", "considered ±", *LEVELS, "band ± kN"], rows)
 
 
 def straight() -> None:

@@ -46,20 +46,18 @@ def _main(tried: Tried) -> Iterator[str]:
 
 
 def _effect(o: Outcome, first: Outcome) -> str:
-    """Say what a remedy does to the boxes, and to the errors at the worst level."""
-    text = ""
-    if o.boxes:
-        grown = [
-            f"for the {first.targets[t].words} from {percent(first.boxes[t].box)} to {percent(one.box)}"
-            for t, one in o.boxes.items()
-        ]
-        text = f"The box that is tolerated grows {listed(grown)} of the way. "
+    """Say what a remedy does to the boxes, else to the errors at the worst level."""
     parts = []
+    if o.boxes:
+        for t, one in o.boxes.items():
+            grown = f"from {percent(first.boxes[t].box)} to {percent(one.box)}"
+            parts.append(f"{grown} of the way for the {first.targets[t].words}")
+        return f"The box that is tolerated goes {listed(parts)}."
     for t, target in enumerate(first.targets):
         before, after = float(first.medians[t].max()), float(o.medians[t].max())
-        parts.append(f"for the {target.words} from {number(before)} to {with_unit(after, target.unit)}")
+        parts.append(f"from {number(before)} to {with_unit(after, target.unit)} for the {target.words}")
     level = " at the worst level" if len(first.levels) > 1 else ""
-    return f"{text}The median error{level} goes {listed(parts)}."
+    return f"The median error{level} goes {listed(parts)}."
 
 
 def _drivers(tried: Tried) -> str:

@@ -15,10 +15,10 @@ from harness.models.quantities import listed, words
 from harness.reporting import style
 from harness.reporting.style import percent
 
-MOST_DRAWN = 8
+MOST_DRAWN = 6
 """Remedies whose boxes are drawn, the best first; the table has all."""
 
-_ROW = 0.40
+_ROW = 0.38
 _WIDTH = 46
 
 

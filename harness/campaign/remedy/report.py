@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -107,11 +108,7 @@ def _drivers(tried: Tried) -> str:
 
 def _answer(tried: Tried) -> list[Block]:
     first = tried.outcomes[0]
-    found: list[Block] = [
-        Heading("Answer"),
-        Prose(strong(headline(tried))),
-        Bullets([f"{strong(head)} {plain(text)}" for head, text in further(tried)]),
-    ]
+    found: list[Block] = [Heading("Answer"), Prose(strong(headline(tried)))]
     if first.boxes:
         caption = "How far all factors may drift together before a drive exceeds its limit, the remedy to take first"
         more = len(tried.outcomes) - figures.MOST_DRAWN
@@ -123,21 +120,18 @@ def _answer(tried: Tried) -> list[Block]:
             "believed."
         )
         found.append(Drawing(partial(figures.levels, tried), caption, "Median error of remedies over the levels"))
-    return [*found, _table(tried), _further_table(tried)]
+    told = Bullets([f"{strong(head)} {plain(text)}" for head, text in further(tried)])
+    return [*found, told, _table(tried), _further_table(tried)]
 
 
 def _rows(tried: Tried) -> list[Outcome]:
     return [*figures.in_order(tried), *([tried.known] if tried.known else [])]
 
 
-def _named(o: Outcome, tried: Tried) -> list[str]:
-    return [o.remedy.told(tried.drivers), o.remedy.measures]
-
-
 def _table(tried: Tried) -> Sheet:
     """Return the table to decide by: the best first, and what it is measured against last."""
     first = tried.outcomes[0]
-    header = ["remedy", "measured in addition"]
+    header = ["remedy"]
     header += [f"box, {first.targets[t].words}" for t in first.boxes]
     header += [f"{q.words}{in_unit(q.unit)}" for q in first.targets]
     header += ["as believed", "runs consistent", "time per step"]
@@ -146,7 +140,7 @@ def _table(tried: Tried) -> Sheet:
         cost = nominal_cost(o, first)
         rows.append(
             [
-                *_named(o, tried),
+                o.remedy.told_with_sensors(tried.drivers),
                 *(percent(o.boxes[t].box) if t in o.boxes else "–" for t in first.boxes),
                 *(_against(o, first, t) for t in range(len(o.targets))),
                 times(cost) if np.isfinite(cost) or np.isinf(cost) else "–",
@@ -164,7 +158,7 @@ def _table(tried: Tried) -> Sheet:
         "believed: the error where the vehicle is as believed, over that as it is. Runs consistent: those whose "
         "average NEES is below its 95 % bound. Time: in the study's lanes, over that as it is."
     )
-    return Sheet(header, rows, caption, left=2)
+    return Sheet(_broken(header), rows, caption)
 
 
 def _against(o: Outcome, first: Outcome, t: int) -> str:
@@ -177,12 +171,12 @@ def _against(o: Outcome, first: Outcome, t: int) -> str:
 def _further_table(tried: Tried) -> Sheet:
     """Return what else is known of every remedy."""
     first = tried.outcomes[0]
-    header = ["remedy", "measured in addition", *(f"worst run, {q.words}{in_unit(q.unit)}" for q in first.targets)]
+    header = ["remedy", *(f"worst run, {q.words}{in_unit(q.unit)}" for q in first.targets)]
     header += [f"half of the ways, {first.targets[t].words}" for t in first.boxes]
     header += ["runs lost", "NEES", "states"]
     rows = [
         [
-            *_named(o, tried),
+            o.remedy.told_with_sensors(tried.drivers),
             *(_error(v) for v in o.worst),
             *(percent(o.boxes[t].typical) if t in o.boxes else "–" for t in first.boxes),
             percent(o.lost),
@@ -200,7 +194,12 @@ def _further_table(tried: Tried) -> Sheet:
         f"What else is known of them. {ways}Runs in which the vehicle itself left the range of its model are no "
         "remedy's: they end boxes and count as nothing else. NEES: median over its expectation."
     )
-    return Sheet(header, rows, caption, left=2)
+    return Sheet(_broken(header), rows, caption)
+
+
+def _broken(header: Sequence[str]) -> list[str]:
+    """Break the heads of numbers into lines, so that the words have the room."""
+    return ["\n".join(textwrap.wrap(h, 13)) for h in header]
 
 
 def _error(value: float) -> str:
