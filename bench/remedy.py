@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.campaign.remedy.run import time_of_step
+from harness.campaign.remedy.run import steps_in_turn
 from harness.common.arrays import Floats
 from harness.config import Study, build_study, load_study
 from harness.study.design import Unit, units
@@ -260,7 +260,7 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
         )
         for name, settings in filters.items()
     }
-    times = _step_times([study({}, "stability_control", "ekf", {}), *studies.values()])
+    times = steps_in_turn([study({}, "stability_control", "ekf", {}), *studies.values()])
     rows = []
     for (name, of), seconds in zip(studies.items(), times[1:], strict=True):
         found = list(runs(of))
@@ -293,11 +293,6 @@ def _against_known(filters: Mapping[str, Mapping[str, Any]], levels: Sequence[st
         "time of a step over the EKF's",
     ]
     table(header, rows)
-
-
-def _step_times(studies: Sequence[Study]) -> list[float]:
-    """Return the time of a step of each study, the least of several taken in turn, so that a busy machine slows all."""
-    return [float(t) for t in np.min([[time_of_step(s, 3) for s in studies] for _ in range(4)], axis=0)]
 
 
 PARTS = {f.__name__: f for f in (estimated, considered, unweighed, straight, steering, particles, bank, alternatives)}

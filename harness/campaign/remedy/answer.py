@@ -125,11 +125,13 @@ def _cost(tried: Tried) -> str:
     first, taken = tried.outcomes[0], tried.best
     cost = nominal_cost(taken, first)
     text = f"Where the vehicle is as believed the error is {times(cost)} that as it is. " if np.isfinite(cost) else ""
-    text += f"A step takes {times(taken.step_time / first.step_time)} the time"
+    text += f"A step takes {times(tried.slower[0])} the time"
+    if np.isfinite(tried.slower[1]):
+        text += f", {times(tried.slower[1])} that with these sensors alone"
     before, after = tried.cycle
     if np.isfinite(after):
         share = after / taken.study.belief.step
-        text += f", alone on a core {number(1e6 * after, 2)} µs in place of {number(1e6 * before, 2)} µs, "
+        text += f"; alone on a core {number(1e6 * after, 2)} µs in place of {number(1e6 * before, 2)} µs, "
         text += f"{percent(share)} of the cycle of {1e3 * taken.study.belief.step:g} ms"
     return text + "."
 

@@ -57,6 +57,8 @@ class Tried:
         known: As with it, but the drivers are known; ``None`` where that cannot be had.
         cycle: Median time of a step in a cycle of its own, one run, in s, as it is and with the remedy to take; NaN
             where the system has no clock for it.
+        slower: How many times longer a step in lanes takes with the remedy to take than as it is, and than with its
+            sensors alone, measured in turn; the second is NaN where it measures nothing more.
         traced: Whether the drivers are effects that a trace named, which the plant has and the belief lacks.
         promise: What could be known at best, by equipment; ``None`` stands for the study's own.
         measuring: Equipments that measure a target itself, which are not tried.
@@ -70,6 +72,7 @@ class Tried:
     best: Outcome
     known: Outcome | None
     cycle: tuple[float, float]
+    slower: tuple[float, float]
     promise: dict[Equipment | None, Promise]
     measuring: list[Equipment]
     impossible: dict[str, str] = field(default_factory=dict)
@@ -122,6 +125,9 @@ def try_remedies(
         known = _all(attempt, [replace(ideal, equipment=chosen.remedy.equipment)], console, {})
         with console.status("timing single steps"):
             cycle = step_in_cycle(first.study), step_in_cycle(chosen.study)
+            alone = Remedy(equipment=chosen.remedy.equipment)
+            plain = next((o.study for o in outcomes if o.remedy == alone and alone != AS_IT_IS), None)
+            steps = steps_in_turn([chosen.study, first.study, *([plain] if plain else [])])
     return Tried(
         study=study,
         estimator=name,
@@ -130,6 +136,7 @@ def try_remedies(
         best=chosen,
         known=known[0] if known else None,
         cycle=cycle,
+        slower=(steps[0] / steps[1], steps[0] / steps[2] if plain else float("nan")),
         promise=plan.promise,
         measuring=_of_use(study)[1],
         impossible=plan.impossible,
@@ -263,6 +270,11 @@ def time_of_step(study: Study, rounds: int = 10) -> float:
         evaluator.estimate(0, unit, cases, batch, believed)
         times.append(time.thread_time() - begin)
     return min(times) / samples / LANES
+
+
+def steps_in_turn(studies: Sequence[Study]) -> list[float]:
+    """Return the time of a step of each study, the least of several taken in turn, so that a busy machine slows all."""
+    return [float(t) for t in np.min([[time_of_step(s, 3) for s in studies] for _ in range(4)], axis=0)]
 
 
 def step_in_cycle(study: Study) -> float:
