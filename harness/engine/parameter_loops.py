@@ -2,7 +2,7 @@
 
 A filter that corrects ``x`` and ``z`` together corrects ``x`` alone by leaving out the part of its gain that belongs to
 ``z``: of mean and covariance only the block of ``z`` differs then, which stays as predicted (Schmidt 1966; Jazwinski
-1970, 8.4). So any filter of the Kalman type leaves a parameter alone if that block is put back after its step.
+1970, chapter 8). So any filter of the Kalman type leaves a parameter alone if that block is put back after its step.
 
 It is put back where a parameter is considered, and where a sample says nothing of it. A measurement moves the states
 by noise even on a straight road, and where the influence of a parameter depends on the states, they then feign one. A

@@ -8,10 +8,10 @@ import pytest
 from rich.console import Console
 
 from harness.campaign.remedy import choices
-from harness.campaign.remedy.answer import headline
+from harness.campaign.remedy.answer import _poor_drives, headline
 from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
 from harness.campaign.remedy.judge import Outcome, best, harm, helps, judged
-from harness.campaign.remedy.promise import promises
+from harness.campaign.remedy.promise import Promise, promises
 from harness.campaign.remedy.report import belief_text, believed, write_report
 from harness.campaign.remedy.run import _more_estimated, try_remedies
 from harness.common.errors import UserError
@@ -213,6 +213,15 @@ def test_what_is_promised_of_a_target_is_the_bound_with_the_parameter_known_wher
     assert unsure[None].smallest[0, 0] > 1.1 * sure[0, 0]
     assert unsure[equipment].smallest[0, 0] < unsure[None].smallest[0, 0]
     assert unsure[equipment].share < unsure[None].share <= 1.0
+
+
+def test_drives_that_do_not_excite_are_those_for_what_the_remedy_estimates():
+    sensor = Equipment("series", (), ("steering_wheel_angle",), ("steering_wheel_angle",))
+    promise = {sensor: Promise(np.array([[0.1, 0.9], [0.8, 0.2]]), np.ones((2, 1)))}
+    of = SimpleNamespace(drives=[SimpleNamespace(name="turn"), SimpleNamespace(name="highway")])
+    tried = SimpleNamespace(drivers=("a", "b"), promise=promise, study=of)
+    assert _poor_drives(tried, sensor, ("a",)) == ["highway"]
+    assert _poor_drives(tried, sensor, ("a", "b")) == ["turn", "highway"]
 
 
 def test_a_study_that_varies_no_parameter_of_the_plant_is_refused():

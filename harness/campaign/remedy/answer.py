@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -143,16 +143,17 @@ def _need(remedy: Remedy, tried: Tried) -> str:
         return sensors
     if not tried.study.score_after:
         sensors += " The time in which it learns counts; score_after of the study leaves it out."
-    poor = _poor_drives(tried, remedy.equipment)
+    poor = _poor_drives(tried, remedy.equipment, remedy.estimated or remedy.banked)
     if not poor:
         return f"{sensors} Every drive excites what is estimated."
     return f"{sensors} Excitation: after {listed(poor)} even the best estimator knows hardly more than before."
 
 
-def _poor_drives(tried: Tried, equipment: Equipment | None) -> list[str]:
-    left = tried.promise[equipment].left.max(axis=1)
-    names = [words(d.name) for d in tried.study.drives]
-    return [n for n, share in zip(names, left, strict=True) if share > _NOTHING_LEARNT]
+def _poor_drives(tried: Tried, equipment: Equipment | None, names: Sequence[str]) -> list[str]:
+    """Return the drives that hardly tell some of the parameters named."""
+    left = tried.promise[equipment].left[:, [tried.drivers.index(n) for n in names]].max(axis=1)
+    drives = [words(d.name) for d in tried.study.drives]
+    return [n for n, share in zip(drives, left, strict=True) if share > _NOTHING_LEARNT]
 
 
 def _without(tried: Tried) -> str:
@@ -160,7 +161,7 @@ def _without(tried: Tried) -> str:
     if None not in tried.promise:
         return "What its sensors could tell was not computed."
     worst = tried.promise[None].left.max(axis=1)
-    poor = _poor_drives(tried, None)
+    poor = _poor_drives(tried, None, tried.drivers)
     text = (
         f"With the study's own sensors {percent(float(np.median(worst)))} of the first uncertainty is left at best in "
         "the median over the drives"

@@ -18,8 +18,8 @@ from harness.reporting.style import percent
 MOST_DRAWN = 6
 """Remedies whose boxes are drawn, the best first; the table has all."""
 
-_ROW = 0.38
-_WIDTH = 46
+_LINE = 0.165
+_WIDTH = 50
 
 
 def in_order(tried: Tried) -> list[Outcome]:
@@ -35,9 +35,11 @@ def boxes(tried: Tried) -> bytes:
     shown = [*order, *([first] if first not in order else []), *([tried.known] if tried.known else [])]
     names = [first.targets[t].words for t in first.boxes]
     looks = style.looks(names)
+    labels = [textwrap.wrap(_label(o, tried), _WIDTH) for o in shown]
+    row = _LINE * max(2.3, *(len(lines) for lines in labels))
     high = 0.8 / len(names)
     with style.drawing():
-        fig = style.figure(1.3 + _ROW * len(shown))
+        fig = style.figure(1.3 + row * len(shown))
         axes = fig.subplots()
         for k, (t, name) in enumerate(zip(first.boxes, names, strict=True)):
             with style.series(axes, name):
@@ -47,7 +49,7 @@ def boxes(tried: Tried) -> bytes:
                 axes.barh(y, values, 0.85 * high, color=look.tint, edgecolor=look.line, hatch=look.hatch, label=name)
                 for value, place in zip(values, y, strict=True):
                     axes.text(value + 1, place, percent(value / 100), va="center", fontsize=7.5)
-        axes.set_yticks(range(len(shown)), ["\n".join(textwrap.wrap(_label(o, tried), _WIDTH)) for o in shown])
+        axes.set_yticks(range(len(shown)), ["\n".join(lines) for lines in labels], fontsize=8)
         axes.invert_yaxis()
         axes.set_xlim(0, 108)
         axes.set_xticks(range(0, 101, 20))

@@ -3,7 +3,7 @@
 A covariance is a sum of squares, ``P = A' A``: a row of ``A`` for each independent source of unit variance, a column
 for each quantity that it moves. An orthogonal transformation of the rows leaves the sum as it is, and brings ``A`` to
 triangular form. If the columns are first the measurements, then the states, the triangle holds all that a correction
-needs (Simon 2006, 6.3.4)::
+needs (Simon 2006, 6.3)::
 
     A  ->  [ S_y'  K' ]      S_y S_y'  covariance of the innovation
            [ 0     S' ]      K         gain times S_y

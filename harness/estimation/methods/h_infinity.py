@@ -5,8 +5,8 @@ noise of known variances. With the weight ``W`` of the error and ``theta``, the 
 
     P~ = (P^-1 - theta W)^-1,
 
-so prediction and correction are those of the EKF and the predicted covariance is enlarged between the two (11.89). It
-exists while ``P~`` is positive (11.90). The weight of a state's error here is one over its predicted variance, so that
+so prediction and correction are those of the EKF and the predicted covariance is enlarged between the two. It
+exists while ``P~`` is positive. The weight of a state's error here is one over its predicted variance, so that
 it has no unit; as the eigenvalues of a correlation matrix are at most ``n``, the filter exists for every theta below
 ``1 / n``. ``theta = bound / n`` is what is used: at 0 it is the EKF, bit for bit. The matrix it states bounds the error
 of the game and is larger than the covariance where all is as believed.
@@ -46,7 +46,7 @@ def workspace():
 
 
 def step(before, u_before, u, y, belief, work, after, info):
-    """Predict, enlarge what is predicted by what the worst disturbance could do, and correct (11.89)."""
+    """Predict, enlarge what is predicted by what the worst disturbance could do, and correct."""
     linear, weights, column = work
     predict(before, u_before, u, belief, linear)
     _, x_prior, P_prior, predicted, H, scratch = linear
