@@ -17,7 +17,7 @@ from support.oscillator import P0, PUSH, SAMPLES, STEP, VALUES, Q, R, compiled, 
 
 
 def textbook(u, y, prior, walk, considered):
-    """The Kalman filter for ``[x, d]`` with full matrices; Schmidt's if ``d`` is considered (Jazwinski 1970, chapter 8)."""
+    """Kalman filter for ``[x, d]`` with full matrices; Schmidt's if ``d`` is considered (Jazwinski 1970, ch. 8)."""
     F = np.eye(3) + STEP * np.array([[0, 1, 0], [-4, -1.5, 1], [0, 0, 0]])
     B = STEP * np.array([0, 1, 0])
     H = np.array([[1.0, 0, 0]])

@@ -7,8 +7,8 @@ likelihood, and gives mean and covariance of the mixture. What it says of the sa
 
 A hypothesis stands for all values that are nearer to it than to another one: when it begins to hold, the parameter is
 distributed evenly over them. While it holds, its filter estimates the parameter from there on, or considers it (Schmidt
-1966; Jazwinski 1970, chapter 8): then it enters gain and covariance and is left alone. One hypothesis alone stands for the
-prior. At first the hypotheses have the probability that the prior gives to what they stand for.
+1966; Jazwinski 1970, chapter 8): then it enters gain and covariance and is left alone. One hypothesis alone stands for
+the prior. At first the hypotheses have the probability that the prior gives to what they stand for.
 
 Memory, in rows of lanes, with M hypotheses: their probabilities (0 before the first step), means ``(M, nx)`` and
 covariances ``(M, nx, nx)``, then what is believed of every parameter, or its logarithm.
