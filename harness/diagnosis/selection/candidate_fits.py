@@ -77,8 +77,7 @@ class CandidateFits:
         """
 
         def further(added: Added, found: Fitted) -> Fitted:
-            near = best - found.objective < far and not self.fitting.noise_held
-            return self.fit(added, found.point, afresh=False) if near else found
+            return self.fit(added, found.point, afresh=False) if best - found.objective < far else found
 
         share = self.augmented.share
         found = share(lambda model: self.fit(model[0], model[1](), turns=1), models)

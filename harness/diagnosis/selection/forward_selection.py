@@ -112,51 +112,67 @@ def first_variances(augmented: AugmentedModel, drives: Sequence[Drive], stated_n
 
 class _Search:
     def __init__(self, candidate_fits: CandidateFits, rounds: int, failures: Failures = RAISED) -> None:
-        self.candidate_fits, self.rounds, self.failures = candidate_fits, rounds, failures
+        self.candidate_fits, self.most, self.failures = candidate_fits, rounds, failures
+        self.rounds: list[Round] = []
         self.cut_short = ""
 
     def run(self) -> Trace:
-        """Return what was found: round after round until nothing is accepted, then the checks of all additions."""
-        candidate_fits = self.candidate_fits
-        candidate_fits.say("fitting the nominal model")
-        nominal = best = candidate_fits.fit((), candidate_fits.fitting.first(), 25)
+        """Return what was found: rounds until nothing is accepted, then what of it stays or takes its place.
+
+        Where something took the place of an addition, what it leaves is another rest, so rounds go on from there.
+        """
+        fits = self.candidate_fits
+        fits.say("fitting the nominal model")
+        self.nominal = best = fits.fit((), fits.fitting.first(), 25)
         added: Added = ()
-        rounds: list[Round] = []
-        while len(rounds) <= self.rounds:
-            number = len(rounds) + 1
+        seen: set[frozenset[Hypothesis]] = set()
+        while True:
+            added, best = self._forward(added, best)
+            seen.add(frozenset(added))
+            kept, best, posterior = self.failures.attempt(
+                "the probability of each model",
+                partial(likeliest, fits, self.rounds, added, best),
+                partial(_as_added, added, best),
+            )
+            instead = set(kept) - set(added)
+            added = kept
+            if not instead or frozenset(added) in seen or len(self.rounds) > self.most:
+                break
+        return Trace(
+            fits.fitting,
+            fits.held_out,
+            fits.free,
+            self.nominal,
+            best,
+            added,
+            tuple(self.rounds),
+            tuple(h for r in self.rounds if r.added for h in r.added.hypothesis.single if h not in added),
+            fits.judge((), self.nominal.point),
+            fits.judge(added, best.point),
+            self.cut_short,
+            posterior,
+        )
+
+    def _forward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
+        """Return a model with what round after round adds, until nothing is accepted, and its fit."""
+        fits = self.candidate_fits
+        while len(self.rounds) <= self.most:
+            number = len(self.rounds) + 1
             tried, passed = self.failures.attempt(
                 f"round {number} of the search", partial(self._round, added, best, number), self._lost
             )
             if tried is not None:
                 best = tried.best
                 if not added:
-                    nominal = min(tried.without, key=lambda f: candidate_fits.judge((), f.point).normalised_excess_mse)
-            rounds += passed or [Round((), candidate_fits.judge(added, best.point), None, self.cut_short, ())]
-            if rounds[-1].added is None:
+                    self.nominal = min(tried.without, key=lambda f: fits.judge((), f.point).normalised_excess_mse)
+            self.rounds += passed or [Round((), fits.judge(added, best.point), None, self.cut_short, ())]
+            if self.rounds[-1].added is None:
                 break
             for r in passed:
                 assert r.added is not None
                 assert r.added.fitted is not None
                 added, best = (*added, *r.added.hypothesis.single), r.added.fitted
-        kept, best, posterior = self.failures.attempt(
-            "the probability of each model",
-            lambda: likeliest(candidate_fits, rounds, added, best),
-            lambda _: (added, best, None),
-        )
-        return Trace(
-            candidate_fits.fitting,
-            candidate_fits.held_out,
-            candidate_fits.free,
-            nominal,
-            best,
-            kept,
-            tuple(rounds),
-            tuple(h for h in added if h not in kept),
-            candidate_fits.judge((), nominal.point),
-            candidate_fits.judge(kept, best.point),
-            self.cut_short,
-            posterior,
-        )
+        return added, best
 
     def _round(self, added: Added, best: Fitted, number: int) -> tuple[SelectionRound | None, list[Round]]:
         """Try everything once; return what was tried and the round, or two."""
@@ -174,7 +190,7 @@ class _Search:
         Of two effects one may cause the simulation error and the other most of the innovations: then neither passes
         alone.
         """
-        room = self.rounds + 1 - tried.number
+        room = self.most + 1 - tried.number
         found = tried.decided(room)
         if found.hopeful is not None:
             assert found.hopeful.fitted is not None
@@ -185,3 +201,8 @@ class _Search:
             if further.added is not None:
                 return [with_further(found, further), further]
         return [found if found.added is not None else tried.decided_by_sensor(room)]
+
+
+def _as_added(added: Added, best: Fitted, _: str) -> tuple[Added, Fitted, Posterior | None]:
+    """Return what rounds added as it is, where probabilities could not be computed."""
+    return added, best, None

@@ -1,0 +1,46 @@
+"""The order of a search: rounds, what stays or takes its place, and rounds again where something took a place."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from harness.common.failures import RAISED
+from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.selection import forward_selection as search
+
+LAG, GAIN, BANK = (Hypothesis(n, "effect", (n,)) for n in ("lag", "gain", "bank"))
+FIT = SimpleNamespace(point="point")
+
+
+@pytest.mark.parametrize(
+    ("instead", "after", "final", "asked"),
+    [
+        ({(LAG,): (GAIN,)}, {(GAIN,): BANK}, (GAIN, BANK), [(), (LAG,), (GAIN,), (GAIN, BANK)]),
+        ({(LAG,): ()}, {}, (), [(), (LAG,)]),  # a mere removal leaves nothing new to look for
+        ({(LAG,): (GAIN,), (GAIN,): (LAG,)}, {}, (LAG,), [(), (LAG,), (GAIN,)]),
+        (
+            {(LAG,): (GAIN,), (GAIN, BANK): (LAG, BANK)}, {(GAIN,): BANK},
+            (LAG, BANK), [(), (LAG,), (GAIN,), (GAIN, BANK), (LAG, BANK)],
+        ),
+    ],
+)  # fmt: skip
+def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch, instead, after, final, asked):
+    passes, seen = {(): LAG, **after}, []
+
+    def one_round(self, added, best, number):
+        seen.append(added)
+        h = passes.get(added)
+        found = SimpleNamespace(hypothesis=h, fitted=FIT) if h else None
+        return SimpleNamespace(best=FIT, without=[FIT]), [SimpleNamespace(added=found)]
+
+    monkeypatch.setattr(search._Search, "_round", one_round)
+    monkeypatch.setattr(search, "likeliest", lambda fits, rounds, added, best: (instead.get(added, added), best, None))
+    judged = SimpleNamespace(normalised_excess_mse=1.0)
+    fits = SimpleNamespace(
+        say=lambda _: None, fit=lambda *_: FIT, judge=lambda *_: judged, free=(), held_out=None,
+        fitting=SimpleNamespace(first=lambda: None),
+    )  # fmt: skip
+    found = search._Search(fits, 8, RAISED).run()
+    assert found.added == final
+    assert seen == asked
+    assert set(found.dropped) == {h for r in found.rounds if r.added for h in [r.added.hypothesis]} - set(final)
