@@ -16,9 +16,9 @@ from harness.engine.kernel_names import Info
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator, load_estimator
 from harness.simulation.simulate import in_lanes, variances
-from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear, textbook
+from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
 from harness.testing.parts import named, require
-from harness.testing.small_vehicles import curved, linear
+from harness.testing.small_vehicles import curved
 
 SETTINGS: Mapping[str, Any] = {}
 
@@ -75,7 +75,7 @@ class Ground(NamedTuple):
 
 def _ground(name: str, settings: Mapping[str, Any], samples: int = 200) -> Ground:
     """Return the small linear model, or the semitrailer for an estimator made for its signals."""
-    small = compile_model(linear(), STEP, signals=("beta_test",))
+    small = compiled_linear()
     try:
         estimator = Estimator(name, small, dict(settings))
         u, y, *_ = drive_linear(samples)
@@ -114,7 +114,7 @@ def _check_textbook(name: str, settings: Mapping[str, Any], missing: bool) -> No
     u, y, A, B, C = drive_linear()
     if missing:
         y[5, 0] = y[9] = y[20:30, 1] = np.nan
-    compiled = compile_model(linear(), STEP)
+    compiled = compiled_linear()
     g = Ground(Estimator(name, compiled, dict(settings)), compiled, np.array([1.5]), Q, R, P0, u, y)
     means, covariances, infos = step_through(g)
     found = means, covariances, np.array([i.log_likelihood[0, 0] for i in infos])
@@ -153,7 +153,7 @@ def _check_arguments(name: str, g: Ground) -> None:
 def _check_only_predicts(name: str, settings: Mapping[str, Any]) -> None:
     u, y, A, B, _ = drive_linear(12)
     y[:] = np.nan
-    compiled = compile_model(linear(), STEP)
+    compiled = compiled_linear()
     g = Ground(Estimator(name, compiled, dict(settings)), compiled, np.array([1.5]), Q, R, P0, u, y)
     means, covariances, infos = step_through(g)
     x = np.zeros(3)

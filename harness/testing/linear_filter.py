@@ -2,10 +2,17 @@
 
 import numpy as np
 
+from harness.engine.compile import CompiledModel, compile_model
+from harness.testing.small_vehicles import linear
+
 STEP = 0.05
 
-
 Q, R, P0 = np.array([1e-3, 2e-3, 5e-4]), np.array([1e-2, 4e-2]), np.array([0.5, 1.0, 2.0])
+
+
+def compiled_linear() -> CompiledModel:
+    """Return the small linear model: one for all, so that an estimator is compiled on it once."""
+    return compile_model(linear(), STEP, signals=("beta_test",))
 
 
 def drive_linear(samples=80, seed=3):

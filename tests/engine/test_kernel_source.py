@@ -29,6 +29,7 @@ from harness.engine.simd import (
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import _sigma_points, ukf
 from harness.realtime.one_lane import in_one_lane
+from harness.testing.linear_filter import compiled_linear
 from harness.testing.small_vehicles import linear
 
 ROOT = Path(__file__).parents[2]
@@ -53,7 +54,7 @@ def write(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def compiled():
-    return compile_model(linear(), 0.05, signals=("beta_test",))
+    return compiled_linear()
 
 
 def copied(module, **instead):

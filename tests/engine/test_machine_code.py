@@ -13,8 +13,7 @@ from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES, get, put
 from harness.estimation.contract import Estimator
 from harness.models.assembly.assemble import assemble
-from harness.testing.linear_filter import P0, STEP
-from harness.testing.small_vehicles import linear
+from harness.testing.linear_filter import P0, compiled_linear
 
 X = types.Array(types.float64, 2, "C")
 P = types.Array(types.float64, 3, "C")
@@ -94,7 +93,7 @@ def users_counted(dispatcher):
 
 def test_a_loop_over_time_counts_no_users_of_arrays_at_each_sample():
     """Counting is atomic: of the EKF of the mass study it took a quarter of the time."""
-    compiled = compile_model(linear(), STEP, signals=("beta_test",))
+    compiled = compiled_linear()
     estimator, samples = Estimator("ekf", compiled), 20
     y, truth = np.ones((samples, compiled.ny, LANES)), np.ones((samples, 1, LANES))
     belief = estimator.belief(compiled.constants(np.full((1, LANES), 1.5)), *(np.ones((n, LANES)) for n in (3, 2)))

@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 
-from harness.engine.compile import compile_model
 from harness.estimation.contract import Estimator
 from harness.simulation.simulate import in_lanes
-from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear
-from harness.testing.small_vehicles import linear
+from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
 
 
 @pytest.fixture(scope="module")
 def model():
-    return compile_model(linear(), STEP)
+    return compiled_linear()
 
 
 def run(kind, model, settings, u, y, q=Q, r=R):

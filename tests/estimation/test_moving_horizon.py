@@ -7,8 +7,8 @@ from scipy.optimize import least_squares
 from harness.engine.compile import compile_model
 from harness.estimation.contract import Estimator
 from harness.testing.estimators import Ground, step_through
-from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear, textbook
-from harness.testing.small_vehicles import curved, linear
+from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
+from harness.testing.small_vehicles import curved
 from support.oscillator import VALUES, compiled, drive, mass, run
 
 
@@ -16,7 +16,7 @@ from support.oscillator import VALUES, compiled, drive, mass, run
 def test_on_a_linear_model_it_is_the_kalman_filter_whatever_the_window(settings):
     u, y, A, B, C = drive_linear()
     y[5, 0] = y[9] = y[20:30, 1] = np.nan
-    model = compile_model(linear(), STEP)
+    model = compiled_linear()
     ground = Ground(Estimator("moving_horizon", model, settings), model, np.array([1.5]), Q, R, P0, u, y)
     means, covariances, infos = step_through(ground)
     right, P, likelihoods = textbook(u, y, A, B, C)

@@ -8,7 +8,6 @@ from numba import njit
 
 from harness.common.errors import UserError
 from harness.config.specs import CountFrom
-from harness.engine.compile import compile_model
 from harness.engine.simd.gather import gather
 from harness.engine.simd.lanes import LANES, get, put
 from harness.engine.simd.random import generator_words
@@ -16,8 +15,7 @@ from harness.estimation.contract import Estimator
 from harness.simulation.simulate import in_lanes
 from harness.study.design import Unit
 from harness.study.run_noise import Case, RunNoise
-from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear, textbook
-from harness.testing.small_vehicles import linear
+from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear, textbook
 
 SCHEMES = ("systematic", "stratified", "multinomial", "residual")
 SEEDS = [np.random.SeedSequence(5, spawn_key=(lane,)) for lane in range(LANES)]
@@ -25,7 +23,7 @@ SEEDS = [np.random.SeedSequence(5, spawn_key=(lane,)) for lane in range(LANES)]
 
 @pytest.fixture(scope="module")
 def compiled():
-    return compile_model(linear(), STEP, signals=("alpha_test",))
+    return compiled_linear()
 
 
 def believe(estimator, compiled, q=Q, r=R):
@@ -161,7 +159,7 @@ def test_all_weights_zero_is_a_divergence_with_its_time(compiled, value):
     truth = np.zeros((samples, 1, LANES))
     estimator = Estimator("particle", compiled, {"particles": 100})
     first, belief = estimator.init(np.zeros(3), P0, SEEDS), believe(estimator, compiled)
-    arguments = (truth, ("alpha_test",), np.full(LANES, float(samples)), belief, first)
+    arguments = (truth, ("beta_test",), np.full(LANES, float(samples)), belief, first)
     good = estimator.run(u, y, *arguments)
     bad_y = y.copy()
     bad_y[lost, 0, 3] = value

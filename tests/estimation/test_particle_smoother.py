@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
 from harness.estimation.particle_smoother import (
@@ -16,15 +15,14 @@ from harness.estimation.particle_smoother import (
     simulate_backward,
 )
 from harness.simulation.simulate import in_lanes
-from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear, textbook
-from harness.testing.small_vehicles import linear
+from harness.testing.linear_filter import P0, STEP, Q, R, compiled_linear, drive_linear, textbook
 
 SEEDS = [np.random.SeedSequence(9, spawn_key=(lane,)) for lane in range(LANES)]
 
 
 @pytest.fixture(scope="module")
 def compiled():
-    return compile_model(linear(), STEP, signals=("alpha_test",))
+    return compiled_linear()
 
 
 def clouds_of(compiled, u, y, size, lanes=1, q=Q):

@@ -5,18 +5,16 @@ import pytest
 from scipy import integrate, optimize
 
 from harness.common.errors import UserError
-from harness.engine.compile import compile_model
 from harness.estimation.contract import Estimator
 from harness.testing.estimators import Ground, step_through
-from harness.testing.linear_filter import P0, STEP, Q, R, drive_linear
-from harness.testing.small_vehicles import linear
+from harness.testing.linear_filter import P0, Q, R, compiled_linear, drive_linear
 
 HUBER, STUDENT = {"threshold": 1.345, "iterations": 100}, {"degrees": 4.0, "iterations": 100}
 
 
 def stepped(kind, settings, u, y):
     """Return means, covariances and infos of an estimator on the small linear model."""
-    compiled = compile_model(linear(), STEP, signals=("beta_test",))
+    compiled = compiled_linear()
     estimator = Estimator(kind, compiled, settings)
     return step_through(Ground(estimator, compiled, np.array([1.5]), Q, R, P0, u, y))
 
@@ -175,4 +173,4 @@ def test_the_adaptive_filter_finds_noise_that_nobody_told_it():
 )
 def test_wrong_settings_are_refused(kind, wrong, says):
     with pytest.raises(UserError, match=f"settings of estimator '{kind}'(.|\n)*{says}"):
-        Estimator(kind, compile_model(linear(), STEP, signals=("beta_test",)), wrong)
+        Estimator(kind, compiled_linear(), wrong)

@@ -8,6 +8,7 @@ from harness.common.errors import UserError
 from harness.engine.compile import compile_model
 from harness.estimation.contract import Estimator
 from harness.estimation.methods.ukf import Settings, tuning
+from harness.testing.linear_filter import compiled_linear
 from harness.testing.small_vehicles import linear
 from support.small_maps import discrete, disguised, linear_in_disguise, quadratic, squared_output
 from support.stepping import Stepper, textbook
@@ -122,4 +123,4 @@ def test_more_nonlinear_outputs_than_states(kind):
 )
 def test_wrong_settings_are_refused(wrong, says):
     with pytest.raises(UserError, match=f"settings of estimator 'ukf'(.|\n)*{says}"):
-        Estimator("ukf", compile_model(linear(), 0.05), wrong)
+        Estimator("ukf", compiled_linear(), wrong)

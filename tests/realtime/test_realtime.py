@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from harness.cli import main as cli
 from harness.common.errors import UserError
 from harness.config import load_study
-from harness.engine.compile import compile_model, load_source
+from harness.engine.compile import load_source
 from harness.engine.simd.lanes import LANES
 from harness.engine.simd.random import generator_words
 from harness.estimation.contract import Estimator
@@ -21,7 +21,7 @@ from harness.realtime.one_lane import in_one_lane
 from harness.realtime.outcome import QUANTILES, _ratios, judge, published_ratio, read, write
 from harness.realtime.report import headline, write_report
 from harness.simulation.simulate import in_lanes
-from harness.testing.small_vehicles import linear
+from harness.testing.linear_filter import compiled_linear
 
 ROOT = Path(__file__).parents[2]
 SPIN = """
@@ -63,7 +63,7 @@ def outcome(study):
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_one_lane_estimates_what_eight_do(kind):
-    compiled, samples = compile_model(linear(), 0.05), 30
+    compiled, samples = compiled_linear(), 30
     estimator, rng = Estimator(kind, compiled), np.random.default_rng(3)
     u, y = rng.normal(size=(samples, 1, LANES)), rng.normal(size=(samples, 2, LANES))
     y[7] = np.nan
@@ -230,7 +230,7 @@ def test_a_duration_that_is_none_is_one_line(given, message):
 
 
 def test_an_estimator_that_diverges_is_not_timed():
-    compiled = compile_model(linear(), 0.05)
+    compiled = compiled_linear()
     estimator = Estimator("ekf", compiled)
     belief = estimator.belief(
         compiled.constants(in_lanes(np.array([1.5]))), in_lanes(np.full(3, 1e-2)), in_lanes(np.full(2, 0.1))
