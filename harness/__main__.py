@@ -6,6 +6,9 @@ import sys
 def main() -> None:
     """Run the command line; Ctrl-C while it is imported ends it without a traceback."""
     try:
+        from harness.common.process import collect_rarely
+
+        collect_rarely()
         from harness.cli.main import main as run
 
         run()

@@ -6,12 +6,15 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.common.failures import Failures
+from harness.common.process import collect_rarely
 from harness.config import load_study
 from harness.study.report.analysis import Analysis
 from harness.study.results import read
 from support import synthetic
 from support.report_parts import ANGLE, lose_some
 from support.small_study import STUDY
+
+collect_rarely()  # as a command does
 
 
 @pytest.fixture(autouse=True)

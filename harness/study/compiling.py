@@ -23,7 +23,10 @@ from harness.study.evaluate import StudyEvaluator
 _WORTH = 3
 """Missing kernels for each further process: its start takes as long as the compilation of one."""
 
-_START = "import sys; sys.path[:] = sys.argv[1:]; from harness.study.compiling import serve; serve()"
+_START = (
+    "import sys; sys.path[:] = sys.argv[1:]; from harness.common.process import collect_rarely; "
+    "collect_rarely(); from harness.study.compiling import serve; serve()"
+)
 
 
 def compile_kernels(evaluator: StudyEvaluator, processes: int, say: Callable[[str], None]) -> None:

@@ -1,5 +1,6 @@
 """Counts of the operating system, and that the package needs no Unix."""
 
+import gc
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +28,16 @@ assert peak_memory_mib() is None and forced_switches() == 0
 
 def test_peak_memory_is_that_of_a_process_with_numpy_and_not_of_a_machine():
     assert 30 < process.peak_memory_mib() < 20_000
+
+
+def test_a_command_looks_for_garbage_rarely_and_goes_on_doing_so():
+    before = gc.get_threshold()
+    try:
+        process.collect_rarely()
+        assert 10_000 < gc.get_threshold()[0] < 1_000_000
+        assert gc.isenabled()
+    finally:
+        gc.set_threshold(*before)
 
 
 def test_switches_are_counted():
