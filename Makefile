@@ -7,6 +7,7 @@ BIN    := $(VENV)/bin
 JOBS   ?=
 LOOPS   := $(patsubst studies/loops/%.toml,loop-%,$(filter-out %/semitrailer.toml,$(wildcard studies/loops/*.toml)))
 IDENTIFY := $(patsubst studies/identify/%.toml,study-identify-%,$(wildcard studies/identify/*.toml))
+NOTEBOOKS := $(patsubst docs/%,build/%,$(wildcard docs/notebooks/*.ipynb))
 STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
@@ -99,10 +100,14 @@ wheel: $(VENV)/dev.stamp ## build sdist and wheel, install the wheel in a fresh 
 	$(BIN)/python -m pytest -m wheel tests/package
 
 notebooks: $(VENV)/docs.stamp ## run the notebooks of the tutorial, and the commands that README and docs show
-	$(BIN)/python -m pytest -m notebooks tests/package
+	$(BIN)/python -m pytest --numprocesses auto -m notebooks tests/package
 
-docs: $(VENV)/docs.stamp ## write the documentation as a site to site/, strictly, with notebooks and gallery made
-	rm -rf build/docs && mkdir -p build && cp -R docs build/docs
+# What `make notebooks` has run already is not run again.
+build/notebooks/%.ipynb: docs/notebooks/%.ipynb $(VENV)/docs.stamp $(shell find -L harness -name '*.py' -o -name '*.toml')
+	$(BIN)/python -m bench.notebooks $< $@
+
+docs: $(VENV)/docs.stamp $(NOTEBOOKS) ## write the documentation as a site to site/, strictly, with notebooks and gallery made
+	rm -rf build/docs && cp -R docs build/docs && cp $(NOTEBOOKS) build/docs/notebooks
 	PYTHONPATH=tests $(BIN)/python -m bench.gallery build/docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 

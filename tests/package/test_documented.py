@@ -12,9 +12,13 @@ import sys
 
 import pytest
 
+from bench import gallery
 from support.documented import PAGES, ROOT, parts, write_recordings
 
 pytestmark = pytest.mark.notebooks
+
+ELSEWHERE = {gallery.PAGE}
+"""Pages whose commands ``make docs`` runs, for their pictures."""
 
 CELLS = {"docs/api.md": "tests/api", "docs/studies.md": "tests/config", "docs/plugins.md": "tests/study"}
 """Pages whose Python is run by other tests."""
@@ -27,7 +31,11 @@ def runs(page):
     return [p for p in found if p.kind != "sh" or re.match("harness |cd ", p.text)]
 
 
-RUN = {page: found for page, found in ((page, runs(page)) for page in PAGES) if any(p.kind != "file" for p in found)}
+RUN = {
+    page: found
+    for page, found in ((page, runs(page)) for page in PAGES if page not in ELSEWHERE)
+    if any(p.kind != "file" for p in found)
+}
 
 
 @pytest.fixture(scope="module")
