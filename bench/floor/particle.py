@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
 from bench.engine import PARTICLES, mass_study
+from bench.floor.counting import counted, counts
 from bench.timing import quickest
 from harness.engine.compile import load_source, paste
 from harness.engine.kernel_names import get, next_state, output, put, splat
@@ -52,8 +54,12 @@ def redrawn(cloud, ancestors, x):
         take(cloud, ancestors, n, x)
 
 
-def parts(rounds: int = 20) -> dict[str, float]:
-    """Return ns per particle and run by part, on one core; ancestors are fetched only where particles are redrawn."""
+def parts(rounds: int = 20) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """Return what the parts of a particle filter take; ancestors are fetched only where particles are redrawn.
+
+    Returns:
+        ns per particle and run by part, on one core, and operations on all lanes per particle by part and kind.
+    """
     evaluator = StudyEvaluator(mass_study("particle"))
     compiled, unit, cases = evaluator.compiled.belief, Unit(0, 4, 3, 0, 1), [Case(0, r) for r in range(LANES)]
     belief, first = evaluator.begin(0, unit, cases, evaluator.parameters(unit, cases, "belief"))
@@ -67,11 +73,19 @@ def parts(rounds: int = 20) -> dict[str, float]:
     log_weights, weights = np.zeros((2, PARTICLES, LANES))
     ancestors = np.sort(rng.integers(0, PARTICLES, size=(PARTICLES, LANES)), axis=0).astype(float)
     c = belief.constants
-    work = {
-        "the model": lambda: kernels.propagate(cloud, inputs, c, ahead, w),
-        "noise": lambda: kernels.draw(numbers, PARTICLES, words),
-        "likelihood": lambda: kernels.likelihood(cloud, inputs, c, log_weights, outputs, products),
-        "weights and mean": lambda: kernels.summed(cloud, log_weights, weights, mean),
-        "ancestors, where redrawn": lambda: kernels.redrawn(cloud, ancestors, x),
+    work: dict[str, tuple[Any, tuple[Any, ...]]] = {
+        "the model": (kernels.propagate, (cloud, inputs, c, ahead, w)),
+        "noise": (kernels.draw, (numbers, PARTICLES, words)),
+        "likelihood": (kernels.likelihood, (cloud, inputs, c, log_weights, outputs, products)),
+        "weights and mean": (kernels.summed, (cloud, log_weights, weights, mean)),
+        "ancestors, where redrawn": (kernels.redrawn, (cloud, ancestors, x)),
     }
-    return {name: 1e9 * t / PARTICLES / LANES for name, t in quickest(work, rounds, time.thread_time).items()}
+    calls = {name: lambda function=function, given=given: function(*given) for name, (function, given) in work.items()}
+    times = {name: 1e9 * t / PARTICLES / LANES for name, t in quickest(calls, rounds, time.thread_time).items()}
+    return times, {name: _per_particle(function, given) for name, (function, given) in work.items()}
+
+
+def _per_particle(function: Any, given: tuple[Any, ...]) -> dict[str, float]:
+    counts.clear()
+    counted(function)(*given)
+    return {kind: number / PARTICLES for kind, number in counts.items()}
