@@ -16,14 +16,14 @@ from numba.core import event, ir
 from rich.console import Console
 
 from harness.config import load_study
-from harness.engine.simd.light_compilation import NO_COLLECTION
+from harness.engine.simd.light_compilation import RARE_COLLECTION
 from harness.study.evaluate import StudyEvaluator
 
 
 def as_numba_does() -> None:
     """Take back what is left out of compilations."""
     del ir.Scope.__deepcopy__
-    event.unregister("numba:compile", NO_COLLECTION)
+    event.unregister("numba:compile", RARE_COLLECTION)
 
 
 def compilation(study: Path) -> list[tuple[str, float]]:

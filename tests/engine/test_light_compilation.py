@@ -74,20 +74,20 @@ def test_a_loop_that_numba_copies_for_each_type_is_as_before():
 
 
 class Seen(event.Listener):
-    """Notes at the start of each compilation whether garbage is collected."""
+    """Notes at the start of each compilation how many new objects make Python look for garbage."""
 
     def __init__(self):
-        self.collecting = []
+        self.at = []
 
     def on_start(self, event):
-        self.collecting.append(gc.isenabled())
+        self.at.append(gc.get_threshold()[0])
 
     def on_end(self, event):
         pass
 
 
-@pytest.mark.parametrize("collecting", [True, False])
-def test_garbage_rests_while_numba_compiles_and_is_as_before_behind_it(collecting):
+@pytest.mark.parametrize(("usual", "meanwhile"), [(700, 50_000), (0, 0), (900_000, 900_000)])
+def test_garbage_is_looked_for_rarely_while_numba_compiles_and_as_before_behind_it(usual, meanwhile):
     @njit
     def half(x):
         return x / 2
@@ -100,16 +100,16 @@ def test_garbage_rests_while_numba_compiles_and_is_as_before_behind_it(collectin
     def wrong(x):
         return half(x) + undefined  # noqa: F821
 
-    before, seen = gc.isenabled(), Seen()
-    (gc.enable if collecting else gc.disable)()
+    before, seen = gc.get_threshold(), Seen()
+    gc.set_threshold(usual, *before[1:])
     try:
         with event.install_listener("numba:compile", seen):
             assert halves(3.0) == 3.0
-            assert gc.isenabled() == collecting
+            assert gc.get_threshold()[0] == usual
             with pytest.raises(TypingError):
                 wrong(3)
-        assert gc.isenabled() == collecting
+        assert gc.get_threshold()[0] == usual
     finally:
-        (gc.enable if before else gc.disable)()
-    assert len(seen.collecting) >= 3
-    assert not any(seen.collecting)
+        gc.set_threshold(*before)
+    assert len(seen.at) >= 3
+    assert set(seen.at) == {meanwhile}

@@ -2,8 +2,8 @@
 
 Where a function is compiled into its caller (``inline="always"``), numba copies it block by block, and every block
 names the scope of the function: all its variables are copied as often as it has blocks. And a compilation makes
-millions of objects that stay, among which Python looks for garbage again and again. Machine code is the same without
-both (``tests/engine/test_light_compilation.py``).
+millions of objects that stay for a while, among which Python looks for garbage again and again. Machine code is the
+same without both (``tests/engine/test_light_compilation.py``).
 """
 
 from __future__ import annotations
@@ -14,12 +14,15 @@ from typing import Any
 
 from numba.core import event, ir
 
+_OBJECTS = 50_000
+"""New ones at which Python looks for garbage; usually it does at 700."""
+
 
 @functools.cache
 def compile_lightly() -> None:
     """Leave out needless work whenever this process compiles."""
     ir.Scope.__deepcopy__ = _itself
-    event.register("numba:compile", NO_COLLECTION)
+    event.register("numba:compile", RARE_COLLECTION)
 
 
 def _itself(scope: ir.Scope, memo: dict[int, Any]) -> ir.Scope:
@@ -27,24 +30,25 @@ def _itself(scope: ir.Scope, memo: dict[int, Any]) -> ir.Scope:
     return scope
 
 
-class NoCollection(event.Listener):
-    """Lets the collector of garbage rest while numba compiles, which it does in one thread at a time."""
+class RareCollection(event.Listener):
+    """Lets the collector of garbage come rarely while numba compiles, which it does in one thread at a time."""
 
     def __init__(self) -> None:
-        self._depth, self._rests = 0, False
+        self._depth, self._usual = 0, gc.get_threshold()
 
     def on_start(self, event: event.Event) -> None:
-        """Stop collecting where the outermost function begins."""
+        """Let it come rarely from where the outermost function begins."""
         if self._depth == 0:
-            self._rests = gc.isenabled()
-            gc.disable()
+            self._usual = gc.get_threshold()
+            if 0 < self._usual[0] < _OBJECTS:  # 0: never
+                gc.set_threshold(_OBJECTS, *self._usual[1:])
         self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
-        """Go on collecting where it ends."""
+        """Let it come as before where it ends."""
         self._depth -= 1
-        if self._depth == 0 and self._rests:
-            gc.enable()
+        if self._depth == 0:
+            gc.set_threshold(*self._usual)
 
 
-NO_COLLECTION = NoCollection()
+RARE_COLLECTION = RareCollection()
