@@ -122,7 +122,8 @@ def session(folder: Path, jobs: int, stop_at: int | None = None) -> Session:
     """Run the study of a folder in a process of its own; kill it once so many runs are in the store."""
     (folder / "kernels.json").unlink(missing_ok=True)
     before = _done(folder)
-    command = [sys.executable, "-c", "import sys; from pathlib import Path; from bench.short_runs import one_session; "
+    command = [sys.executable, "-c", "from harness.common.process import collect_rarely; collect_rarely(); "
+               "import sys; from pathlib import Path; from bench.short_runs import one_session; "
                "one_session(Path(sys.argv[1]), int(sys.argv[2]))", str(folder), str(jobs)]  # fmt: skip
     # As a user has it: modules are compiled once and kept.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
