@@ -317,3 +317,5 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {lag}
     lost[gain] = 20 * HOPEFUL
     assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {gain}
+    rounds[0].candidates[1].fitted = lag  # a near tie of two fits says more than their linear responses
+    assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {lag}

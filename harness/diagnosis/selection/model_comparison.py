@@ -273,8 +273,12 @@ def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Cand
     others = [c for c in others if not c.hypothesis.many and c.score.excited]
     angles = {id(c): cosine(c.score, own.score) for c in others}
     found = [c for c in others if c.fitted or ALIKE < abs(angles[id(c)]) <= SAME]
-    found = [c for c in found if (1.0 - angles[id(c)] ** 2) * lost < HOPEFUL]
-    return sorted(found, key=lambda c: -c.bic)
+
+    def behind(c: Candidate) -> float:
+        linear = (1.0 - angles[id(c)] ** 2) * lost
+        return min(linear, own.bic - c.bic) if c.fitted else linear  # what was fitted nearly as well may be right
+
+    return sorted((c for c in found if behind(c) < HOPEFUL), key=lambda c: -c.bic)
 
 
 def _without(fits: CandidateFits, point: Point, h: Hypothesis, rest: Added) -> Point:
