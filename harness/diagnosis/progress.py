@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +19,8 @@ class Stages:
     """The stages of a trace by the time at which they began.
 
     How many rounds there will be is not known. The last one adds nothing and is as long as the one before it or
-    shorter, so that is what is left at least; what follows the rounds takes about half of one.
+    shorter, so that is what is left of them at least. What follows the rounds, where every addition is questioned,
+    takes about as long as they did: with many additions longer, with few or none far shorter.
 
     Args:
         clock: Returns s.
@@ -26,23 +28,31 @@ class Stages:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._begun = clock, clock()
-        self._rounds: dict[int, float] = {}
+        self._rounds: list[float] = []  # how long each took, but for the one that is running
+        self._round, self._since, self._ended = 0, 0.0, math.inf
 
     def said(self, what: str) -> str:
         """Return a stage in a line: what, since when, and about how long it takes yet where that can be said."""
         now = self._clock()
         found = _ROUND.match(what)
-        if found:
-            self._rounds.setdefault(int(found[1]), now)
-        left = self._left(now) if found else ""
-        return f"{_minutes(now - self._begun)}  {what}{left}"
+        if found and int(found[1]) > self._round:
+            if self._round:
+                self._rounds.append(min(now, self._ended) - self._since)
+            self._round, self._since, self._ended = int(found[1]), now, math.inf
+        elif not found and self._round:
+            self._ended = min(self._ended, now)
+        return f"{_minutes(now - self._begun)}  {what}{self._left(now)}"
 
     def _left(self, now: float) -> str:
-        last = max(self._rounds)
-        if last - 1 not in self._rounds:
+        """Return how long is left, once a whole round is known."""
+        if not self._rounds:
             return ""
-        whole = 1.5 * (self._rounds[last] - self._rounds[last - 1])
-        return f"; about {_minutes(max(0.0, whole - (now - self._rounds[last])))} left if it is the last round"
+        last = self._rounds[-1]
+        if now < self._ended:
+            left = max(0.0, self._since + last - now) + sum(self._rounds) + last
+            return f"; about {_minutes(left)} left if it is the last round"
+        left = sum(self._rounds) + self._ended - self._since - (now - self._ended)
+        return f"; about {_minutes(left)} left" if left > 0 else ""
 
 
 def _minutes(seconds: float) -> str:

@@ -250,7 +250,7 @@ class SelectionRound:
         A model that cannot be driven takes the place of none that can.
         """
         h, winner = max(self.fits.items(), key=lambda item: item[1].objective)
-        self.candidate_fits.say("fitting the model without it again")
+        self.say("fitting the model without it again")
         again = self.candidate_fits.fit_near(self.added, self.taken_back(h, winner), winner.objective)
         fitting = self.candidate_fits.fitting
         lost = fitting.admits(self.best.point) and not fitting.admits(again.point)
