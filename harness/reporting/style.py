@@ -128,6 +128,9 @@ def _look(slot: int) -> Look:
     return Look(base.colour, _MORE_HATCHES[slot % len(_MORE_HATCHES)] * turn, base.marker, (0, (1.0 + turn, 1.0)))
 
 
+_MOST_DIGITS = 6
+
+
 def number(value: float, digits: int = 3) -> str:
     """Write a number with three significant digits and no exponent where it can be read without one."""
     if not math.isfinite(value):
@@ -142,6 +145,16 @@ def number(value: float, digits: int = 3) -> str:
     rounded = float(f"{value:.{digits - 1}e}")
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
     return f"{rounded:.{decimals}f}".replace("-", "−")
+
+
+def uncertain(value: float, std: float) -> str:
+    """Write a number with its standard error, both to the second digit of that; without one where there is none."""
+    if not 0 < std < math.inf or not math.isfinite(value):
+        return number(value)
+    place = math.floor(math.log10(std)) - 1
+    rounded = round(value, -place)
+    digits = math.floor(math.log10(abs(rounded))) - place + 1 if rounded else 1
+    return f"{number(rounded, min(max(digits, 1), _MOST_DIGITS))} ± {number(std, 2)}"
 
 
 def with_unit(value: float, unit: str) -> str:

@@ -70,6 +70,11 @@ class Hypothesis:
         return split(self.name)[0] in _LATE
 
     @property
+    def of_recording(self) -> bool:
+        """Whether it is a fault of a sensor or of a channel's clock, and not a lack of the vehicle's model."""
+        return self.output is not None or self.clock
+
+    @property
     def shared(self) -> tuple[str, ...]:
         """Parameters that all drives share."""
         return self.amplitudes + self.shapes

@@ -6,14 +6,15 @@ import math
 
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report.figures import called
-from harness.diagnosis.result.outcome import Outcome, Value
+from harness.diagnosis.result.outcome import Outcome
+from harness.diagnosis.result.value import Value
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Alike, Model
 from harness.models.quantities import listed, print_unit, words
 from harness.reporting import style
 
 _SHOWN = 3
-"""Explanations that are named; ``trace.json`` has all."""
+"""Explanations that are named, or one more where that is the last; ``trace.json`` has all."""
 
 _LEAST = 0.01
 """Probability from which one is named."""
@@ -25,12 +26,13 @@ def likely(outcome: Outcome) -> list[str]:
     if found is None:
         return []
     chosen = [m for m in found.models if m.share >= _LEAST]
-    lines = [f"{in_words(m.share)}: {_explained(outcome.trace, m)}" for m in chosen[:_SHOWN]]
-    if len(chosen) > _SHOWN:
-        lines.append(f"{in_words(sum(m.share for m in chosen[_SHOWN:]))}: one of {len(chosen) - _SHOWN} others")
+    shown, others = (chosen[:_SHOWN], chosen[_SHOWN:]) if len(chosen) > _SHOWN + 1 else (chosen, [])
+    lines = [f"{in_words(m.share)}: {_explained(outcome.trace, m)}" for m in shown]
+    if others:
+        lines.append(f"{in_words(sum(m.share for m in others))}: one of {len(others)} others")
     added = frozenset(outcome.trace.added)
     own = next((m for m in found.models if frozenset(a.hypotheses[0] for a in m.added) == added), None)
-    if own is not None and own not in chosen[:_SHOWN]:
+    if own is not None and own not in shown:
         lines.append(f"{in_words(own.share)}: what the search added; its criteria differ")
     if found.none >= _LEAST:
         lines.append(f"{in_words(found.none)}: none of these; something else is there, in place of them or beside them")
@@ -70,10 +72,8 @@ def _sized(trace: Trace, m: Model, h: Hypothesis, errors: dict[str, float]) -> s
     augmented = trace.fitting.augmented
     row = augmented.row(name)
     value, std = float(m.fitted.point.values[row, 0]), errors.get(name, math.inf)
-    shown, unit = scaled(name, value, augmented.model.parameters[row].unit)
-    spread = f" ± {style.number(scaled(name, std, augmented.model.parameters[row].unit)[0], 2)}" * math.isfinite(std)
     found = "found " if h.kind == "parameter" else ""
-    return f"{_name(h)} ({found}{style.number(shown)}{spread} {unit})".replace(" )", ")")
+    return f"{_name(h)} ({found}{_measured(name, value, std, augmented.model.parameters[row].unit)})"
 
 
 def _name(h: Hypothesis) -> str:
@@ -84,9 +84,12 @@ def _name(h: Hypothesis) -> str:
 
 def size(v: Value) -> str:
     """Return a parameter with value, standard error and unit."""
-    value, unit = scaled(v.name, v.value, v.unit)
-    spread = f" ± {style.number(scaled(v.name, v.std, v.unit)[0], 2)}" if math.isfinite(v.std) else ""
-    return f"{words(v.name.replace('@', ' in '))} {style.number(value)}{spread} {unit}".rstrip()
+    return f"{words(v.name.replace('@', ' in '))} {_measured(v.name, v.value, v.std, v.unit)}"
+
+
+def _measured(name: str, value: float, std: float, unit: str) -> str:
+    (shown, printed), (spread, _) = (scaled(name, number, unit) for number in (value, std))
+    return f"{style.uncertain(shown, spread)} {printed}".rstrip()
 
 
 def scaled(name: str, value: float, unit: str) -> tuple[float, str]:

@@ -52,8 +52,8 @@ def _capital(name: str) -> str:
 
 
 def _sentence(name: str, was: float, now: float, spread: float, unit: str) -> str:
-    numbers = (style.number(n) for n in (was, now, spread))
-    return "{} changed from {} to {} ± {}{}.".format(_capital(name), *numbers, f" {print_unit(unit)}".rstrip())
+    unit = f" {print_unit(unit)}".rstrip()
+    return f"{_capital(name)} changed from {style.number(was)} to {style.uncertain(now, spread)}{unit}."
 
 
 def table(changes: Changes) -> Sheet:

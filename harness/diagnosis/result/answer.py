@@ -3,31 +3,44 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.residuals.random_process import RandomProcess
+from harness.diagnosis.result.value import Value
 from harness.diagnosis.result.verdict import Verdict, final_judgement
 from harness.diagnosis.result.wording import unmodelled_words
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import Judgement
-from harness.models.quantities import listed, words
+from harness.models.assembly.placement import split
+from harness.models.quantities import listed, print_unit, words
+from harness.reporting import style
+
+_SUREST = 3
+"""Values that a sentence names of many."""
 
 
-def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
-    """Return what was found, in sentences."""
-    parameters = [h for h in trace.added if h.kind == "parameter"]
+def answer(trace: Trace, verdict: Verdict, found: Where, values: Mapping[str, Sequence[Value]]) -> str:
+    """Return what was found, in sentences: of the vehicle first, then of the recordings, then of stated values.
+
+    Args:
+        trace: What was found.
+        verdict: On it.
+        found: Where something is missing that has no name.
+        values: The parameters of every addition, by its name.
+    """
     process = found.random_process
     effects = trace.effects if process is None else (*trace.effects, *process.hypotheses)
-    names = [words(h.name.replace("@", " of ")) for h in effects]
-    named = listed(names) if names else ""
-    wrong = ", ".join(words(h.name) for h in parameters)
-    also = f" The stated values of {wrong} were wrong." if parameters else ""
+    named, recorded = (_named([h for h in effects if h.of_recording == which]) for which in (False, True))
+    also = f" The recordings have {recorded}." if recorded else ""
     if far := beyond_belief(trace.final, trace.added):
         rest = "the rest" if effects else "it"
-        also = f" Many stated values would explain {rest}, but only with implausible factors: {far}."
-    after = final_judgement(trace, found)
-    change = gap(trace.before, after)
+        also += f" Many stated values would explain {rest}, but only with implausible factors: {far}."
+    else:
+        also += _wrong_values(trace, values)
+    change = gap(trace.before, final_judgement(trace, found))
     if process is not None:
         change = (change if trace.added else "") + _of_a_process(process)
     curves = [] if found.unmodelled is None else unmodelled_words(found.unmodelled)
@@ -35,18 +48,52 @@ def answer(trace: Trace, verdict: Verdict, found: Where) -> str:
     if verdict == "adequate":
         return f"The model is adequate: nothing is missing that these drives can show.{also}{change if also else ''}"
     if verdict == "amended":
-        lacking = f"The model lacks {named}." if named else "The model lacks something outside the library."
-        return f"{lacking}{unmodelled}{also}{change}"
+        nothing = "Of the vehicle nothing is missing that these drives can show."
+        outside = nothing if found.unmodelled is None else "The model lacks something outside the library."
+        return f"{f'The model lacks {named}.' if named else outside}{unmodelled}{also}{change}"
     if trace.cut_short:
-        so_far = f" Until then {named} {'were' if len(names) > 1 else 'was'} found." if named else ""
+        so_far = f" Until then the model was found to lack {named}." if named else ""
         return f"The search broke off before everything was tried, so there is no verdict.{so_far}{also}"
-    part = f" {named[:1].upper()}{named[1:]} explain{'' if len(names) > 1 else 's'} part of it." if named else ""
-    closed = change if named or curves else ""
-    return f"Something is missing that no effect of the library explains.{part}{unmodelled}{closed}{also}"
+    part = f" Part of it is {named}." if named else ""
+    closed = change if effects or curves else ""
+    return f"Something is missing that no effect of the library explains.{part}{unmodelled}{also}{closed}"
+
+
+def _named(effects: Sequence[Hypothesis]) -> str:
+    """Return effects in words, each with all its places; empty if there is none."""
+    places: dict[str, list[str]] = {}
+    for h in effects:
+        name, place = split(h.name)
+        places.setdefault(words(name), []).extend([words(place)] if place else [])
+    return listed([f"{name} of {listed(at)}" if at else name for name, at in places.items()]) if effects else ""
+
+
+def _wrong_values(trace: Trace, values: Mapping[str, Sequence[Value]]) -> str:
+    """Return a sentence on the stated values that were wrong, with a space before it; of many the surest three."""
+    stated = trace.fitting.augmented.spec.values
+    said = ""
+    for h in (h for h in trace.added if h.kind == "parameter"):
+        moved = sorted(values[h.name], key=lambda v: -abs(v.value - stated[v.name]) / v.std)
+        each = listed([_instead(v, stated[v.name]) for v in moved[:_SUREST]])
+        many = h.name == ALL_PARAMETERS
+        said += (
+            f" Many stated values were wrong, most surely {each}." if many else f" A stated value was wrong: {each}."
+        )
+    return said
+
+
+def _sure(v: Value, stated: float) -> float:
+    """Return how many standard errors a value is from the stated one; 0 where there are none."""
+    return abs(v.value - stated) / v.std if v.std > 0 else 0.0
+
+
+def _instead(v: Value, stated: float) -> str:
+    unit = f" {print_unit(v.unit)}".rstrip()
+    return f"{words(v.name)} ({style.uncertain(v.value, v.std)}{unit} in place of {style.number(stated)})"
 
 
 def _of_a_process(process: RandomProcess) -> str:
-    names = listed([words(h.name.replace("@", " of ")) for h in process.hypotheses])
+    names = _named(process.hypotheses)
     are = "are random processes" if len(process.hypotheses) > 1 else "is a random process"
     return (
         f" {names[:1].upper()}{names[1:]} {are}: no simulation predicts that. With it "

@@ -17,22 +17,13 @@ from harness.diagnosis.result.cautions import cautions
 from harness.diagnosis.result.estimator_gain import Estimated
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
+from harness.diagnosis.result.value import Value
 from harness.diagnosis.result.verdict import Verdict, final_judgement, strays, verdict_of
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.judgement import judged_on
 from harness.identification.result import Judged
-
-
-@dataclass(frozen=True)
-class Value:
-    """A parameter as found: value and standard error in SI units."""
-
-    name: str
-    unit: str
-    value: float
-    std: float
 
 
 @dataclass(frozen=True)
@@ -113,7 +104,9 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
     verdict = verdict_of(trace, found, coloured)
     nominal = fitted_model(trace, trace.fitting.augmented.spec, trace.nominal.point)
     said = failures.attempt(
-        "the answer in sentences", lambda: answer(trace, verdict, found), lambda _: f"The verdict is: {verdict}."
+        "the answer in sentences",
+        lambda: answer(trace, verdict, found, values),
+        lambda _: f"The verdict is: {verdict}.",
     )
     return Outcome(trace, verdict, said, values, judged, nominal, amended, found, failures=failures)
 
