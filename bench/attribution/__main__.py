@@ -2,6 +2,7 @@
 
 ``python -m bench.attribution --cases semitrailer-none semitrailer-crosswind-medium`` runs some cases, ``--vehicle car``
 all of one vehicle, ``--magnitude medium`` all of one magnitude, nothing of these all that the plant lists (hours).
+``--gate 274 --magnitude medium`` draws at random among them, in the shares by which traces are judged.
 Cases that were traced already are only scored; ``--traced`` runs no other. The folder holds every case, and for all
 that are in it ``attribution.json`` (what ``bench.attribution.renew`` makes the tables of the docs of),
 ``attribution.md`` and the figures.
@@ -17,6 +18,7 @@ from rich.console import Console
 from rich.progress import track
 
 from bench.attribution.figures import figures
+from bench.attribution.gate import drawn
 from bench.attribution.run import NOMINAL, Case, listed, run_all
 from bench.attribution.score import FAILED, MAGNITUDES, Scored, score, text
 from bench.attribution.tables import case_table, tables
@@ -36,6 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--repeats", type=int, default=1, help="draws of each case (%(default)s)")
     parser.add_argument("--first", type=int, default=0, help="number of the first draw (%(default)s)")
+    parser.add_argument(
+        "--gate", type=int, help="so many draws of cases at random, in the shares of bench.attribution.gate"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes (%(default)s, whose traces take all cores)")
     parser.add_argument("--traced", action="store_true", help="run no case that was not traced already")
     parser.add_argument("--out", type=Path, help="folder (results/attribution, or results/attribution-field)")
@@ -43,13 +48,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     out = given.out or Path(
         "results/attribution" if given.quality == "clean" else f"results/attribution-{given.quality}"
     )
-    names = [name for name, _ in listed()]
+    kinds = listed()
+    names = [name for name, _ in kinds]
     unknown = [name for name in given.cases if name not in names]
     if unknown or given.jobs < 1 or given.repeats < 1:
         parser.error(f"the plant has no case {unknown[0]}" if unknown else "--jobs and --repeats are 1 or more")
     chosen = [n for n in given.cases or names if wanted(n, given.vehicle, given.magnitude)]
-    repeats = range(given.first, given.first + given.repeats)
-    cases = [Case(n, repeat, out / f"{n}-{repeat}", given.quality) for repeat in repeats for n in chosen]
+    draws = [(n, repeat) for repeat in range(given.first, given.first + given.repeats) for n in chosen]
+    if given.gate is not None:
+        draws = drawn([(n, kind) for n, kind in kinds if n in chosen], given.first, given.gate)
+    cases = [Case(n, repeat, out / f"{n}-{repeat}", given.quality) for n, repeat in draws]
     if given.traced:
         cases = [case for case in cases if (case.folder / "trace" / "trace.json").exists()]
     console = Console()

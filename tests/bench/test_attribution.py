@@ -11,6 +11,7 @@ import pytest
 
 from bench.attribution import renew
 from bench.attribution.__main__ import gathered, main, wanted
+from bench.attribution.gate import BLOCK, SHARES, drawn
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
 from bench.attribution.renew import MARKS
 from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
@@ -379,3 +380,16 @@ def test_the_oracle_finds_the_truth_up_to_the_noise(tmp_path):
 
 def shortened(recording):
     return recording.isel(time=recording["time"] < 30.0)
+
+
+def test_draws_at_random_hold_the_shares_and_depend_on_their_number_alone():
+    kinds = {"none": 1, "parameters": 2, "effect": 5, "pair": 2, "unlisted": 2}
+    cases = [(f"{v}-{k}-{i}", k) for v in ("car", "semitrailer") for k, n in kinds.items() for i in range(n)]
+    found = drawn(cases, 0, 20 * BLOCK)
+    for block in (found[:BLOCK], found[BLOCK : 2 * BLOCK]):
+        assert {k: sum(f"-{k}-" in name for name, _ in block) for k in SHARES} == SHARES
+    assert drawn(cases, 100, 80) == found[100:180]
+    assert {name for name, _ in found} == {name for name, _ in cases}
+    cars = sum(name.startswith("car-") for name, _ in found)
+    assert abs(cars / len(found) - 0.5) < 4 * 0.5 / np.sqrt(len(found))
+    assert [n for _, n in found] == list(range(20 * BLOCK))
