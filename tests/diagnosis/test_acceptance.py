@@ -159,6 +159,22 @@ def round_of(normalised_excess_mses, shortlist, fitted, before):
     return selection_round
 
 
+def test_everything_on_the_shortlist_is_fitted_and_many_parameters_where_they_may_reach_more():
+    shortlist = [
+        SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,)), gain=gain)
+        for n, gain in ((ALL_PARAMETERS, 20.0), ("lag", 10.0), ("gain", 9.0), ("bias", 8.0), ("roll_steer", 7.0))
+    ]
+
+    def fitted(predicted):
+        selection_round = round_of(dict.fromkeys((s.hypothesis.name for s in shortlist), 40.0), shortlist, (), 50.0)
+        selection_round.predicted_bic_gain = lambda s: predicted if s is shortlist[0] else 1e4
+        selection_round.fit_worthy()
+        return {h.name for h in selection_round.fits}
+
+    assert fitted(predicted=2e4) == {s.hypothesis.name for s in shortlist}
+    assert fitted(predicted=9e3) == {"lag", "gain", "bias", "roll_steer"}
+
+
 def test_many_parameters_are_not_fitted_where_something_alone_leaves_nothing():
     normalised_excess_mses = {"roll_steer": 30.0, "steering_lag": 1.9, "gain": 2.1}
     steer, lag, gain = shortlist = [
@@ -192,28 +208,6 @@ def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
 
     assert fitted(room=1) == ["roll"]
     assert fitted(room=0) == []
-
-
-def test_what_was_spared_is_fitted_where_nothing_passes_but_many_parameters():
-    normalised_excess_mses = {
-        ALL_PARAMETERS: 40.0,
-        "roll_steer": 250.0,
-        "inertia": 240.0,
-        "steering_lag": 0.02,
-        "delay": 90.0,
-    }
-    shortlist = [SimpleNamespace(hypothesis=Hypothesis(n, "effect", (n,))) for n in normalised_excess_mses]
-    many, steer, inertia, lag, delay = shortlist
-
-    def spared(*fitted):
-        selection_round = round_of(normalised_excess_mses, shortlist, fitted, before=233.0)
-        selection_round.fit_spared()
-        return [h.name for h in selection_round.fits][len(fitted) :]
-
-    assert spared(steer, many) == ["inertia", "steering_lag", "delay"]
-    assert spared(steer, lag) == []  # one does
-    assert spared(steer, delay) == []  # one is hopeful
-    assert spared(many, steer, inertia, lag, delay) == []
 
 
 def test_what_took_the_place_of_an_effect_says_how_sure_that_is():

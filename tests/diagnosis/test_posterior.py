@@ -12,7 +12,7 @@ from scipy.stats import chi2, multivariate_normal
 from harness.diagnosis.criteria import HOPEFUL, PRIORS
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
-from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.diagnosis.selection import model_comparison as comparison
 from harness.diagnosis.selection import posterior as p
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -265,7 +265,7 @@ def test_what_none_of_the_models_can_be_driven_at_says_nothing():
 
 
 def test_what_was_added_stays_where_it_is_likely(monkeypatch):
-    """A search among neighbours: an addition less, or another one in its place."""
+    """A search from the likeliest model so far: an addition less, another one in its place, or one that was refused."""
     gain, mass, inertia, cog, lag = (
         Hypothesis(n, k, (n,))
         for n, k in (("gain", "effect"), *((p, "parameter") for p in ("mass", "inertia", "cog")), ("lag", "effect"))
@@ -285,9 +285,9 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
 
     rounds = [tried(gain, lag), tried(mass, inertia, cog)]
 
-    def found(likely, *added):
+    def found(likely, *added, refused=()):
         best = SimpleNamespace(point=None, objective=0.0)
-        models = {frozenset(added): (added, best)}
+        models = {frozenset(a): (a, best) for a in (added, *refused)}
 
         def fit_all(choices, objective):
             models.update({frozenset(a): (a, best) for a, start in choices if start() is best.point})
@@ -307,6 +307,9 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     assert found({both: 0.3, frozenset([gain]): 0.4, alone: 0.5}, gain, mass) == alone  # two steps away
     assert found({frozenset(): 0.1, frozenset([gain]): 0.2}, gain) == {gain}
     assert found({frozenset(): 0.3, frozenset([gain]): 0.2}, gain) == set()
+    refused = (gain, lag)  # by the criteria of a round, which look at the simulation error alone
+    assert found({frozenset([gain]): 0.1, frozenset(refused): 0.3}, gain, refused=[refused]) == {gain, lag}
+    assert found({frozenset([gain]): 0.4, frozenset(refused): 0.3}, gain, refused=[refused]) == {gain}
     late = Hypothesis("steering_delay", "effect", ("steering_delay",))
     rounds[:] = [tried(late, lag)]
     assert found({frozenset([late]): 0.1, alone: 0.5}, late) == {late}  # nothing of the vehicle replaces a late channel
@@ -319,3 +322,8 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {gain}
     rounds[0].candidates[1].fitted = lag  # a near tie of two fits says more than their linear responses
     assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {lag}
+    many = Hypothesis(ALL_PARAMETERS, "parameter", ("mass", "inertia"))
+    rounds[:] = [tried(lag, many)]
+    assert found({alone: 0.1, frozenset([many]): 0.3}, lag) == {lag}  # was not fitted: it resembles whatever is missing
+    rounds[0].candidates[1].fitted = many
+    assert found({alone: 0.1, frozenset([many]): 0.3}, lag) == {many}

@@ -3,7 +3,7 @@
 What acts like an addition and was not fitted in its place, because it promised less, is fitted here, and so is the
 model without it: a hypothesis that was not tried has no probability. What was added stays where it is likely. Later
 additions make earlier ones redundant, or what was missing was taken for something else at first and for the rest of it
-thereafter: a search among the neighbours, each with an addition less or another one in its place, finds the likeliest.
+thereafter: a search goes on from the likeliest model so far, until none is likelier.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def likeliest(
         added, best = _lessened(fits, compared, added, best)
         seen.add(frozenset(added))
         _fit_alternatives(fits, rounds, added, best)
-        kept, fitted = compared.likeliest([m for m in fits.models.values() if _neighbours(m[0], added)])
+        kept, fitted = compared.likeliest([m for m in fits.models.values() if not _takes_clocks(m[0], added)])
         if frozenset(kept) in seen:
             return added, best, compared.posterior()
         added, best = kept, fitted
@@ -99,14 +99,14 @@ def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fi
     return added, best
 
 
-def _neighbours(one: Added, added: Added) -> bool:
-    """Whether a model is another one, or has one addition less, which something that is single may replace.
+def _takes_clocks(one: Added, added: Added) -> bool:
+    """Whether a model has something else in the place of a late channel of another.
 
-    Nothing replaces a late channel: recordings have clocks of their own, and a lag of the steering that resembles one
-    would be an effect of a vehicle that has none.
+    Nothing replaces that: recordings have clocks of their own, and a lag of the steering that resembles one would be an
+    effect of a vehicle that has none.
     """
     lost, new = set(added) - set(one), set(one) - set(added)
-    return len(new) <= len(lost) <= 1 and not any(h.many for h in new) and not (new and any(h.clock for h in lost))
+    return bool(new) and any(h.clock for h in lost)
 
 
 @dataclass(frozen=True)
@@ -270,9 +270,9 @@ def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Cand
     Left out is what would not take over enough of what is lost without the hypothesis, if that is beyond doubt.
     """
     others = [c for c in r.candidates if c.hypothesis not in (own.hypothesis, *rest)]
-    others = [c for c in others if not c.hypothesis.many and c.score.excited]
+    others = [c for c in others if not c.hypothesis.parts and c.score.excited]
     angles = {id(c): cosine(c.score, own.score) for c in others}
-    found = [c for c in others if c.fitted or ALIKE < abs(angles[id(c)]) <= SAME]
+    found = [c for c in others if c.fitted or (not c.hypothesis.many and ALIKE < abs(angles[id(c)]) <= SAME)]
 
     def behind(c: Candidate) -> float:
         linear = (1.0 - angles[id(c)] ** 2) * lost

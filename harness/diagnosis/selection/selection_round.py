@@ -24,7 +24,6 @@ from harness.diagnosis.selection.acceptance import (
     hardest,
     lookalikes,
     objections,
-    passes_except_error,
     with_sensor,
 )
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
@@ -91,7 +90,6 @@ class SelectionRound:
         self.rank()
         self.fit_worthy()
         self.fit_like_the_best()
-        self.fit_spared()
         if not self.fits:
             return None
         again = self.again()
@@ -139,10 +137,11 @@ class SelectionRound:
         return [h for h in found if h is not None]
 
     def fit_worthy(self) -> None:
-        """Fit the best few."""
-        beside = [s for s in self.shortlist if s.hypothesis.parts or s.hypothesis.random]
-        best = [s for s in self.shortlist if not (s.hypothesis.many or s.hypothesis.random)][:TRIED]
-        self.fit([*best, *beside])
+        """Fit the shortlist, and many parameters at once where they may reach more.
+
+        Large effects act nonlinearly: what a score predicts may be half of what a hypothesis reaches, or twice.
+        """
+        self.fit([s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS])
         gains = [(self.judged(s).bic, self.predicted_bic_gain(s)) for s in self.tried()]
         reached, predicted = max(gains, default=(0.0, 1.0))
         short = max(1.0, reached / predicted)
@@ -165,18 +164,6 @@ class SelectionRound:
         assert winner.fitted is not None
         start = self.taken_back(winner.hypothesis, winner.fitted)
         self.fit(lookalikes(winner, self.before, self.promised, self.fits)[:TRIED], start)
-
-    def fit_spared(self) -> None:
-        """Fit what was passed over for a small predicted gain, where nothing is accepted or nearly so.
-
-        Large effects act nonlinearly, so that the predicted gain of the right one may be a part of what it reaches, and
-        a wrong one may overfit the fitted drives by more than that. Many parameters at once do not count here.
-        """
-        before = self.before
-        if any(not objections(c, before) or passes_except_error(c, before) for c in map(self.judged, self.tried())):
-            return
-        alone = [s for s in self.shortlist if not s.hypothesis.many]
-        self.fit([s for s in alone if s.hypothesis not in self.fits][:TRIED])
 
     def decided_by_sensor(self, room: int) -> Round:
         """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
