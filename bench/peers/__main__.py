@@ -19,12 +19,12 @@ if CORE is not None:
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from bench.engine import PARTICLES  # noqa: E402
+from bench.engine import PARTICLES, keep_pages  # noqa: E402
 from bench.peers import filterpy_filter, free_simulation, jax_filters, linear_ukf, particle_library, stone_soup  # noqa: E402
 from bench.timing import quickest  # noqa: E402
 
-SAMPLES = {1: 2000, 64: 500, 1024: 200}
-"""Samples by the number of runs in a batch, so that a round takes seconds."""
+SAMPLES = {1: 2000, 64: 2000, 1024: 1000}
+"""Samples by the number of runs in a batch: drives of 10 to 20 s, in which what a call costs does not count."""
 
 SHORT = 200
 """Samples for what takes a millisecond per step."""
@@ -124,6 +124,7 @@ def small() -> Iterator[Line]:
 
 def main() -> None:
     """Measure and print, line by line as they come."""
+    keep_pages()
     console = Console()
     table = Table(title=f"the same problem through other libraries, one core of {processor()}")
     for heading in ("what", "by", "runs at once", "us per step and run", "times ours", "error"):
