@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from harness.config.parameter_set import stated_std
-from harness.diagnosis.criteria import HOPEFUL, MOST
+from harness.diagnosis.criteria import BIC_NEEDED, MOST
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -67,8 +67,8 @@ class CandidateFits:
     ) -> list[Fitted]:
         """Fit models at once, and to the end only those that come near the best of them.
 
-        After one turn of a fit a model that is far behind stays there: by a gain that is beyond doubt, and with less
-        than most of the gain of the best one, because a large effect may take more than a turn.
+        After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
+        most of the gain of the best one, because a large effect may take more than a turn.
 
         Args:
             models: What is added, and what gives the point where its fit starts.
@@ -82,7 +82,7 @@ class CandidateFits:
         share = self.augmented.share
         found = share(lambda model: self.fit(model[0], model[1](), turns=1), models)
         best = max([least, *(f.objective for f in found)])
-        far = max(HOPEFUL, MOST * (best - base))
+        far = max(BIC_NEEDED, MOST * (best - base))
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
 
     def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
