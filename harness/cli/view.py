@@ -16,9 +16,7 @@ from harness.common.errors import UserError
 def view(
     folders: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="FOLDER...", help="Result folder, a folder of several, or two studies of the same runs."
-        ),
+        typer.Argument(metavar="FOLDER...", help="Result folder, a folder of several, or several studies."),
     ],
     study: Annotated[
         Path | None,
@@ -27,7 +25,7 @@ def view(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; a free one if absent.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
 ) -> None:
-    """Walk through results in the browser: a study, a trace, an identification, a check, or two studies side by side.
+    """Walk through results in the browser: a study, several side by side, a trace, an identification or a check.
 
     The page is for this machine alone, and its address holds a token. In a study
     a click on a box computes the run again from its seeds; nothing is written to the folder.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from bokeh.models import ColumnDataSource, CustomJS, FixedTicker, LegendItem, Span
+from bokeh.models import ColumnDataSource, CustomJS, FixedTicker, LegendItem, LinearAxis, Span
 
 from harness.models.quantities import Quantity
 from harness.reporting import style
@@ -35,6 +35,7 @@ class BoxFigure:
         title: Of the figure, if the score does not say all.
         reference: Lines across all boxes, the dashes of each by its value.
         across: What the labels are of.
+        groups: Label of what each label belongs to; successive ones that are alike are written once, below a frame.
 
     Attributes:
         plot: The figure.
@@ -53,8 +54,10 @@ class BoxFigure:
         title: str = "",
         reference: Mapping[float, str] = MappingProxyType({}),
         across: str = "",
+        groups: Sequence[str] = (),
     ) -> None:
-        self._boxes, self._names, self._labels = [b for b in boxes if len(b.values)], estimators, labels
+        self._boxes, self._names = [b for b in boxes if len(b.values)], estimators
+        self._labels, self._groups = labels, groups
         self._log = log and all((b.values > 0).all() for b in self._boxes)
         self.estimators = list(dict.fromkeys(b.estimator for b in boxes))
         self.width = 0.84 / max(1, len(self.estimators))
@@ -65,7 +68,7 @@ class BoxFigure:
             460,
             tools="pan,wheel_zoom,box_zoom,reset",
             y_axis_type="log" if self._log else "linear",
-            x_range=(-0.5, len(labels) - 0.5),
+            x_range=(-0.5, max(1, len(labels)) - 0.5),
             name="boxes of runs",
         )
         self.plot.toolbar.active_drag = None
@@ -73,8 +76,10 @@ class BoxFigure:
         self.plot.xaxis.axis_label = across
         self.plot.xaxis.ticker = FixedTicker(ticks=list(range(len(labels))))
         self.plot.xaxis.major_label_overrides = {i: str(label) for i, label in enumerate(labels)}
-        self.plot.xaxis.major_label_orientation = 0.0 if sum(map(len, labels)) < 90 else 0.6
+        if sum(map(len, labels)) >= 90:
+            looks.slant_labels(self.plot.xaxis)
         self.plot.xgrid.grid_line_color = None
+        self._draw_groups()
         looks.legend_above(self.plot, self._draw(chosen), 3)
         for level, dashes in reference.items():
             self.plot.add_layout(Span(location=level, dimension="width", line_color=style.TRUTH, line_dash=dashes))
@@ -126,6 +131,24 @@ class BoxFigure:
             if e in firsts
         ]
 
+    def _draw_groups(self) -> None:
+        """Write below the labels what they belong to, and part one group from the next by a line."""
+        starts = [i for i, group in enumerate(self._groups) if i == 0 or group != self._groups[i - 1]]
+        if not starts:
+            return
+        ends = [*starts[1:], len(self._groups)]
+        centres = [(start + end - 1) / 2 for start, end in zip(starts, ends, strict=True)]
+        axis = LinearAxis(
+            ticker=FixedTicker(ticks=centres), axis_line_color=None, major_tick_line_color=None,
+            major_label_overrides={c: self._groups[start] for c, start in zip(centres, starts, strict=True)},
+        )  # fmt: skip
+        looks.write_axis(axis)
+        axis.axis_label, self.plot.xaxis.axis_label = self.plot.xaxis.axis_label, ""
+        self.plot.add_layout(axis, "below")
+        for start in starts[1:]:
+            edge = Span(location=start - 0.5, dimension="height", line_color="#9a9a9a", level="underlay")
+            self.plot.add_layout(edge)
+
     def _points(self, box: Box, most: int) -> dict[str, np.ndarray]:
         rows = box.points(most)
         scatter = np.random.default_rng(box.across).uniform(-0.3, 0.3, len(rows)) * self.width
@@ -153,12 +176,16 @@ class BoxFigure:
     def offered(self) -> list[tuple[str, str]]:
         """The boxes as a list to choose from: the index of each, and what it is with its median."""
         return [
-            (str(i), f"{self._labels[b.across]}, {self._names[b.estimator]}: "
+            (str(i), f"{self._where(b.across)}, {self._names[b.estimator]}: "
              f"median {style.with_unit(b.quartiles[1], self._unit)}")
             for i, b in enumerate(self._boxes)
         ]  # fmt: skip
 
-    def mark(self, across: int, values: dict[int, float]) -> None:
-        """Mark the scores of the run that is shown, by estimator."""
-        known = {e: v for e, v in values.items() if e in self.estimators and np.isfinite(v)}
-        self.marked.data = {"x": [self.place(across, e) for e in known], "y": list(known.values())}
+    def _where(self, across: int) -> str:
+        label = str(self._labels[across])
+        return f"{self._groups[across]}, {label}" if self._groups else label
+
+    def mark(self, values: Mapping[tuple[int, int], float]) -> None:
+        """Mark the scores of the run that is shown, by level or drive and estimator."""
+        known = {at: v for at, v in values.items() if at[1] in self.estimators and np.isfinite(v)}
+        self.marked.data = {"x": [self.place(*at) for at in known], "y": list(known.values())}

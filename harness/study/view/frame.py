@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bokeh.document import Document
-from bokeh.layouts import column
+from bokeh.layouts import column, row
 from bokeh.models import CustomJS, Div, TextInput
 from jinja2 import Environment
 
@@ -45,6 +45,11 @@ def said(text: str, **further: Any) -> Div:
     return Div(text=text, render_as_text=True, sizing_mode="stretch_width", styles=styles, **further)
 
 
+def line(*widgets: Any) -> Any:
+    """Return widgets beside each other, and below where a page is too narrow for that."""
+    return row(*widgets, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width")
+
+
 def address_bar() -> TextInput:
     """Return a hidden text that becomes the query of the address whenever it is set."""
     found = TextInput(value="", visible=False)
@@ -62,6 +67,12 @@ def arguments_of(document: Document) -> dict[str, str]:
 def index_of(given: str | None, count: int) -> int | None:
     """Return an index that an address asks for; ``None`` if there is none such."""
     return int(given) if given and given.isascii() and given.isdigit() and int(given[:9]) < count else None
+
+
+def indices_of(given: str | None, count: int) -> tuple[int, ...]:
+    """Return the indices that an address asks for, those that there are."""
+    found = [index_of(part, count) for part in (given or "").split(".")]
+    return tuple(dict.fromkeys(i for i in found if i is not None))
 
 
 def seconds_of(given: str | None) -> float:

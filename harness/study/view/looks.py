@@ -13,6 +13,7 @@ from bokeh.models import (
     CustomJS,
     CustomJSTicker,
     CustomJSTickFormatter,
+    CustomLabelingPolicy,
     HoverTool,
     Legend,
     LogScale,
@@ -70,6 +71,15 @@ if (size === 0 || (size >= 9e-5 && size < 1e6)) return String(Number(tick.toPrec
 return part === 1 ? `10${raised}` : `${String(part).replace('-', '−')}·10${raised}`;
 """
 """A tick as a number that one reads, as in the reports, not as 5.000e+4."""
+_SLANTED = """
+let last = -Infinity;
+for (const i of indices) {
+    if (bboxes[i].right - last < 20) continue;
+    last = bboxes[i].right;
+    yield i;
+}
+"""
+"""Labels that end, at their ticks, a line of text apart or more; that their frames overlap does not matter."""
 _LABELS = 84
 """Least pixels left of a frame of equal scales: how wide its labels are is known when it is painted, and the canvas
 keeps a strip of a label that was painted over its edge."""
@@ -97,12 +107,7 @@ def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset
     found.toolbar.autohide = True
     found.output_backend = "canvas"
     for axis in found.axis:
-        axis.axis_label_text_font = axis.major_label_text_font = FONT
-        axis.axis_label_text_font_style = "normal"
-        axis.axis_label_text_font_size = axis.major_label_text_font_size = "13px"
-        axis.minor_tick_line_color = None
-        axis.major_label_policy = NoOverlap()
-        axis.axis_label_text_color = axis.major_label_text_color = "#111111"
+        write_axis(axis)
     found.title.text_font, found.title.text_font_size = FONT, "13px"
     found.title.text_color = "#111111"
     if len(title) > _TITLE:
@@ -115,6 +120,22 @@ def plot(title: str, height: int, tools: str = "xpan,xwheel_zoom,xbox_zoom,reset
     if further.get("match_aspect"):
         found.min_border_left = _LABELS
     return found
+
+
+def write_axis(axis: Any) -> None:
+    """Let an axis have the letters of all figures."""
+    axis.axis_label_text_font = axis.major_label_text_font = FONT
+    axis.axis_label_text_font_style = "normal"
+    axis.axis_label_text_font_size = axis.major_label_text_font_size = "13px"
+    axis.minor_tick_line_color = None
+    axis.major_label_policy = NoOverlap()
+    axis.axis_label_text_color = axis.major_label_text_color = "#111111"
+
+
+def slant_labels(axis: Any) -> None:
+    """Let the labels below an axis rise to their ticks, so that more of them have room than side by side."""
+    axis.major_label_orientation = 0.6
+    axis.major_label_policy = CustomLabelingPolicy(code=_SLANTED)
 
 
 def names_inside(plot: Any, names: Sequence[str], left: float) -> None:

@@ -29,27 +29,27 @@ def kind_of(folder: Path) -> str | None:
 
 
 def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
-    """Return the pages of one result folder, of a folder of several, or of two studies side by side.
+    """Return the pages of one result folder, of a folder of several, or of several studies side by side.
 
     Args:
-        folders: One or two.
+        folders: One, or two and more of studies.
         study: Study file, if files that it names lie beside it.
 
     Returns:
         What puts a page into a document, by its place below the address; ``/`` is the first one.
 
     Raises:
-        UserError: If a folder holds no result, or two cannot be compared.
+        UserError: If a folder holds no result, or studies cannot be shown side by side.
     """
     beside = None if study is None else study.parent
-    if len(folders) == 2:
-        for folder in folders:
+    if len(folders) > 1:
+        for i, folder in enumerate(folders):
             if kind_of(folder) != "study":
-                raise UserError(f"{folder}: no study; side by side are shown two studies")
-        of_pair = import_module("harness.study.view.pair_page").build(*folders)
-        return {"/": of_pair, **{f"/{i}": _later(folder, beside) for i, folder in enumerate(folders, 1)}}
-    if len(folders) != 1:
-        raise UserError(f"one result folder or two studies are shown, not {len(folders)}")
+                raise UserError(f"{folder}: no study; side by side are shown studies")
+            if folder.resolve() in [f.resolve() for f in folders[:i]]:
+                raise UserError(f"{folder}: given twice")
+        side_by_side = import_module("harness.study.view.side_by_side_page").build(folders)
+        return {"/": side_by_side, **{f"/{i}": _later(folder, beside) for i, folder in enumerate(folders, 1)}}
     folder = folders[0]
     if kind_of(folder) is not None:
         return {"/": _page(folder, beside)}

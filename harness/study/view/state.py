@@ -11,7 +11,7 @@ from harness.study.replay import Place
 from harness.study.results import StudyResults
 from harness.study.view.boxes import SCORES
 from harness.study.view.factors import Brush
-from harness.study.view.frame import index_of
+from harness.study.view.frame import index_of, indices_of
 
 OFFERED = ("signals", "parameters")
 """What a reader chooses from lists of names; names that there are not are left out by who shows them."""
@@ -80,7 +80,7 @@ def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> Sta
         drive=index_of(given.get("drive"), len(of.drives)),
         level=index_of(given.get("level"), len(of.bands)),
         log=given.get("log", "1") != "0",
-        estimators=_indices(given.get("estimators"), len(every)) or every,
+        estimators=indices_of(given.get("estimators"), len(every)) or every,
         brush=Brush.read(given.get("brush", ""), len(of.factors)),
         signals=_names(given.get("signals")),
         parameters=_names(given.get("parameters")),
@@ -95,13 +95,8 @@ def read(arguments: Mapping[str, Sequence[bytes]], results: StudyResults) -> Sta
                 changes[name.removeprefix("plant.")] = float(value)
             except ValueError:
                 continue
-    compared = _indices(given.get("compared"), len(every)) or state.estimators[:3]
+    compared = indices_of(given.get("compared"), len(every)) or state.estimators[:3]
     return replace(state, run=run, compared=compared, changes=changes)
-
-
-def _indices(given: str | None, count: int) -> tuple[int, ...]:
-    found = [index_of(part, count) for part in (given or "").split(".")]
-    return tuple(dict.fromkeys(i for i in found if i is not None))
 
 
 def _names(given: str | None) -> tuple[str, ...] | None:

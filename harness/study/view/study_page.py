@@ -235,13 +235,13 @@ class StudyPage:
             return
         run = state.run
         if run is None or scores is None or run.design != state.design or not self._is_in_boxes(run):
-            figure.mark(0, {})
+            figure.mark({})
             return
         values = scores[state.score]
         if state.score in ("rmse", "bias", "max_error"):
             values = values[:, state.target] * self._design.targets[state.target].scale
         across = run.band if state.level is None else run.drive
-        figure.mark(across, dict(zip(state.compared, map(float, values), strict=True)))
+        figure.mark({(across, e): float(v) for e, v in zip(state.compared, values, strict=True)})
 
 
 def build(folder: Path, beside: Path | None = None) -> Callable[[Document], None]:
