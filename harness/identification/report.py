@@ -249,7 +249,7 @@ def _certainty(fit: Fit) -> list[Block]:
         "the two, not each."
     )
     alt = "Matrix of correlations between the estimates."
-    matrix = Drawing(lambda: figures.correlation(fit), caption, alt, floats=False)  # all that its heading has
+    matrix = Drawing(lambda: figures.correlation(fit), caption, alt)
     return [Heading("Which estimates are correlated?"), matrix]
 
 

@@ -18,7 +18,7 @@ import typst
 
 from harness.common.failures import RAISED, Failures
 from harness.common.files import write_files
-from harness.reporting import screen
+from harness.reporting import pages, screen
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,11 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure; caption and description are plain text, and it stays where it is unless it ``floats``."""
+    """A figure; caption and description are plain text."""
 
     svg: bytes
     caption: str
     alt: str
-    floats: bool = True
 
 
 @dataclass(frozen=True)
@@ -100,13 +99,11 @@ class Drawing:
         draw: Returns the figure as SVG.
         caption: Plain text.
         alt: The figure described, in plain text; the sentence names the figure by it.
-        floats: Whether it may go to the top or bottom of a page near by.
     """
 
     draw: Callable[[], bytes]
     caption: str
     alt: str
-    floats: bool = True
 
 
 Block = Heading | Prose | Bullets | Picture | Sheet | Listing | Section | Drawing
@@ -151,7 +148,7 @@ def _picture(drawing: Drawing, failures: Failures) -> Block:
     name = f"the figure “{drawing.alt.rstrip('.')}”"
     return failures.attempt(
         name,
-        lambda: Picture(drawing.draw(), drawing.caption, drawing.alt, drawing.floats),
+        lambda: Picture(drawing.draw(), drawing.caption, drawing.alt),
         lambda why: Prose(plain(f"{name[:1].upper()}{name[1:]} could not be made: {why}.")),
     )
 
@@ -181,7 +178,7 @@ def _cell(item: str | Linked) -> str:
     return f"link({_string(item.target)}, {_string(item.text)})" if isinstance(item, Linked) else _string(item)
 
 
-def _block(block: Block, files: dict[str, bytes]) -> str:
+def _block(block: Block) -> str:
     match block:
         case Heading(text, level):
             return f"#heading(level: {level}, {_string(text)})"
@@ -189,11 +186,6 @@ def _block(block: Block, files: dict[str, bytes]) -> str:
             return markup
         case Bullets(items):
             return "\n".join("- " + item.replace("\n", " ") for item in items)
-        case Picture(svg, caption, alt, moves):
-            name = f"figure-{len(files) + 1:02d}.svg"
-            files[name] = svg
-            floats = "true" if moves and len(files) > 1 else "false"  # the first belongs to the answer above it
-            return f"#picture({_string(name)}, {_string(caption)}, {_string(alt)}, floats: {floats})"
         case Sheet(header, rows, caption, left):
             body = "".join(f"\n  {_array(row)}," for row in rows)
             words = f"left: {left}, caption: {_string(caption)}, header: {_array(header)}"
@@ -204,14 +196,40 @@ def _block(block: Block, files: dict[str, bytes]) -> str:
 
 
 def source(document: Document) -> tuple[str, dict[str, bytes]]:
-    """Return the Typst text of a document and the figures it names."""
+    """Return the Typst text of a document and the figures it names.
+
+    A figure has with it the heading that it follows, and the text between the two: they stay on one page.
+    """
     files: dict[str, bytes] = {}
-    parts = [
-        '#import "template.typ": *',
-        f"#show: report.with(title: {_string(document.title)})",
-        *(_block(block, files) for block in made(document.blocks)),
-    ]
-    return "\n\n".join(parts) + "\n", files
+    parts = ['#import "template.typ": *', f"#show: report.with(title: {_string(document.title)})"]
+    head: list[str] = []
+    blocks = made(document.blocks)
+    for i, block in enumerate(blocks):
+        if isinstance(block, Picture):
+            number = len(files) + 1
+            name = f"figure-{number:02d}.svg"
+            files[name] = block.svg
+            words = ", ".join(map(_string, (name, block.caption, block.alt)))
+            filled = "true" if _goes_on(blocks[i + 1 :]) else "false"
+            before = f"[\n{_joined(head)}\n]" if head else ""
+            parts.append(f"#picture({number}, {words}, filled: {filled}){before}")
+            head = []
+        elif isinstance(block, Heading) or (head and isinstance(block, (Prose, Bullets))):
+            head.append(_block(block))
+        else:
+            parts += [*head, _block(block)]
+            head = []
+    return _joined([*parts, *head]) + "\n", files
+
+
+def _goes_on(blocks: Sequence[Block]) -> bool:
+    """Return whether a section has text or tables behind a figure, which can fill the page that the figure leaves."""
+    following = next((b for b in blocks if not isinstance(b, Picture)), None)
+    return not isinstance(following, Heading | None)
+
+
+def _joined(parts: Sequence[str]) -> str:
+    return "\n\n".join(parts)
 
 
 def render(document: Document, failures: Failures = RAISED) -> tuple[bytes, bytes]:
@@ -253,10 +271,13 @@ def _compiled(document: Document) -> tuple[bytes, bytes]:
         (root / "template.typ").write_text((here / "template.typ").read_text(encoding="utf-8"), encoding="utf-8")
         for name, svg in files.items():
             (root / name).write_bytes(svg)
-        compiler = typst.Compiler(root / "report.typ", root=root, font_paths=[fonts], ignore_system_fonts=True)
+        compiler = typst.Compiler(
+            root / "report.typ", root=root, font_paths=[fonts], ignore_system_fonts=True, sys_inputs={"medium": "paper"}
+        )
+        pages.lay_out(compiler, root)
         # The warnings only repeat that HTML export is young.
+        pdf, _ = compiler.compile_with_warnings(format="pdf", timestamp=0)
         html, _ = compiler.compile_with_warnings(format="html", sys_inputs={"medium": "screen"})
-        pdf, _ = compiler.compile_with_warnings(format="pdf", sys_inputs={"medium": "paper"}, timestamp=0)
     assert isinstance(html, bytes)  # lists of pages are for images only
     assert isinstance(pdf, bytes)
     return screen.page(html.decode("utf-8")), pdf

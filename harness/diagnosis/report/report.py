@@ -40,8 +40,6 @@ from harness.reporting.document import (
 _ON_FIRST_PAGE = 3.7
 """Inches of the held-out drive on the first page, which has the vehicle too."""
 
-_SETTLED = Prose("#settle()")  # the figures of a section stand before the next one
-
 
 def document(
     outcome: Outcome, command: str, title: str = "", answer: str = "", evidence: Iterable[Block] = ()
@@ -68,10 +66,8 @@ def document(
         Section(lambda: study_gain.blocks(outcome.study_gain), "What does the amendment gain in a study?"),
         Section(lambda: residual_sections.where(outcome), "Where is something missing?"),
         Section(lambda: _rounds(outcome), "What else was tried?"),
-        _SETTLED,
         Section(lambda: _residual(outcome), "Are the innovations white?"),
         Section(lambda: residual_sections.innovations(outcome), "What do the innovations depend on?"),
-        _SETTLED,
         *_other_drives(outcome),
         Section(lambda: _excitation(outcome), "Which effects could these drives have shown?"),
         Section(lambda: _made(outcome, command), "How was it made?"),
@@ -257,7 +253,7 @@ def _over_time(outcome: Outcome) -> list[Drawing]:
 
 def _other_drives(outcome: Outcome) -> list[Block]:
     others = _over_time(outcome)[1:]
-    return [Heading("Does the simulation follow the other drives?"), *others, _SETTLED] if others else []
+    return [Heading("Does the simulation follow the other drives?"), *others] if others else []
 
 
 def _made(outcome: Outcome, command: str) -> list[Block]:

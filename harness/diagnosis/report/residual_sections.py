@@ -78,7 +78,7 @@ def from_above(outcome: Outcome) -> list[Block]:
     )
     added = {called(h.name): list(equation(h, outcome)) for h in outcome.added if h.kind == "effect"}
     draw = partial(vehicle_picture.picture, plan, found.nominal.ranked_inputs, added)
-    return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.", floats=False)]
+    return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
 
 
 def _histories(found: Where) -> list[Block]:

@@ -339,14 +339,13 @@ class _SideBySide:
 
 
 def _unpaired(studies: Beside, why: dict[int, str], some: bool) -> str:
-    """Return which studies have no difference to the first one, and why."""
+    """Return what differences are, or that there are none, and of which studies there can be none, and why."""
     first = studies.names[0]
-    told = [
-        f"The runs of {studies.names[k]} do not pair with those of {first}: {text}." for k, text in why.items() if text
-    ]
+    told = [f"No study that is switched on has the runs of {first}."]
     if some:
-        told.insert(0, f"Score of every run, less that of the same run in {first}. Below zero a study is better.")
-    return " ".join(told) or "No study that could be compared is switched on."
+        told = [f"Score of every run, less that of the same run in {first}. Below zero a study is better."]
+    told += [f"The runs of {studies.names[k]} are others: {text}." for k, text in why.items() if text]
+    return " ".join(told)
 
 
 def _numbers(values: np.ndarray, base: np.ndarray, strata: np.ndarray) -> tuple[str, ...]:

@@ -62,6 +62,15 @@ def other(tmp_path_factory):
 
 
 @pytest.fixture(scope="package")
+def unlike(tmp_path_factory):
+    """Other runs, at levels of which one is that of the others."""
+    study = copy.deepcopy(STUDY)
+    study |= {"seed": 12, "design": [copy.deepcopy(STUDY["design"][0]) | {"name": "heavy"}]}
+    study["design"][0]["factor"][0]["levels"] = ["1.9 t", "2.1 t"]
+    return _run(tmp_path_factory.mktemp("unlike") / f"car {NASTY.replace('/', '')}", study)
+
+
+@pytest.fixture(scope="package")
 def results(tmp_path_factory):
     """A folder of a campaign, a trace, a fit and a check."""
     folder = tmp_path_factory.mktemp("results")
@@ -102,8 +111,8 @@ def address_of_results(tmp_path_factory, folder):
 
 
 @pytest.fixture(scope="package")
-def address_of_pair(folder, other):
-    with served(folder, other) as found:
+def address_of_three(folder, other, unlike):
+    with served(folder, other, unlike) as found:
         yield found
 
 

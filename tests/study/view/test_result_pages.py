@@ -1,4 +1,4 @@
-"""The pages of traces, fits, checks, folders and pairs in a browser: each opens, and its first use works."""
+"""The pages of results, folders and studies side by side in a browser: each opens, and its first use works."""
 
 import importlib
 
@@ -90,11 +90,11 @@ def test_on_a_phone_long_texts_of_a_table_are_read_below_each_other(visit, addre
     expect(page.get_by_role("region", name="Results").locator("tbody tr:visible")).to_have_count(1)
 
 
-LINES = "() => Bokeh.documents[0].get_model_by_name('boxes of runs').title.text.split('\\n').length"
+LINES = "() => Bokeh.documents[0].get_model_by_name('boxes of differences').title.text.split('\\n').length"
 
 
-def test_a_title_is_broken_where_its_figure_ends(visit, address_of_pair):
-    page = visit(address_of_pair)
+def test_a_title_is_broken_where_its_figure_ends(visit, address_of_three):
+    page = visit(address_of_three)
     page.wait_for_function(f"({LINES})() === 1")
     page.set_viewport_size({"width": 390, "height": 780})
     page.wait_for_function(f"({LINES})() > 1")
@@ -138,38 +138,56 @@ def test_a_warning_of_a_check_leads_to_its_signal(visit, address_of_results):
     page.wait_for_function(DRAWN, arg="yaw rate from speed: disagrees: sign")
 
 
-def test_a_click_on_a_difference_leads_to_the_run_in_both_studies(visit, address_of_pair, folder, other):
-    page = visit(address_of_pair)
+def test_a_click_on_a_difference_leads_to_the_run_in_both_studies(visit, address_of_three, folder, other):
+    page = visit(address_of_three)
+    page.set_viewport_size({"width": 1280, "height": page.evaluate("document.documentElement.scrollHeight")})
+    page.wait_for_timeout(500)
     pair = [h.open_results(f)["mass"].rmse.isel(target=0).values for f in (folder, other)]
     change = (pair[1] - pair[0])[1, ..., 1]  # at 1.9 t, the UKF
     assert abs(change).max() > 0
     assert not (pair[1] - pair[0])[..., 0].any()  # the EKF is the same in both
-    x, y = page.evaluate(PIXEL, ["boxes of runs", 1 + 0.21, float(change.min())])
+    x, y = page.evaluate(PIXEL, ["boxes of differences", 1 + 0.21, float(change.min())])
     page.mouse.click(x, y)
     worst = int(change.argmin())
     sample, drive, repeat = worst // 12, worst // 6 % 2, worst % 6
-    for i, (link, stored) in enumerate(zip(("in the first study", "in the second study"), pair, strict=True), 1):
-        address = page.get_by_role("link", name=link).get_attribute("href")
+    for i, stored in enumerate(pair, 1):
+        address = page.get_by_role("link", name=f"in car{'-other' if i == 2 else ''}", exact=False).nth(0)
+        address = address.get_attribute("href")
         assert address == f"{i}?design=0&run=0.1.{drive}.{sample}.{repeat}&compared=1"
-        run = visit(address_of_pair, address)
+        run = visit(address_of_three, address)
         run.get_by_text(SAME).wait_for(timeout=120_000)
         shown = run.locator("#what-if table tbody tr").first.locator("td").nth(1).inner_text()
         value = stored[1, sample, drive, repeat, 1]
         assert float(shown.split()[0]) == pytest.approx(value, rel=0.005)
 
 
-def test_by_keyboard_a_difference_leads_to_its_run_and_the_address_says_it(visit, address_of_pair):
-    page = visit(address_of_pair)
-    page.get_by_label("Box", exact=True).select_option(index=3)
-    page.get_by_label("Its run").select_option("smallest")
-    page.wait_for_function("location.search.includes('run=1.1.')")
-    page.get_by_text("in the first study,").wait_for()
-    again = visit(address_of_pair, page.evaluate("location.search"))
-    again.get_by_text("in the first study,").wait_for()
-    text = again.get_by_text("in the first study,").inner_text()
-    assert text == page.get_by_text("in the first study,").inner_text()
-    assert "mass, 1.9 t, drive" in text
-    assert again.get_by_role("link", name="in the second study").get_attribute("href").startswith("2?design=0&run=0.1.")
+def test_by_keyboard_a_difference_leads_to_its_run_and_the_address_says_it(visit, address_of_three):
+    page = visit(address_of_three)
+    page.get_by_label("Box of differences").select_option(index=3)
+    page.get_by_label("Its run").nth(1).select_option("smallest")
+    page.wait_for_function("location.search.includes('run=1.1.1.')")
+    chosen = page.get_by_role("region", name="The same run in each study")
+    expect(chosen.locator("tbody tr")).to_have_count(2)  # the third study has other runs
+    again = visit(address_of_three, page.evaluate("location.search"))
+    there = again.get_by_role("region", name="The same run in each study")
+    expect(there.locator("tbody tr")).to_have_count(2)
+    for told in ("mass, 1.9 t, drive", "compute it again in car-other"):
+        assert there.get_by_text(told).inner_text() == chosen.get_by_text(told).inner_text()
+    assert there.locator("tbody").inner_text() == chosen.locator("tbody").inner_text()
+
+
+def test_studies_are_switched_off_and_on(visit, address_of_three):
+    page = visit(address_of_three)
+    rows = page.get_by_role("region", name="In numbers").locator("tbody tr")
+    expect(rows).to_have_count(12)  # three studies, two levels and estimators each
+    page.get_by_role("button", name="car-other", exact=True).click()
+    expect(rows).to_have_count(8)
+    page.get_by_text("No study that is switched on has the runs of car.").wait_for()
+    page.wait_for_function("location.search.includes('studies=0.2')")
+    again = visit(address_of_three, page.evaluate("location.search"))
+    expect(again.get_by_role("region", name="In numbers").locator("tbody tr")).to_have_count(8)
+    page.get_by_role("button", name="car-other", exact=True).click()
+    expect(rows).to_have_count(12)
 
 
 def test_a_finding_of_the_campaign_leads_to_its_study(visit, address_of_results):

@@ -1,6 +1,5 @@
-"""What the pages of traces, fits, checks, pairs and points of a design are made of, without a browser."""
+"""What the pages of traces, fits, checks and points of a design are made of, without a browser."""
 
-import html
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -11,12 +10,10 @@ from bokeh.document import Document
 
 from harness.common.errors import UserError
 from harness.models.assembly.plan import Outline
-from harness.reporting import style
 from harness.study.replay import Place, Replayer
 from harness.study.report import analyse
-from harness.study.report.analysis import Analysis
 from harness.study.stored import study_of
-from harness.study.view import check_page, fit_page, folder_page, pair_page, trace_page
+from harness.study.view import check_page, fit_page, folder_page, trace_page
 from harness.study.view.above import AboveFigure, Along, _extent
 from harness.study.view.bars import bars, changes
 from harness.study.view.boxes import expected
@@ -96,53 +93,11 @@ def test_a_folder_leads_to_each_result(results):
 def test_what_is_no_result_is_refused(results, tmp_path):
     with pytest.raises(UserError, match=r"no result to show: there is none of scores\.zarr"):
         pages([tmp_path])
-    with pytest.raises(UserError, match="no study"):
-        pages([results / "trace", results / "check"])
     (tmp_path / "trace.json").write_text("[]")
     with pytest.raises(UserError, match="no record"):
         pages([tmp_path])
     document = built(folder_page.refused(tmp_path, "cannot be read"))
     assert "cannot be read" in [m.text for m in document.models if type(m).__name__ == "Div"]
-
-
-def test_the_same_runs_differ_by_nothing_and_other_seeds_are_refused(folder):
-    study = analyse(folder)
-    pair, points = pair_page.pairs_of(study, study)
-    assert points.numbers == (1, 1)
-    assert pair.numbers == (0, 0)
-    for score in ("rmse", "nis"):
-        assert np.array_equal(pair.differences(score, 0, 1), np.zeros((2, 2, 1, 6)))
-    other = Analysis(replace(study.store, attributes=study.store.attributes | {"seed": 12}))
-    with pytest.raises(UserError, match="seed 11 and 12"):
-        pair_page.pairs_of(study, other)
-
-
-def test_two_studies_are_told_apart_by_their_settings_and_a_run_of_both_by_its_words(folder, other):
-    study, second = analyse(folder), analyse(other)
-    document = built(pair_page.build(folder, other))
-    (told,) = (t for t in tables(document) if "setting" in t)
-    assert f"estimator.{html.escape(NASTY)}.alpha" in told
-    assert ">0.5<" in told
-    assert ">0.05<" in told
-    assert "design.all" in told  # the second has no such design, and that is all that is said of it
-    assert "design.all.samples" not in told
-    assert "plant" not in told
-    assert pair_page._settings({"a": {"b": 1}, "c": [{"name": "d", "e": 2}]}) == {
-        "a": None, "a.b": 1, "c": None, "c.d": None, "c.d.name": "d", "c.d.e": 2,
-    }  # fmt: skip
-    box = next(m for m in document.models if type(m).__name__ == "Select" and m.title == "Box")
-    rank = next(m for m in document.models if type(m).__name__ == "Select" and m.title == "Its run")
-    number = next(i for i, (_, offered) in enumerate(box.options) if offered.startswith(f"1.9 t, {NASTY}"))
-    box.value, rank.value = str(number), "1"
-    (pair,) = pair_page.pairs_of(study, second)
-    change = pair.differences("rmse", 0, 1)[1]
-    said = next(m.text for m in document.models if type(m).__name__ == "Div" and "in the first study," in m.text)
-    drive, sample, repeat = (int(i) for i in np.unravel_index(change.argmax(), change.shape))
-    assert said.startswith(
-        f"{NASTY}, mass, 1.9 t, drive {study.store.designs[0].drives[drive]}, repeat {repeat}: RMSE "
-    )
-    assert said.endswith(f"difference {style.with_unit(float(change.max()), 'm/s')}.")
-    assert sample == 0
 
 
 def test_points_of_a_design_have_their_factors_score_and_worst_run(folder):

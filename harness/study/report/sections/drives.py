@@ -37,11 +37,13 @@ def blocks(analysis: Analysis) -> list[Block]:
             )
         ),
     ]
-    panels = [(target, band) for target in range(len(design.targets)) for band in shown(findings, target)]
-    lines = max(_title(findings, *panel).count("\n") for panel in panels)
+    of_targets = [[(t, band) for band in shown(findings, t)] for t in range(len(design.targets))]
+    lines = max(_title(findings, *panel).count("\n") for panels in of_targets for panel in panels)
     height = 0.42 + _TITLE_LINE * lines + _LINE * len(design.drives)
     per_page = max(1, int((style.TALLEST - 1.6) // height))
-    return found + [_picture(findings, panels[k : k + per_page], height) for k in range(0, len(panels), per_page)]
+    for panels in of_targets:
+        found += [_picture(findings, panels[k : k + per_page], height) for k in range(0, len(panels), per_page)]
+    return found
 
 
 def shown(findings: Findings, target: int) -> list[int]:
@@ -64,7 +66,8 @@ def medians(findings: Findings, target: int) -> NDArray[np.float64]:
 
 
 def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -> Picture:
-    design = findings.design
+    """Return the maps of one target."""
+    design, name = findings.design, findings.design.targets[panels[0][0]].words
     turn = {"rotation": 90} if len(design.estimators) > UPRIGHT else {}
     with style.drawing():
         fig = style.figure((0.6 if not turn else 1.2) + height * len(panels))
@@ -77,15 +80,14 @@ def _picture(findings: Findings, panels: list[tuple[int, int]], height: float) -
             axes.tick_params(length=0)
             axes.spines[:].set_visible(False)
         rows[-1].set_xticks(range(len(design.estimators)), design.estimators, **turn)
-        style.head(fig, "On which drives is the error large?")
+        style.head(fig, f"On which drives is the error of the {name} large?")
         svg = style.svg(fig)
-    names = " and ".join(dict.fromkeys(design.targets[t].words for t, _ in panels))
     runs = design.planned // len(design.drives)
     caption = (
-        f"Median RMSE of {names} per drive and estimator over {runs} runs less those lost, where plant and estimators "
+        f"Median RMSE of {name} per drive and estimator over {runs} runs less those lost, where plant and estimators "
         "differ least and most; darker is worse, – means no run was ok."
     )
-    return Picture(svg, caption, f"Median RMSE of {names} per drive, level and estimator")
+    return Picture(svg, caption, f"Median RMSE of {name} per drive, level and estimator")
 
 
 def _title(findings: Findings, target: int, band: int) -> str:

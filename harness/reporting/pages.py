@@ -1,0 +1,115 @@
+"""Where figures go on paper: each on one page with its heading, and no page half empty for it.
+
+Typst breaks pages from front to back and never looks ahead, so that a figure that finds no room leaves the rest of its
+page empty, or, if it floats, is parted from its heading. Here the document is laid out, the first figure that did not
+find room is given some, and so on to the end: a figure that lacks little is drawn smaller, one that lacks much goes to
+the next page with its heading. Where that would leave much of a page empty it floats, and what follows fills the page.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import typst
+
+SMALLEST = 0.8
+"""Share of its size to which a figure is drawn smaller: its letters of 9 points are of 7 then."""
+
+EMPTY, EMPTY_BEFORE_TEXT = 0.5, 0.25
+"""Share of a page that stays empty at the most so that a figure and its heading are on one page: where nothing of its
+section could fill it, and where text or tables could."""
+
+_SLACK = 3.0
+"""Points by which what is drawn smaller stays below the room that there is."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a figure is given.
+
+    Attributes:
+        share: Of its size.
+        floats: Whether it goes to the top of the next page while what follows fills this one.
+    """
+
+    share: float = 1.0
+    floats: bool = False
+
+
+@dataclass(frozen=True)
+class Placed:
+    """How a figure was laid out; lengths in points.
+
+    Attributes:
+        number: Of the figure.
+        begins: Page on which it, or its heading if it has one, would begin.
+        stands: Page on which it stands.
+        left: From where it would begin to the end of that page.
+        page: Height of a page without its margins.
+        whole: Height of the heading, the text, the figure in full size and its caption.
+        alone: Height of the figure in full size and its caption, with the distance to what follows.
+        figure: Height of the figure alone, in full size.
+        floats: Whether it floats.
+        filled: Whether its section goes on behind it.
+    """
+
+    number: int
+    begins: int
+    stands: int
+    left: float
+    page: float
+    whole: float
+    alone: float
+    figure: float
+    floats: bool
+    filled: bool
+
+    @property
+    def lacks(self) -> bool:
+        """Whether it did not find room."""
+        return not self.floats and (self.stands > self.begins or self.whole > self.page)
+
+    def share(self, room: float) -> float:
+        """Return the share of its size at which the figure has just that room, with what belongs to it."""
+        return min(1.0, 1.0 - (self.whole - room + _SLACK) / self.figure)
+
+
+def room(of: Placed, floating: Sequence[Placed] = ()) -> Room:
+    """Return what a figure is given that did not find room.
+
+    Args:
+        of: The figure.
+        floating: Figures that float; the pages that they stand on have less room.
+    """
+    passed = [of.page - sum(f.alone for f in floating if f.stands == page) for page in range(of.begins + 1, of.stands)]
+    for left in (of.left, *passed):
+        if of.share(left) >= SMALLEST:
+            return Room(of.share(left))
+    if max(of.left, *passed, 0.0) > (EMPTY_BEFORE_TEXT if of.filled else EMPTY) * of.page:
+        return Room(floats=True)
+    return Room(of.share(of.page))
+
+
+def lay_out(compiler: typst.Compiler, folder: Path) -> None:
+    """Write ``rooms.json``, from which the template takes the room of each figure.
+
+    Args:
+        compiler: Of the document, for paper.
+        folder: Of the document.
+    """
+    rooms: dict[int, Room] = {}
+    while True:
+        given = {number: asdict(r) for number, r in rooms.items() if r != Room()}
+        (folder / "rooms.json").write_text(json.dumps(given), encoding="utf-8")
+        placed = [Placed(**told) for told in json.loads(compiler.query("<placed>", field="value"))]
+        floating = [p for p in placed if p.floats]
+        for one in placed:
+            if one.number not in rooms and one.lacks:
+                rooms[one.number] = room(one, floating)
+                if rooms[one.number] != Room():
+                    break  # what follows stands elsewhere then
+        else:
+            return
