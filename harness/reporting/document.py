@@ -271,13 +271,20 @@ def _compiled(document: Document) -> tuple[bytes, bytes]:
         (root / "template.typ").write_text((here / "template.typ").read_text(encoding="utf-8"), encoding="utf-8")
         for name, svg in files.items():
             (root / name).write_bytes(svg)
-        compiler = typst.Compiler(
-            root / "report.typ", root=root, font_paths=[fonts], ignore_system_fonts=True, sys_inputs={"medium": "paper"}
+        for_screen, for_paper = (
+            typst.Compiler(
+                root / "report.typ",
+                root=root,
+                font_paths=[fonts],
+                ignore_system_fonts=True,
+                sys_inputs={"medium": medium},
+            )
+            for medium in ("screen", "paper")
         )
-        pages.lay_out(compiler, root)
         # The warnings only repeat that HTML export is young.
-        pdf, _ = compiler.compile_with_warnings(format="pdf", timestamp=0)
-        html, _ = compiler.compile_with_warnings(format="html", sys_inputs={"medium": "screen"})
+        html, _ = for_screen.compile_with_warnings(format="html")
+        pages.lay_out(for_paper, root)
+        pdf, _ = for_paper.compile_with_warnings(format="pdf", timestamp=0)
     assert isinstance(html, bytes)  # lists of pages are for images only
     assert isinstance(pdf, bytes)
     return screen.page(html.decode("utf-8")), pdf

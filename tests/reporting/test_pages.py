@@ -1,0 +1,127 @@
+"""On paper a figure stays with its heading, and no page stays half empty for it."""
+
+import itertools
+import json
+from pathlib import Path
+
+import pytest
+import typst
+
+import harness.reporting
+from harness.reporting.document import Bullets, Document, Heading, Picture, Prose, Sheet, plain, render, source
+from harness.reporting.pages import EMPTY, EMPTY_BEFORE_TEXT, SMALLEST, Placed, Room, lay_out, room
+
+WIDTH = 496.0  # points between the margins
+
+
+def picture(share):
+    """Return a figure that takes a share of a page of 737 points, with its caption a little more."""
+    height = share * 737
+    drawn = f'<rect width="{WIDTH}" height="{height}" fill="#dddddd"/>'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}">{drawn}</svg>'
+    return Picture(svg.encode(), "What it shows.", "a rectangle")
+
+
+def text(lines):
+    return Prose(plain("Word after word of a line. " * 4 * lines))
+
+
+def table(rows):
+    return Sheet(["name", "value"], [[f"row {k}", "1"] for k in range(rows)], "Numbers.")
+
+
+def laid_out(folder, *blocks):
+    """Return how figures stand on paper, what each was given, and the pages of the headings by their text."""
+    written, files = source(Document("Title", blocks))
+    template = Path(harness.reporting.__file__).parent / "template.typ"
+    (folder / "template.typ").write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
+    where = "#context [#metadata(query(heading).map(h => (h.body.text, h.location().page())))<headings>]"
+    (folder / "report.typ").write_text(f"{written}\n{where}\n", encoding="utf-8")
+    for name, svg in files.items():
+        (folder / name).write_bytes(svg)
+    compiler = typst.Compiler(folder / "report.typ", root=folder, sys_inputs={"medium": "paper"})
+    lay_out(compiler, folder)
+    placed = [Placed(**p) for p in json.loads(compiler.query("<placed>", field="value"))]
+    rooms = {int(n): Room(**r) for n, r in json.loads((folder / "rooms.json").read_text()).items()}
+    (headings,) = json.loads(compiler.query("<headings>", field="value"))
+    return placed, rooms, dict(headings)
+
+
+def test_two_headings_do_not_wait_for_their_figures(tmp_path):
+    sections = [(Heading(f"Section {k}"), text(2), picture(0.45)) for k in (1, 2)]
+    placed, rooms, pages = laid_out(tmp_path, table(28), *itertools.chain(*sections))
+    assert [p.stands for p in placed] == [pages["Section 1"], pages["Section 2"]]
+    assert not any(r.floats for r in rooms.values())
+
+
+def test_a_figure_that_lacks_little_is_drawn_smaller(tmp_path):
+    (placed,), rooms, pages = laid_out(tmp_path, table(26), Heading("It"), text(2), picture(0.5))
+    (given,) = rooms.values()
+    assert SMALLEST <= given.share < 1
+    assert placed.stands == pages["It"] == 1
+
+
+def test_one_that_lacks_more_goes_to_the_next_page_with_its_heading(tmp_path):
+    (placed,), rooms, pages = laid_out(tmp_path, table(40), Heading("It"), text(2), picture(0.6))
+    assert rooms == {}
+    assert placed.stands == pages["It"] == 2
+
+
+def test_where_half_of_a_page_would_stay_empty_the_text_goes_on(tmp_path):
+    (placed,), rooms, pages = laid_out(tmp_path, table(12), Heading("It"), text(2), picture(0.85), table(20))
+    assert rooms == {1: Room(floats=True)}
+    assert (pages["It"], placed.stands) == (1, 2)
+
+
+def test_what_is_higher_than_a_page_is_drawn_smaller(tmp_path):
+    (placed,), rooms, pages = laid_out(tmp_path, table(40), Heading("It"), text(2), picture(0.95))
+    assert rooms[1].share == pytest.approx(1 - (placed.whole - placed.page + 3) / placed.figure)
+    assert placed.stands == pages["It"] == 2
+
+
+def test_a_long_text_flows_and_its_figure_follows(tmp_path):
+    (placed,), _, pages = laid_out(tmp_path, Heading("It"), text(30), picture(0.75))
+    assert placed.whole == pytest.approx(placed.alone, abs=20)
+    assert (pages["It"], placed.stands) == (1, 2)
+
+
+@pytest.mark.parametrize("rows", range(4, 44, 4))
+@pytest.mark.parametrize("share", [0.3, 0.42, 0.55])
+def test_wherever_a_section_begins_its_figure_is_on_its_page(tmp_path, rows, share):
+    blocks = [table(rows), Heading("A"), text(2), picture(share), Heading("B"), text(3), picture(share)]
+    placed, rooms, pages = laid_out(tmp_path, *blocks)
+    for one, name in zip(placed, "AB", strict=True):
+        given = rooms.get(one.number, Room())
+        assert given.share >= SMALLEST
+        if given.floats:  # half of a page would stay empty
+            assert one.left > EMPTY * one.page
+        else:
+            assert one.stands == pages[name]
+            assert one.stands == one.begins or one.left <= EMPTY * one.page
+
+
+def placed_with(**changed):
+    common = {"number": 1, "begins": 1, "stands": 2, "left": 300.0, "page": 737.0, "whole": 500.0, "alone": 450.0,
+              "figure": 400.0, "floats": False, "filled": False}  # fmt: skip
+    return Placed(**(common | changed))
+
+
+def test_room_beside_a_figure_that_floats_counts():
+    above = placed_with(number=1, stands=2, alone=250.0, floats=True)
+    skipping = placed_with(number=2, begins=1, stands=3, left=20.0)
+    assert room(skipping, [above]).share == pytest.approx(1 - (500 - (737 - 250) + 3) / 400)
+    assert room(skipping, []) == Room()
+
+
+def test_what_could_fill_a_page_decides_how_much_may_stay_empty():
+    left = 737 * (EMPTY + EMPTY_BEFORE_TEXT) / 2
+    assert room(placed_with(left=left, whole=600.0)) == Room()
+    assert room(placed_with(left=left, whole=600.0, filled=True)) == Room(floats=True)
+
+
+def test_a_report_with_bullets_before_its_figure_is_whole_in_both_forms():
+    html, pdf = render(Document("Title", [Heading("It"), Bullets(["*one*", "two"]), picture(0.3), text(1)]))
+    assert html.count(b"<figure") == 1
+    assert b"<strong>one</strong>" in html
+    assert html.index(b"<strong>one</strong>") < html.index(b"<figure")
+    assert pdf.startswith(b"%PDF")
