@@ -42,7 +42,7 @@ def test_html_needs_nothing_from_outside(files):
     assert "@import" not in html
     assert page.tags.count("script") == 1
     assert "<script src" not in html
-    assert page.tags.count("svg") == 6
+    assert page.tags.count("svg") == 7
     assert "math" in page.tags
     assert page.tags.count("h1") == 1
 
