@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from harness.identification.contract import Fit
 from harness.identification.result import Judged
@@ -37,7 +38,9 @@ def over_time(judged: Judged, outputs: list[str], tallest: float = style.TALLEST
                 reach = 1.5 * q.scale * max(float(np.abs(seen).max()), 1e-12)
                 low, high = axes.get_ylim()
                 axes.set_ylim(max(low, -reach), min(high, reach))  # a simulation that diverges must not hide the rest
-            axes.set_ylabel(f"{q.words.replace(' ', chr(10), 1)}\n{style.in_unit(q.unit).strip()}")
+            # Above the panel: beside it the words would be longer than a low panel is high.
+            axes.set_title(f"{q.words}{style.in_unit(q.unit)}", loc="left")
+            axes.yaxis.set_major_locator(MaxNLocator(nbins=4 if panel > 0.7 * _PANEL else 2))
             axes.grid(True)
         panels[-1].set_xlabel("time in s")
         handles = [

@@ -26,6 +26,7 @@ WIDTH = 6.89  # inches: A4 less two margins of 17.5 mm, so that a point in a fig
 TALLEST = 9.3  # inches: the most a figure may take of a page
 HALF = 4.3  # inches: of a figure that shares a page with another one and both captions
 _PAD = 0.04  # inches around a panel with its labels
+_NAME = 92  # characters of a line of a legend that fit the width of the page
 _used: WeakKeyDictionary[Figure, float] = WeakKeyDictionary()  # inches that ``head`` took of a figure
 _MARK = "mark:"  # how the id of an artist begins that ``mark`` said something of
 _MARKED = re.compile(rf'<g id="{_MARK}([^"]*)">')
@@ -300,17 +301,19 @@ def head(fig: Figure, text: str, handles: Sequence[Any] = ()) -> None:
     Args:
         fig: Figure from ``figure``.
         text: The question; broken where it would be cut off.
-        handles: What the legend explains, in as many rows as the names need.
+        handles: What the legend explains, in as many rows as the names need; a name that is too long is broken.
     """
     lines = textwrap.wrap(text, 80)
     height = fig.get_figheight()
     used = 0.19 * len(lines) + 0.04
     fig.text(0.008, 1.0 - 0.04 / height, "\n".join(lines), ha="left", va="top", weight="bold", size=10.5)
     if handles:
-        longest = max(len(str(h.get_label())) for h in handles)
+        names = [textwrap.fill(str(h.get_label()), _NAME) for h in handles]
+        longest = max(len(line) for name in names for line in name.split("\n"))
         columns = max(1, min(len(handles), 88 // (longest + 8)))
         fig.legend(
             handles=handles,
+            labels=names,
             loc="upper left",
             bbox_to_anchor=(0.0, 1.0 - used / height),
             ncols=columns,
@@ -318,5 +321,6 @@ def head(fig: Figure, text: str, handles: Sequence[Any] = ()) -> None:
             columnspacing=1.4,
             borderaxespad=0.1,
         )
-        used += 0.2 * -(-len(handles) // columns) + 0.06
+        rows = -(-len(handles) // columns)  # a name of several lines has its columns for itself
+        used += 0.2 * rows + 0.15 * sum(name.count("\n") for name in names) + 0.06
     _used[fig] = used

@@ -37,7 +37,7 @@ from harness.reporting.document import (
     strong,
 )
 
-_ON_FIRST_PAGE = 3.7
+_ON_FIRST_PAGE = 4.0
 """Inches of the held-out drive on the first page, which has the vehicle too."""
 
 

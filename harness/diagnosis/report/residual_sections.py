@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from harness.diagnosis.report import residual_figures, vehicle_picture
-from harness.diagnosis.report.figures import called
 from harness.diagnosis.residuals.innovation_tests import LARGEST_LAG, consistency, cross_correlation
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.residuals.regressors import regressors_of
@@ -76,7 +75,8 @@ def from_above(outcome: Outcome) -> list[Block]:
         "The vehicle from above, not to scale across. The area of a mark is the gain in log-likelihood of the "
         "nominal model by a disturbance there; numbers are ranks. Inputs at the same place are drawn side by side."
     )
-    added = {called(h.name): list(equation(h, outcome)) for h in outcome.added if h.kind == "effect"}
+    effects = [h for h in outcome.added if h.kind == "effect"]
+    added = {words(h.name.replace("@", " of ")): list(equation(h, outcome)) for h in effects}
     draw = partial(vehicle_picture.picture, plan, found.nominal.ranked_inputs, added)
     return [Drawing(draw, caption, "Top view of the vehicle with marks where a disturbance may act.")]
 
