@@ -210,7 +210,7 @@ def source(document: Document) -> tuple[str, dict[str, bytes]]:
             name = f"figure-{number:02d}.svg"
             files[name] = block.svg
             words = ", ".join(map(_string, (name, block.caption, block.alt)))
-            filled = "true" if _goes_on(blocks[i + 1 :]) else "false"
+            filled = "true" if not head or _goes_on(blocks[i + 1 :]) else "false"
             before = f"[\n{_joined(head)}\n]" if head else ""
             parts.append(f"#picture({number}, {words}, filled: {filled}){before}")
             head = []

@@ -19,8 +19,8 @@ SMALLEST = 0.8
 """Share of its size to which a figure is drawn smaller: its letters of 9 points are of 7 then."""
 
 EMPTY, EMPTY_BEFORE_TEXT = 0.5, 0.25
-"""Share of a page that stays empty at the most so that a figure and its heading are on one page: where nothing of its
-section could fill it, and where text or tables could."""
+"""Share of a page that stays empty at the most so that a figure and its heading are on one page: where only another
+section could fill it, and where text or tables may, or the figure has no heading."""
 
 _SLACK = 3.0
 """Points by which what is drawn smaller stays below the room that there is."""
@@ -53,7 +53,7 @@ class Placed:
         alone: Height of the figure in full size and its caption, with the distance to what follows.
         figure: Height of the figure alone, in full size.
         floats: Whether it floats.
-        filled: Whether its section goes on behind it.
+        filled: Whether something may take the room that it leaves: its section goes on behind it, or it has no heading.
     """
 
     number: int
@@ -77,8 +77,11 @@ class Placed:
         return min(1.0, 1.0 - (self.whole - room + _SLACK) / self.figure)
 
 
-def room(of: Placed, floating: Sequence[Placed] = ()) -> Room:
-    """Return what a figure is given that did not find room.
+def decided(of: Placed, floating: Sequence[Placed] = ()) -> dict[int, Room]:
+    """Return what a figure is given that did not find room, or what one before it is given instead, by number.
+
+    One that floats would keep a second one waiting for the page after its own, pages behind its heading: so the second
+    does not float, and if that leaves more empty than the first one would have, neither does the first.
 
     Args:
         of: The figure.
@@ -87,10 +90,15 @@ def room(of: Placed, floating: Sequence[Placed] = ()) -> Room:
     passed = [of.page - sum(f.alone for f in floating if f.stands == page) for page in range(of.begins + 1, of.stands)]
     for left in (of.left, *passed):
         if of.share(left) >= SMALLEST:
-            return Room(of.share(left))
-    if max(of.left, *passed, 0.0) > (EMPTY_BEFORE_TEXT if of.filled else EMPTY) * of.page:
-        return Room(floats=True)
-    return Room(of.share(of.page))
+            return {of.number: Room(of.share(left))}
+    empty = max(of.left, *passed, 0.0)
+    if empty > (EMPTY_BEFORE_TEXT if of.filled else EMPTY) * of.page:
+        first = next((f for f in floating if f.number < of.number and f.stands > of.begins), None)
+        if first is None:
+            return {of.number: Room(floats=True)}
+        if first.left < empty:
+            return {first.number: Room()}
+    return {of.number: Room(of.share(of.page))}
 
 
 def lay_out(compiler: typst.Compiler, folder: Path) -> None:
@@ -108,8 +116,10 @@ def lay_out(compiler: typst.Compiler, folder: Path) -> None:
         floating = [p for p in placed if p.floats]
         for one in placed:
             if one.number not in rooms and one.lacks:
-                rooms[one.number] = room(one, floating)
-                if rooms[one.number] != Room():
+                now = decided(one, floating)
+                changes = any(rooms.get(number, Room()) != r for number, r in now.items())
+                rooms |= now
+                if changes:
                     break  # what follows stands elsewhere then
         else:
             return

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import typst
 
 import harness.reporting
 from harness.reporting.document import Bullets, Document, Heading, Picture, Prose, Sheet, plain, render, source
-from harness.reporting.pages import EMPTY, EMPTY_BEFORE_TEXT, SMALLEST, Placed, Room, lay_out, room
+from harness.reporting.pages import EMPTY, EMPTY_BEFORE_TEXT, SMALLEST, Placed, Room, decided, lay_out
 
 WIDTH = 496.0  # points between the margins
 
@@ -109,14 +110,25 @@ def placed_with(**changed):
 def test_room_beside_a_figure_that_floats_counts():
     above = placed_with(number=1, stands=2, alone=250.0, floats=True)
     skipping = placed_with(number=2, begins=1, stands=3, left=20.0)
-    assert room(skipping, [above]).share == pytest.approx(1 - (500 - (737 - 250) + 3) / 400)
-    assert room(skipping, []) == Room()
+    (given,) = decided(skipping, [above]).values()
+    assert given.share == pytest.approx(1 - (500 - (737 - 250) + 3) / 400)
+    assert not given.floats
 
 
 def test_what_could_fill_a_page_decides_how_much_may_stay_empty():
     left = 737 * (EMPTY + EMPTY_BEFORE_TEXT) / 2
-    assert room(placed_with(left=left, whole=600.0)) == Room()
-    assert room(placed_with(left=left, whole=600.0, filled=True)) == Room(floats=True)
+    assert decided(placed_with(left=left, whole=600.0)) == {1: Room()}
+    assert decided(placed_with(left=left, whole=600.0, filled=True)) == {1: Room(floats=True)}
+
+
+def test_no_figure_waits_for_another_one_that_floats():
+    first = placed_with(number=1, left=400.0, floats=True)
+    second = placed_with(number=2, left=350.0, whole=700.0, filled=True)
+    assert decided(second, [first]) == {2: Room()}
+    assert decided(second, [replace(first, left=200.0)]) == {
+        1: Room()
+    }  # less stays empty if the first one does not float
+    assert decided(second, [replace(first, stands=1)]) == {2: Room(floats=True)}
 
 
 def test_a_report_with_bullets_before_its_figure_is_whole_in_both_forms():
