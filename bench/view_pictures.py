@@ -33,7 +33,7 @@ class Shot:
     """A picture.
 
     Attributes:
-        folder: Name of the result folder.
+        folders: Names of the result folders.
         query: Of the address.
         region: Section of the page, by its label; all that is seen without scrolling where it is empty.
         wait: Words that the page says when it is ready.
@@ -41,7 +41,7 @@ class Shot:
         width: Of the window in pixels.
     """
 
-    folder: str
+    folders: tuple[str, ...]
     query: str = ""
     region: str = ""
     wait: str = ""
@@ -51,21 +51,22 @@ class Shot:
 
 _STORED = "The scores are those of the store"
 SHOTS = {
-    "view-boxes": Shot("gallery", _RUN, "Distribution of the score", _STORED),
-    "view-above": Shot("gallery", _RUN, "From above", _STORED, 9.0),
-    "view-factors": Shot("gallery", "?design=1", "Points of the design"),
-    "view-trace": Shot("trace", region="Before and after"),
-    "view-check": Shot("check"),
-    "view-phone": Shot("gallery", _RUN, "", _STORED, width=390),
+    "view-boxes": Shot(("gallery",), _RUN, "Distribution of the score", _STORED),
+    "view-above": Shot(("gallery",), _RUN, "From above", _STORED, 9.0),
+    "view-factors": Shot(("gallery",), "?design=1", "Points of the design"),
+    "view-studies": Shot(("gallery", "navigation", "tyre-brush"), "?run=1.0.1.1.0.3", "Distribution of the score"),
+    "view-trace": Shot(("trace",), region="Before and after"),
+    "view-check": Shot(("check",)),
+    "view-phone": Shot(("gallery",), _RUN, "", _STORED, width=390),
 }
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[str]:
-    """Serve a result folder and give its address."""
-    command = [sys.executable, "-m", "harness", "view", str(folder), "--no-browser"]
+def served(*folders: Path) -> Iterator[str]:
+    """Serve result folders and give their address."""
+    command = [sys.executable, "-m", "harness", "view", *map(str, folders), "--no-browser"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder.parent) as server:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folders[0].parent) as server:
         assert server.stdout is not None
         try:
             yield server.stdout.readline().strip()
@@ -88,10 +89,10 @@ def taken(folder: Path, names: Iterable[str]) -> dict[str, bytes]:
     found = {}
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=BROWSER, args=ARGUMENTS)
-        for result in dict.fromkeys(SHOTS[n].folder for n in wanted):
-            (path,) = (p for p in folder.rglob(result) if p.is_dir())
-            with served(path) as address:
-                for name in (n for n in wanted if SHOTS[n].folder == result):
+        for results in dict.fromkeys(SHOTS[n].folders for n in wanted):
+            paths = [p for name in results for p in folder.rglob(name) if p.is_dir()]
+            with served(*paths) as address:
+                for name in (n for n in wanted if SHOTS[n].folders == results):
                     found[name] = _shot(chromium, address, SHOTS[name])
         chromium.close()
     return found
