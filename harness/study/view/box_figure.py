@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -21,12 +22,27 @@ points.setv({size: {value: pixels}}, {sync: false});
 """Points that are half as wide as a box, so that on a phone nine estimators do not cover each other."""
 
 
+@dataclass(frozen=True)
+class Across:
+    """What boxes stand at, from left to right.
+
+    Attributes:
+        labels: Of the levels, drives or studies.
+        of: What they are of.
+        groups: Label of what each belongs to; successive ones that are alike are written once, below the labels.
+    """
+
+    labels: Sequence[str]
+    of: str = ""
+    groups: Sequence[str] = ()
+
+
 class BoxFigure:
     """Boxes across levels or drives, an estimator beside the other.
 
     Args:
         boxes: What is drawn.
-        labels: Of the levels or drives.
+        across: What they stand at.
         estimators: Names by index.
         chosen: Look by name.
         score: One of ``SCORES``.
@@ -34,8 +50,6 @@ class BoxFigure:
         log: Whether the axis is logarithmic.
         title: Of the figure, if the score does not say all.
         reference: Lines across all boxes, the dashes of each by its value.
-        across: What the labels are of.
-        groups: Label of what each label belongs to; successive ones that are alike are written once, below a frame.
 
     Attributes:
         plot: The figure.
@@ -45,7 +59,7 @@ class BoxFigure:
     def __init__(
         self,
         boxes: Sequence[Box],
-        labels: Sequence[str],
+        across: Across,
         estimators: Sequence[str],
         chosen: dict[str, Look],
         score: str,
@@ -53,11 +67,10 @@ class BoxFigure:
         log: bool,
         title: str = "",
         reference: Mapping[float, str] = MappingProxyType({}),
-        across: str = "",
-        groups: Sequence[str] = (),
     ) -> None:
         self._boxes, self._names = [b for b in boxes if len(b.values)], estimators
-        self._labels, self._groups = labels, groups
+        labels = self._labels = across.labels
+        self._groups = across.groups
         self._log = log and all((b.values > 0).all() for b in self._boxes)
         self.estimators = list(dict.fromkeys(b.estimator for b in boxes))
         self.width = 0.84 / max(1, len(self.estimators))
@@ -73,7 +86,7 @@ class BoxFigure:
         )
         self.plot.toolbar.active_drag = None
         self.plot.yaxis.axis_label = SCORES[score] + style.in_unit(self._unit)
-        self.plot.xaxis.axis_label = across
+        self.plot.xaxis.axis_label = across.of
         self.plot.xaxis.ticker = FixedTicker(ticks=list(range(len(labels))))
         self.plot.xaxis.major_label_overrides = {i: str(label) for i, label in enumerate(labels)}
         if sum(map(len, labels)) >= 90:

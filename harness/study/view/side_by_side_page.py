@@ -20,7 +20,7 @@ from harness.study.report import analyse
 from harness.study.report.opening import answer_in_short
 from harness.study.view import looks
 from harness.study.view.beside import Beside, Slot, arranged, beside
-from harness.study.view.box_figure import BoxFigure
+from harness.study.view.box_figure import Across, BoxFigure
 from harness.study.view.boxes import SCORES, Box, run_in_words, sorted_box, unit_of
 from harness.study.view.chosen_boxes import ChosenBoxes
 from harness.study.view.differing import differing
@@ -169,11 +169,10 @@ class _SideBySide:
                 runs = self._runs(values, slot, e, bool(against))
                 if runs is not None:
                     found.append(sorted_box(i, e, runs, (slot.band, None)))
-        labels, groups = self._labels(self._slots[which])
         what = SCORES[score] + ("" if score in ("nees", "nis", "time_of_divergence") else f" of the {target.words}")
         figure = BoxFigure(
-            found, labels, studies.estimators, self._looks, score, target, log, f"{what}: {against}" if against else "",
-            {0.0: "dashed"} if against else {}, groups=groups,
+            found, self._across(self._slots[which]), studies.estimators, self._looks, score, target, log,
+            f"{what}: {against}" if against else "", {0.0: "dashed"} if against else {},
         )  # fmt: skip
         if against:
             figure.plot.yaxis.axis_label = f"difference of {SCORES[score]}{style.in_unit(unit_of(score, target))}"
@@ -194,15 +193,14 @@ class _SideBySide:
         names, name = self._studies.design(study, self._name).estimators, self._studies.estimators[estimator]
         return names.index(name) if name in names else None
 
-    def _labels(self, slots: Sequence[Slot]) -> tuple[list[str], list[str]]:
-        """Return the label of each slot, and of what it belongs to; the latter empty if each belongs to another."""
+    def _across(self, slots: Sequence[Slot]) -> Across:
+        """Return the label of each slot, and of what it belongs to where several belong to the same."""
         studies = [self._studies.names[slot.study] for slot in slots]
         levels = [self._studies.level(slot, self._name) for slot in slots]
-        outer: list[Any] = list(levels) if self._order.active == 0 else list(studies)
-        inner, groups = [label for _, label in levels], studies
-        if self._order.active == 0:
-            inner, groups = groups, inner
-        return (groups, []) if len(set(outer)) == len(outer) else (inner, groups)
+        by_level, labels = self._order.active == 0, [label for _, label in levels]
+        alone = len(set(levels if by_level else studies)) == len(slots)
+        inner, outer = (studies, labels) if by_level else (labels, studies)
+        return Across(outer) if alone else Across(inner, groups=outer)
 
     def _what_levels_are(self) -> str:
         """Return what varies in each study, and of which of its designs that is."""

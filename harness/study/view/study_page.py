@@ -22,7 +22,7 @@ from harness.study.report.sections.boxes import factors_of
 from harness.study.report.sections.over_time import AlongDrive
 from harness.study.view import looks
 from harness.study.view.above import Along
-from harness.study.view.box_figure import BoxFigure
+from harness.study.view.box_figure import Across, BoxFigure
 from harness.study.view.boxes import RANKS, SCORES, Box, boxes, expected
 from harness.study.view.factors import Brush
 from harness.study.view.factors_panel import FactorsPanel
@@ -154,11 +154,10 @@ class StudyPage:
         w["drive"].disabled = state.level is not None
         w["level"].value = _ALL if state.level is None else str(state.level)
         found = boxes(design, state.score, state.target, state.estimators, state.drive, state.level)
-        labels = design.bands if state.level is None else design.drives
+        across = Across(design.drives, "drive") if state.level is not None else Across(design.bands, factors_of(design))
         target = design.targets[state.target]
-        self._figure = BoxFigure(found, labels, design.estimators, self._analysis.looks, state.score, target, state.log,
-                                 reference=expected(design, state.score),
-                                 across=factors_of(design) if state.level is None else "drive")  # fmt: skip
+        self._figure = BoxFigure(found, across, design.estimators, self._analysis.looks, state.score, target, state.log,
+                                 reference=expected(design, state.score))  # fmt: skip
         self._figure.plot.on_event(Tap, self._tapped)
         self._holder.children = [self._figure.plot]
         w["box"].options = self._figure.offered
