@@ -1,11 +1,16 @@
-"""Titles of panels: none is cut off, and none takes the width of the panels."""
+"""Titles of panels and names in legends: none is cut off, and none takes the width of the panels."""
 
 import io
+import itertools
 import re
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from matplotlib.backends.backend_svg import RendererSVG
+from matplotlib.lines import Line2D
 
+from harness.identification import figures
 from harness.reporting import style
 
 LONG = (
@@ -30,3 +35,37 @@ def test_a_long_title_is_broken_and_the_panel_stays_as_wide_as_beside_a_short_on
             assert all(axes.get_tightbbox(renderer).x1 <= fig.get_window_extent().x1 for axes in panels)
             assert re.sub(r"\s+", " ", panels[0].get_title(loc="left")) == text
     assert widths[1] == pytest.approx(widths[0], abs=0.03)  # the ticks are others
+
+
+def test_a_long_name_in_a_legend_is_broken_and_the_panels_begin_below_it():
+    names = ["short", "changed by " + ", ".join(f"sensor delay of yaw rate {k}" for k in range(9))]
+    with style.drawing():
+        fig = style.figure(4.0)
+        axes = fig.subplots()
+        style.head(fig, "Which?", [Line2D([], [], label=name) for name in names])
+        style.svg(fig)
+        renderer = RendererSVG(*(fig.get_size_inches() * fig.dpi), io.StringIO(), image_dpi=72)
+        (legend,) = fig.legends
+        shown = [text.get_text() for text in legend.get_texts()]
+        box = legend.get_window_extent(renderer)
+    assert [name.replace("\n", " ") for name in shown] == names
+    assert shown[1].count("\n") >= 2
+    assert box.x1 <= fig.get_window_extent().x1
+    assert axes.get_window_extent(renderer).y1 < box.y0
+
+
+def test_of_many_outputs_in_a_low_figure_every_panel_is_whole(monkeypatch):
+    drawn, was = [], style.svg
+    monkeypatch.setattr(style, "svg", lambda fig: drawn.append(fig) or was(fig))
+    outputs = ["yaw_rate_tractor", "yaw_rate_trailer", "articulation_angle", "lateral_force_axle_21",
+               "lateral_acceleration_tractor"]  # fmt: skip
+    time = np.arange(0, 60, 0.02)
+    measured = np.sin(0.3 * time)[:, None] * [0.2, 0.1, 0.1, 8e3, 2.0]
+    drive = SimpleNamespace(name="d3", time=time, measurements=measured)
+    figures.over_time(SimpleNamespace(drive=drive, free=np.stack([0.9 * measured, measured])), outputs, 4.0)
+    (fig,) = drawn
+    renderer = RendererSVG(*(fig.get_size_inches() * fig.dpi), io.StringIO(), image_dpi=72)
+    boxes = [axes.get_tightbbox(renderer) for axes in fig.axes]
+    assert all(box.x0 >= 0 and box.y0 >= 0 and box.x1 <= fig.get_window_extent().x1 for box in boxes)
+    assert all(above.y0 > below.y1 - 1 for above, below in itertools.pairwise(boxes))  # none covers the next one
+    assert min(axes.get_window_extent(renderer).height for axes in fig.axes) > 14
