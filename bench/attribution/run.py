@@ -81,7 +81,7 @@ class Tracer:
         if traced and oracle:
             return ""
         try:
-            task, augmented = self._model(folder)
+            task, augmented = self.model(folder)
             if not traced:
                 run_trace(task, folder / "trace", Console(quiet=True), augmented)
             if not oracle:
@@ -93,7 +93,8 @@ class Tracer:
         (folder / FAILED).unlink(missing_ok=True)
         return ""
 
-    def _model(self, folder: Path) -> tuple[Task, AugmentedModel]:
+    def model(self, folder: Path) -> tuple[Task, AugmentedModel]:
+        """Return what is to be traced in a folder, and its model, compiled."""
         task, vehicle = task_of(folder)
         task = replace(task, jobs=self._threads)
         if vehicle not in self._wholes:

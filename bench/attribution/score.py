@@ -94,13 +94,14 @@ class Scored:
     wrong: float = math.nan
 
 
-def score(folder: Path) -> Scored:
+def score(folder: Path, traced_in: str = "trace") -> Scored:
     """Compare what was traced in a folder with what the seal says.
 
     Args:
-        folder: Holds ``sealed.json``, ``trace/trace.json`` or ``failed.txt``, and ``oracle.json`` if one was fitted.
+        folder: Holds ``sealed.json``, and ``oracle.json`` if one was fitted.
+        traced_in: Folder in it with the ``trace.json``; where there is none the trace ended in an error.
     """
-    sealed, trace = json.loads((folder / "sealed.json").read_text()), folder / "trace" / "trace.json"
+    sealed, trace = json.loads((folder / "sealed.json").read_text()), folder / traced_in / "trace.json"
     traced = json.loads(trace.read_text()) if trace.exists() else _UNTRACED
     traced, recording = _of_vehicle(traced, sealed)
     oracle = _oracle(folder / "oracle.json")
@@ -277,8 +278,22 @@ def _reach(true: Mapping[str, float], candidates: Sequence[Mapping[str, Any]]) -
 
 
 def load(file: Path) -> list[Scored]:
-    """Return what ``save`` wrote."""
-    cases = json.loads(file.read_text(encoding="utf-8"))
+    """Return what ``text`` wrote."""
+    return [of_plain(case) for case in json.loads(file.read_text(encoding="utf-8"))]
+
+
+def text(scored: Sequence[Scored]) -> str:
+    """Return cases as JSON."""
+    return json.dumps([as_plain(s) for s in scored], indent=1) + "\n"
+
+
+def as_plain(scored: Scored) -> dict[str, Any]:
+    """Return a case as JSON takes it; what is not finite is ``None``."""
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(scored).items()}
+
+
+def of_plain(case: Mapping[str, Any]) -> Scored:
+    """Return a case of what ``as_plain`` made of it."""
     lists = {f.name for f in fields(Scored) if str(f.type).startswith("tuple")}
     numbers = {f.name for f in fields(Scored) if f.type == "float"}
 
@@ -287,12 +302,4 @@ def load(file: Path) -> list[Scored]:
             return tuple(value)
         return math.nan if name in numbers and value is None else value
 
-    return [Scored(**{name: restored(name, value) for name, value in case.items()}) for case in cases]
-
-
-def text(scored: Sequence[Scored]) -> str:
-    """Return cases as JSON; what is not finite is ``null``."""
-    plain = [
-        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(s).items()} for s in scored
-    ]
-    return json.dumps(plain, indent=1) + "\n"
+    return Scored(**{name: restored(name, value) for name, value in case.items()})
