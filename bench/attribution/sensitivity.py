@@ -35,7 +35,7 @@ from harness.models.quantities import words
 CASES = (
     "car-none", "car-none", "car-parameters-several",
     "car-steering_offset-medium", "car-road_bank_varying-medium", "car-crosswind-small", "car-tyre_relaxation-medium",
-    "car-tyre_saturation+steering_offset", "car-tyre_memory-medium",
+    "car-tyre_saturation+steering_offset",
 )  # fmt: skip
 """Of every kind; an effect that resembles another, a random one, one near the limit of what the drives show."""
 

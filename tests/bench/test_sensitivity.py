@@ -134,7 +134,9 @@ def test_traces_that_are_the_same_to_the_bit_are_told_from_those_that_end_alike(
     assert changed(stated, stated) == "nothing, to the bit"
     assert changed(stated, [stated[0], Traced(scored(), "c")]) == "nothing"
     assert changed(stated, [stated[0], Traced(scored(in_set=2), "c")]) == "size of the set of 1"
-    assert changed(stated, [Traced(scored(covered=False), "d"), Traced(scored(covered=False), "c")]) == "in the set of 2"
+    assert (
+        changed(stated, [Traced(scored(covered=False), "d"), Traced(scored(covered=False), "c")]) == "in the set of 2"
+    )
 
 
 def test_a_name_that_is_given_twice_is_drawn_twice(tmp_path):
