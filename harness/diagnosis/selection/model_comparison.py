@@ -71,7 +71,7 @@ def likeliest(
         added, best = _lessened(fits, compared, added, best)
         seen.add(frozenset(added))
         _fit_alternatives(fits, rounds, added, best)
-        kept, fitted = compared.likeliest([m for m in fits.models.values() if not _takes_clocks(m[0], added)])
+        kept, fitted = compared.likeliest([m for m in fits.models.values() if _may_follow(m[0], added)])
         if frozenset(kept) in seen:
             return added, best, compared.posterior()
         added, best = kept, fitted
@@ -99,14 +99,15 @@ def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fi
     return added, best
 
 
-def _takes_clocks(one: Added, added: Added) -> bool:
-    """Whether a model has something else in the place of a late channel of another.
+def _may_follow(one: Added, added: Added) -> bool:
+    """Whether a model may take the place of another: it has no more additions, and is as late.
 
-    Nothing replaces that: recordings have clocks of their own, and a lag of the steering that resembles one would be an
-    effect of a vehicle that has none.
+    What a round refused does not come back: an addition to a model that is nearly right, or quite wrong, is likelier
+    than none, whatever it is. Nothing replaces a late channel: recordings have clocks of their own, and a lag of the
+    steering that resembles one would be an effect of a vehicle that has none.
     """
     lost, new = set(added) - set(one), set(one) - set(added)
-    return bool(new) and any(h.clock for h in lost)
+    return len(new) <= len(lost) and not (new and any(h.clock for h in lost))
 
 
 @dataclass(frozen=True)
