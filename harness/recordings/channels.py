@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.models.signals import SIGNALS, TRUTH
@@ -37,6 +37,7 @@ class Raw:
         held: Rows of the file that one sample stands for (1: nothing is repeated).
         gaps: Stretches without samples longer than that, start and end in s.
         missing: Rows of the file without a value.
+        missing_share: Share of the samples that a channel of its rate has in the file and that are missing.
         impossible: Rows whose value is infinite or beyond any measurement; they count as missing.
         spikes: Instants in s of single-sample spikes.
     """
@@ -48,6 +49,7 @@ class Raw:
     held: int
     gaps: list[tuple[float, float]]
     missing: int
+    missing_share: float
     impossible: int
     spikes: Floats
 
@@ -162,9 +164,17 @@ def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, f
         held=held,
         gaps=gaps,
         missing=int((~finite).sum()),
+        missing_share=_missing_share(keep),
         impossible=int(impossible.sum()),
         spikes=time_of_spikes,
     )
+
+
+def _missing_share(there: Mask) -> float:
+    """Return the share of samples that are missing, where a channel may have one in so many rows."""
+    rows = np.flatnonzero(there)
+    every = int(np.median(np.diff(rows))) if len(rows) > 1 else 1
+    return max(1 - len(rows) / max(len(there) // every, 1), 0.0)
 
 
 def _in_si(values: Floats, channel: Channel) -> Floats:

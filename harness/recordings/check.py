@@ -14,7 +14,7 @@ from harness.common.errors import UserError
 from harness.config.parameter_set import load_set
 from harness.recordings import readers, remedy
 from harness.recordings.axle_curves import Axle, axles_of
-from harness.recordings.calibration import DELAY
+from harness.recordings.cause import DELAY
 from harness.recordings.channel_map import ESTIMATE, load_map, map_content
 from harness.recordings.channels import plain_map
 from harness.recordings.consistency import DISAGREES, DelayUnknown, verdicts
@@ -142,7 +142,7 @@ def check_tables(tables: list[Table], file: str, content: Mapping[str, Any] | No
         except UserError:
             break
         mended = Remedy(after, tuple(remedy.lines(given, after)), last.fits)
-        found = [f for f in found if f.kind != "unexplained" and not (f.kind == DELAY and estimated & set(f.signals))]
+        found = [f for f in found if f.mends and not (f.kind == DELAY and estimated & set(f.signals))]
         found += last.findings
     return Findings(recording, examination, tuple(_once(found)), mended)
 

@@ -69,7 +69,7 @@ def content_rows(recording: xr.Dataset) -> list[list[str]]:
                 f"{about['rate']:.4g} Hz",
                 number(known.min()) if known.size else "–",
                 number(known.max()) if known.size else "–",
-                f"{100 * (1 - known.size / values.size):.2f} %",
+                f"{100 * about.get('missing_share', 1 - known.size / values.size):.2f} %",
                 f"{about['longest_gap']:.3g} s" if about.get("gaps") else "–",
                 delay,
             ]
@@ -256,4 +256,7 @@ _AGREEMENT_CAPTION = (
     "Each signal, explained by what kinematics makes of the others: slope, offset, delay (positive: the signal is "
     "late) and the lever arm between the sensors, with one standard error."
 )
-_CONTENT_CAPTION = "Signals on the common time base; new at: how often the channel delivered a new value."
+_CONTENT_CAPTION = (
+    "Signals on the common time base; new at: how often the channel delivered a new value; missing: share of what it "
+    "should have delivered in the file, before short gaps are bridged."
+)

@@ -26,7 +26,7 @@ WINDOWS = (0.3, 0.6, 1.2, 2.4)
 """s over which both sides are smoothed, so that their bandwidths are alike; the one with most information is taken."""
 SURE = 4.0
 """Standard errors beyond which a deviation is reported."""
-LEAST_SCALE = {True: 0.0015, False: 0.03}
+LEAST_SCALE = {True: 0.0015, False: 0.02}
 """Least deviation of a slope from 1 that is reported, for signals that are zero together (distance), and for others."""
 LEAST_DELAY = 0.005
 """s; least delay that is reported."""
@@ -49,7 +49,7 @@ class DelayUnknown(UserError):
 
 
 class Smoothed:
-    """The signals, smoothed over each of the windows, each computed once.
+    """The signals, smoothed over each of the windows and alike up to each derivative, each computed once.
 
     Attributes:
         signals: Arrays ``(samples,)`` in SI units by name.
@@ -58,10 +58,11 @@ class Smoothed:
 
     def __init__(self, signals: Mapping[str, Floats], step: float) -> None:
         self.signals, self.step = signals, step
-        self._by_window = {w: Sources(signals, step, w) for w in WINDOWS}
+        self._known = {(w, n): Sources(signals, step, w, n) for w in WINDOWS for n in range(3)}
 
-    def __getitem__(self, window: float) -> Sources:
-        return self._by_window[window]
+    def of(self, relation: Relation, window: float) -> Sources:
+        """Return the signals as a relation takes them."""
+        return self._known[window, relation.highest]
 
 
 def applicable(signals: Mapping[str, Floats], derived: Collection[str] = ()) -> list[Relation]:
@@ -127,7 +128,7 @@ def find_delay(signal: str, signals: dict[str, Floats], step: float, where: str)
 
 def compare(relation: Relation, smoothed: Smoothed) -> Agreement:
     """Fit one relation and judge it."""
-    sides = [_sides(relation, smoothed[window]) for window in WINDOWS]
+    sides = [_sides(relation, smoothed.of(relation, window)) for window in WINDOWS]
     counts = [int((np.isfinite(m) & np.isfinite(c)).sum()) for m, c, _ in sides]
     step, measured, computed = smoothed.step, sides[0][0], sides[0][1]
     empty = Agreement(relation, NOT_JUDGED, (), counts[0], measured, computed, step)
@@ -154,6 +155,7 @@ def compare(relation: Relation, smoothed: Smoothed) -> Agreement:
     if best.scaled and sharp:  # noise turns no delay, only blurs it: a short window knows it best
         late = min(sharp, key=lambda f: f.delay_std)
         best = replace(best, delay=late.delay, delay_std=late.delay_std, drift=late.drift, drift_std=late.drift_std)
+        best = replace(best, window=late.window)
     return _judged(best)
 
 

@@ -24,11 +24,13 @@ class Sources:
         signals: Arrays by name.
         step: s between samples.
         window: s, length of the local polynomial.
+        alike: Highest derivative of what is compared, by whose kernel all are smoothed; None: each by its own.
     """
 
     signals: Mapping[str, Floats]
     step: float
     window: float
+    alike: int | None = None
     _known: dict[tuple[str, int], Floats] = field(default_factory=dict, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> Floats:
@@ -37,7 +39,7 @@ class Sources:
     def rate(self, name: str, derivative: int = 1) -> Floats:
         """Return a signal smoothed, or a derivative of it."""
         if (name, derivative) not in self._known:
-            found = local_polynomial(self.signals[name], self.step, self.window, derivative)
+            found = local_polynomial(self.signals[name], self.step, self.window, derivative, self.alike)
             self._known[name, derivative] = found
         return self._known[name, derivative]
 

@@ -13,15 +13,19 @@ from harness.common.units import scale
 from harness.models.quantities import listed, print_unit
 from harness.models.signals import SIGNALS
 from harness.recordings.axle_curves import signals_of
-from harness.recordings.calibration import DELAY, DRIFT, SCALE, Cause, causes
+from harness.recordings.calibration import causes
+from harness.recordings.cause import DELAY, DRIFT, SCALE, Cause
 from harness.recordings.consistency import AGREES, DISAGREES, Smoothed, check, compare
 from harness.recordings.explain import Hypothesis, Search
 from harness.recordings.faults import EXCHANGED, TIME, Fault
 from harness.recordings.pair_fit import Agreement
+from harness.recordings.trial import worth_mending
 
 _PLACE = ("position_x", "position_y")
 _WHEEL = 0.1
 """Largest share by which a wheel radius is off."""
+_CERTAIN = 0.95
+"""Probability from which a cause is stated without it."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,14 @@ class Finding:
         signals: The signals concerned.
         words: What is wrong, with the probability where there are others.
         evidence: The comparisons that say so.
+        mends: Whether lines of the map mend it: not what is unsure, or changes nothing for the better.
     """
 
     kind: str
     signals: tuple[str, ...]
     words: str
     evidence: str
+    mends: bool = True
 
     def __str__(self) -> str:
         return f"{self.words} ({self.evidence})" if self.evidence else self.words
@@ -52,7 +58,8 @@ class Examination:
     Attributes:
         fits: Comparisons of its signals as the map reads them.
         hypotheses: What the catalogue explains it by, the most probable first.
-        causes: What is off by a little once the faults of the first hypothesis are mended.
+        causes: What is off by a little once the faults of the first hypothesis are mended, as far as it is sure and
+            the comparisons agree better without it.
         mended: Comparisons without those faults.
         findings: All of it in words.
     """
@@ -90,17 +97,18 @@ def examine(
     search = Search(measured, step, scales or {}, twins)
     hypotheses = search.best()
     faults = hypotheses[0].faults
-    after, mended = fits, search.mended
+    forms, factor = search.mended.forms(faults)
+    smoothed = Smoothed({n: search.mended.values(form) for n, form in forms.items()}, step * factor)
+    after = fits
     if faults:
-        forms, factor = mended.forms(faults)
-        smoothed = Smoothed({n: mended.values(form) for n, form in forms.items()}, step * factor)
         after = [compare(relation, smoothed) for relation in search.relations]
     elif dead:
         after = [f for f in fits if not set(dead) & set(f.relation.signals)]
-    small = causes(after, mended, faults, twins, clocks or {})
-    findings = [Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,))) for n in dead]
-    findings += _findings(fits, hypotheses, small, after)
-    return Examination(tuple(fits), tuple(hypotheses), tuple(small), tuple(after), tuple(findings))
+    small = causes(after, smoothed, twins, clocks or {})
+    worth = worth_mending(small, after, smoothed)
+    findings = [Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,)), mends=False) for n in dead]
+    findings += _findings(fits, hypotheses, small, worth, after)
+    return Examination(tuple(fits), tuple(hypotheses), tuple(worth), tuple(after), tuple(findings))
 
 
 def _dead(signals: Mapping[str, Floats], fits: list[Agreement]) -> list[str]:
@@ -121,7 +129,11 @@ def _twins(recording: xr.Dataset, signals: Mapping[str, Floats]) -> dict[str, tu
 
 
 def _findings(
-    fits: list[Agreement], hypotheses: list[Hypothesis], small: list[Cause], after: list[Agreement]
+    fits: list[Agreement],
+    hypotheses: list[Hypothesis],
+    small: list[Cause],
+    worth: list[Cause],
+    after: list[Agreement],
 ) -> list[Finding]:
     """Put what was found into words."""
     best, others = hypotheses[0], hypotheses[1:]
@@ -132,20 +144,14 @@ def _findings(
         doubt = f", {sure:.0%} sure; or {' or '.join(rivals)}" if rivals else ""
         found.append(Finding(fault.kind, fault.signals, described(fault) + doubt, _evidence(fits, fault.signals)))
     for cause in small:
-        doubt = f", {cause.posterior:.0%} sure" if cause.posterior < 0.95 else ""
-        found.append(Finding(cause.kind, cause.signals, _off(cause) + doubt, _evidence(after, cause.signals)))
+        words = _off(cause) + _doubt(cause) + ("" if cause in worth else "; not mended")
+        found.append(Finding(cause.kind, cause.signals, words, _evidence(after, cause.signals), cause in worth))
     explained = {n for f in found for n in f.signals}
     for fit in after:
         if fit.verdict == DISAGREES and not explained & set(fit.relation.signals):
             words = f"{fit.name}: {', '.join(fit.reasons)}; no single wrong unit, sign, scale or delay explains it"
-            found.append(Finding("unexplained", fit.relation.signals, words, _numbers(fit)))
+            found.append(Finding("unexplained", fit.relation.signals, words, _numbers(fit), mends=False))
     return found
-
-
-def _shown(fit: Agreement) -> str:
-    """Return what is off, with slope and share explained."""
-    said = dict.fromkeys([*fit.reasons, fit.evidence])
-    return ", ".join(said)
 
 
 def _numbers(fit: Agreement) -> str:
@@ -174,6 +180,14 @@ def _evidence(fits: list[Agreement], signals: tuple[str, ...]) -> str:
         f"{f.name}: {', '.join(f.reasons) or f.evidence}" for f in ranked[:2] if f.verdict != AGREES or len(of) < 2
     ]
     return "; ".join(shown)
+
+
+def _doubt(cause: Cause) -> str:
+    """Say how sure a cause is, and what may be in its place."""
+    if cause.posterior >= _CERTAIN:
+        return ""
+    rivals = [" with ".join(map(_off, rival)) or "nothing" for rival in cause.rivals[:2]]
+    return f", {cause.posterior:.0%} sure" + (f"; or {', or '.join(rivals)}" if rivals else "")
 
 
 def _off(cause: Cause) -> str:

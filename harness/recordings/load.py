@@ -50,11 +50,11 @@ def load_recording(
     Returns:
         Dataset over ``time`` (s, equidistant, from 0) with a variable per signal, NaN in gaps. Attributes of a
         variable: ``units``, ``long_name``, ``frame``, ``derived`` (1 if computed from others), ``rate`` (Hz at which
-        new samples came), ``channel``, ``held``, ``gaps``, ``longest_gap`` (s), ``missing``, ``spikes``, ``delay``
-        and ``delay_std`` (s), ``point``, ``includes_gravity``. Where not every sample was
-        measured, the coordinate ``updated_<signal>`` says which were; the others are joined. Attributes of the dataset:
-        ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of sentences),
-        and of a part ``span`` (begin and end in s).
+        new samples came), ``channel``, ``held``, ``gaps``, ``longest_gap`` (s), ``missing`` (rows),
+        ``missing_share``, ``spikes``, ``delay`` and ``delay_std`` (s), ``point``, ``includes_gravity``. Where not every
+        sample was measured, the coordinate ``updated_<signal>`` says which were; the others are joined. Attributes of
+        the dataset: ``title``, ``source``, ``file``, ``reference``, ``start`` (first stamp in s), ``warnings`` (list of
+        sentences), and of a part ``span`` (begin and end in s).
 
     Raises:
         UserError: If file or map cannot be read, or do not fit each other; with file, key or column, and remedy.
@@ -273,6 +273,7 @@ def _about(raw: Raw, delay: float, spread: float, mapping: ChannelMap) -> dict[s
         "gaps": len(raw.gaps),
         "longest_gap": max((b - a for a, b in raw.gaps), default=0.0),
         "missing": raw.missing,
+        "missing_share": raw.missing_share,
         "spikes": len(raw.spikes),
         "delay": delay,
         "delay_std": spread,

@@ -36,6 +36,7 @@ class Agreement:
         explained: Share of the variance explained, R squared.
         measured, computed: Both sides, smoothed, shape ``(samples of the recording,)``; computed with slope 1.
         step: s between samples.
+        window: s over which both sides are smoothed where the delay is known best; NaN where nothing could be fitted.
         off: What is off, of ``sign``, ``scale``, ``offset``, ``delay``, ``drift``, ``relation`` and ``still``.
     """
 
@@ -57,6 +58,7 @@ class Agreement:
     delay_std: float = np.nan
     drift_std: float = np.nan
     explained: float = np.nan
+    window: float = np.nan
     off: frozenset[str] = frozenset()
 
     @property
@@ -94,7 +96,7 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
     columns = [np.ones(len(take))] * (not fit.relation.through_zero) + ([] if arm is None else [arm[take]])
     kept = np.ones(len(take), dtype=bool)
     for _ in range(8):
-        late, late_rate = _delayed(fit.computed, delay, step, take)
+        late, late_rate = delayed(fit.computed, delay, step, take)
         table = np.stack([late, *columns, late_rate, rate, measured[take]], 1)
         rows = np.isfinite(table).all(axis=1) & kept
         if rows.sum() < 10 * (len(columns) + 1):
@@ -113,7 +115,7 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
             break
     aligned &= pair.curvature > 0 and abs(delay) < 0.9 * LONGEST_DELAY
     lags = int(max(MEMORY, window) / (every * step))
-    found = _estimates(fit, pair, lags, arm is not None)
+    found = replace(_estimates(fit, pair, lags, arm is not None), window=window)
     return replace(found, delay=delay if aligned else np.nan) if aligned else found
 
 
@@ -133,7 +135,7 @@ class _Pair:
         self.base, self.target = base, target
         self.values = np.linalg.lstsq(base, target, rcond=None)[0]
         self.left = target - base @ self.values
-        self.rate = _without(base, computed_rate)
+        self.rate = without(base, computed_rate)
         self.measured_rate = measured_rate
         self.curvature = float(self.rate @ measured_rate)
         self.centred = (rows - rows.mean()) / max(np.ptp(rows), 1)
@@ -148,7 +150,7 @@ class _Pair:
         return -float(self.rate @ self.left) / self.curvature
 
 
-def _without(others: Floats, values: Floats) -> Floats:
+def without(others: Floats, values: Floats) -> Floats:
     """Return what is left of a column after least squares on others."""
     return values - others @ np.linalg.lstsq(others, values, rcond=None)[0] if others.shape[1] else values
 
@@ -157,7 +159,7 @@ def _estimates(fit: Agreement, pair: _Pair, lags: int, with_arm: bool) -> Agreem
     """Return the fit with values and standard errors."""
     base, first = pair.base, pair.values
     spread = _robust_errors(base, pair.left, lags)
-    own = [_without(base[:, 1:], v) for v in (pair.target, base[:, 0])]
+    own = [without(base[:, 1:], v) for v in (pair.target, base[:, 0])]
     total, regressor = (float((v**2).sum()) for v in own)
     explained = 0.0 if min(total, regressor) == 0 else float((own[0] @ own[1]) ** 2 / (total * regressor))
     slope = float(np.copysign(np.sqrt(total / max(regressor, 1e-300)), first[0]))
@@ -165,7 +167,9 @@ def _estimates(fit: Agreement, pair: _Pair, lags: int, with_arm: bool) -> Agreem
     free = not fit.relation.through_zero
     spreads = [
         float(
-            np.sqrt(_long_run(pair.rate * weight * pair.left, lags)) / max(pair.curvature, 1e-300) / (weight**2).mean()
+            np.sqrt(max(long_run((pair.rate * weight * pair.left)[:, None], lags)[0, 0], 0.0))
+            / max(pair.curvature, 1e-300)
+            / (weight**2).mean()
         )
         for weight in (np.ones(len(pair.left)), pair.centred)
     ]
@@ -195,7 +199,7 @@ def correlation_peak(measured: Floats, computed: Floats, step: float) -> float:
     return (int(np.argmax(likeness)) - reach) * step
 
 
-def _delayed(values: Floats, delay: float, step: float, take: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def delayed(values: Floats, delay: float, step: float, take: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Return a signal as it would be with a delay, and its slope there, at some samples."""
     place, every = take - delay / step, np.arange(len(values))
     late = np.interp(place, every, values, left=np.nan, right=np.nan)
@@ -204,18 +208,15 @@ def _delayed(values: Floats, delay: float, step: float, take: NDArray[np.intp]) 
 
 def _robust_errors(design: Floats, left: Floats, lags: int) -> Floats:
     """Return standard errors of least squares whose residuals are correlated over ``lags`` samples."""
-    scores = design * left[:, None]
-    meat = scores.T @ scores
-    for lag in range(1, min(lags, len(left) - 1) + 1):
-        cross = scores[lag:].T @ scores[:-lag]
-        meat += (1 - lag / (lags + 1)) * (cross + cross.T)
+    meat = long_run(design * left[:, None], lags)
     bread = np.linalg.pinv(design.T @ design)
     return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
 
 
-def _long_run(values: Floats, lags: int) -> float:
-    """Return the variance of the sum of values that are correlated over ``lags`` samples."""
-    total = float(values @ values)
+def long_run(values: Floats, lags: int) -> Floats:
+    """Return the covariance of the sum of values ``(samples, columns)`` that are correlated over ``lags`` samples."""
+    found = values.T @ values
     for lag in range(1, min(lags, len(values) - 1) + 1):
-        total += 2 * (1 - lag / (lags + 1)) * float(values[lag:] @ values[:-lag])
-    return max(total, 0.0)
+        cross = values[lag:].T @ values[:-lag]
+        found += (1 - lag / (lags + 1)) * (cross + cross.T)
+    return found

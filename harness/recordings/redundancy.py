@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.models.signals import SIGNALS
 from harness.recordings.derived_signals import Sources
 from harness.recordings.kinematics import earth_to_vehicle
 
@@ -56,11 +58,36 @@ class Relation:
         """All signals that take part."""
         return (self.signal, *self.needs)
 
+    @cached_property
+    def highest(self) -> int:
+        """The highest derivative of a signal that is compared."""
+        asked = _Asked()
+        asked.rate(self.signal, self.order)
+        for side in (self.compute, self.arm):
+            if side is not None:
+                side(asked)  # type: ignore[arg-type]
+        return asked.highest
+
     def expected(self, slope: float) -> tuple[float, float]:
         """Return the slope to be expected, of two the one that a slope found fits better, and its factor."""
         if self.or_slope is None or slope == 0:
             return self.slope
         return min(self.slope, self.or_slope, key=lambda e: abs(np.log(abs(slope) / e[0])) / np.log(e[1]))
+
+
+class _Asked:
+    """Signals that note which derivatives they are asked for."""
+
+    def __init__(self) -> None:
+        self.signals, self.highest = SIGNALS, 0
+
+    def __getitem__(self, name: str) -> Floats:
+        return self.rate(name, 0)
+
+    def rate(self, name: str, derivative: int = 1) -> Floats:
+        """Return one sample of it."""
+        self.highest = max(self.highest, derivative)
+        return np.ones(1)
 
 
 def ground_speed(s: Sources) -> Floats:

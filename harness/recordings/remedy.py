@@ -11,7 +11,7 @@ import numpy as np
 from harness.common.files import toml_text
 from harness.common.units import scale, to_si
 from harness.models.signals import SIGNALS, TRUTH
-from harness.recordings.calibration import DELAY, DRIFT, OFFSET, SCALE, Cause
+from harness.recordings.cause import DELAY, DRIFT, OFFSET, SCALE, Cause
 from harness.recordings.channel_map import ChannelMap, MapFile
 from harness.recordings.faults import EXCHANGED, HEADING, SIGN, TIME, Fault
 

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from harness import recordings
+from harness.recordings.check_report import CONTENT, content_rows
 from harness.recordings.in_memory import tables_of
 from harness.recordings.load import recording_of
 from harness.recordings.resample import updated_on_grid
@@ -28,6 +29,19 @@ def test_a_dropped_sample_is_missing_for_filters_and_smoother_though_it_is_bridg
     assert np.isnan(measured[[300, 301, 500], 0]).all()
     assert np.isfinite(measured[:, 1]).all()
     assert recordings.updated(found, "yaw_rate") is None
+
+
+def test_the_share_of_missing_samples_is_that_of_the_file_and_not_of_the_bridged_signal():
+    speed, slow, held = 20 + np.sin(GRID), np.full(len(GRID), np.nan), 0.1 * np.cos(GRID)
+    speed[[300, 301, 500]] = np.nan
+    slow[::10] = np.sin(GRID[::10])
+    slow[400] = np.nan
+    held[1::2] = held[::2]
+    found = recording(speed=speed, heading=slow, yaw_rate=held)
+    shares = {n: found[n].attrs["missing_share"] for n in found.data_vars}
+    assert shares == pytest.approx({"speed": 0.003, "heading": 0.01, "yaw_rate": 0.0})
+    missing = {row[0]: row[CONTENT.index("missing")] for row in content_rows(found)}
+    assert list(missing.values()) == ["0.30 %", "1.00 %", "0.00 %"]
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.5])
