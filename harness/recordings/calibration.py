@@ -55,6 +55,8 @@ def causes(
         clocks: Number of the clock by signal.
     """
     used = [f for f in fits if tells(f)]
+    if not used:
+        return []
     channels = list(dict.fromkeys(twins.get(n, (n,)) for f in used for n in f.relation.signals))
     several = len({clocks.get(names[0], 0) for names in channels}) > 1
     options = list(_options(channels, clocks))
@@ -109,12 +111,12 @@ def _options(channels: Sequence[tuple[str, ...]], clocks: Mapping[str, int]) -> 
     for inside in _devices(channels, clocks, trusted):
         names = tuple(n for m in inside for n in channels[m])
         yield from (_Option(kind, inside, names, _SELDOM) for kind in (SCALE, DELAY))
-    groups = sorted({clocks.get(names[0], 0) for names in channels})
-    for clock in groups if len(groups) > 1 else []:
-        inside = tuple(m for m, names in enumerate(channels) if clocks.get(names[0], 0) == clock)
+    clock_of = [clocks.get(names[0], 0) for names in channels]
+    first = next((c for m, c in enumerate(clock_of) if trusted[m]), clock_of[0])
+    for clock in sorted(set(clock_of) - {first}):  # what is late against the first, which may be early as well
+        inside = tuple(m for m, c in enumerate(clock_of) if c == clock)
         names = tuple(n for m in inside for n in channels[m])
-        prior = _SELDOM if any(trusted[m] for m in inside) else _LIKELY
-        yield from (_Option(kind, inside, names, prior, clock) for kind in (DELAY, DRIFT))
+        yield from (_Option(kind, inside, names, _LIKELY, clock) for kind in (DELAY, DRIFT))
 
 
 def _devices(
