@@ -9,7 +9,7 @@ one of them, large values of a channel that hardly shows would be likelier than 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from harness.recordings.consistency import LEAST_DELAY, LEAST_OFFSET, LEAST_SCAL
 from harness.recordings.pair_fit import Agreement
 from harness.recordings.responses import KINDS, Response, response, tells, usual_size
 
-_MOST = 5
+_MOST = 3
 """Causes that are looked for together."""
 _ROUNDS = 4
 """Times at most that causes are looked for around those found before: a large one shows otherwise than a small one."""
@@ -32,10 +32,14 @@ _SPREADS = (1 / 8, 1 / 2, 2.0)
 _NEARLY = 0.75
 """Share of what a comparison must be off that a cause must be, which several comparisons make smaller and surer."""
 _LIKELY, _SELDOM, _RARE = 0.03, 0.005, 0.0005
+_OFTEN = 0.1
+"""Probability that a clock is late against another or drifts: two devices seldom agree, channels of one mostly do."""
 _LISTED = 0.05
 """Posterior from which another explanation is stated."""
 _UNSCALED = ("position", "heading", "latitude", "longitude")
 """Signals that have no scale of their own: a geodetic system and a compass are right or in another unit."""
+_UNSHIFTED = ("position", "latitude", "longitude", "speed", "longitudinal_velocity")
+"""Signals that have no offset of their own: a speed is zero at rest, and a position is relative."""
 _TRUSTED = ("position", "heading", "latitude", "longitude", "longitudinal_velocity", "lateral_velocity")
 """Signals of navigation units, which are less often wrong than those of the vehicle."""
 
@@ -45,6 +49,7 @@ def causes(
     smoothed: Smoothed,
     twins: Mapping[str, tuple[str, ...]],
     clocks: Mapping[str, int],
+    only: Collection[Cause] | None = None,
 ) -> list[Cause]:
     """Return what is off by a little and explains the comparisons.
 
@@ -53,13 +58,15 @@ def causes(
         smoothed: The signals that they compare.
         twins: All signals that are read from the channel of a signal.
         clocks: Number of the clock by signal.
+        only: Causes beside which no other is looked for.
     """
     used = [f for f in fits if tells(f)]
     if not used:
         return []
     channels = list(dict.fromkeys(twins.get(n, (n,)) for f in used for n in f.relation.signals))
     several = len({clocks.get(names[0], 0) for names in channels}) > 1
-    options = list(_options(channels, clocks))
+    wanted = None if only is None else {(c.kind, c.signals) for c in only}
+    options = [o for o in _options(channels, clocks) if wanted is None or (o.kind, o.signals) in wanted]
     found: list[Cause] = []
     for _ in range(_ROUNDS):
         around = mended(found, smoothed) if found else smoothed
@@ -104,7 +111,7 @@ def _options(channels: Sequence[tuple[str, ...]], clocks: Mapping[str, int]) -> 
     trusted = [any(n.startswith(_TRUSTED) for n in names) for names in channels]
     for m, names in enumerate(channels):
         for kind in (SCALE, OFFSET, DELAY):
-            if kind == SCALE and names[0].startswith(_UNSCALED):
+            if names[0].startswith({SCALE: _UNSCALED, OFFSET: _UNSHIFTED}.get(kind, ("-",))):
                 continue
             prior = _RARE if trusted[m] and kind == SCALE else _SELDOM if trusted[m] else _LIKELY
             yield _Option(kind, (m,), names, prior)
@@ -116,7 +123,7 @@ def _options(channels: Sequence[tuple[str, ...]], clocks: Mapping[str, int]) -> 
     for clock in sorted(set(clock_of) - {first}):  # what is late against the first, which may be early as well
         inside = tuple(m for m, c in enumerate(clock_of) if c == clock)
         names = tuple(n for m in inside for n in channels[m])
-        yield from (_Option(kind, inside, names, _LIKELY, clock) for kind in (DELAY, DRIFT))
+        yield from (_Option(kind, inside, names, _OFTEN, clock) for kind in (DELAY, DRIFT))
 
 
 def _devices(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -106,6 +106,11 @@ def examine(
         after = [f for f in fits if not set(dead) & set(f.relation.signals)]
     small = causes(after, smoothed, twins, clocks or {})
     worth = worth_mending(small, after, smoothed)
+    if 0 < len(worth) < len(small):  # what is not mended must not shift what is
+        alone = {(c.kind, c.signals): c for c in causes(after, smoothed, twins, clocks or {}, worth)}
+        own = {c: alone.get((c.kind, c.signals), c) for c in worth}
+        own = {c: replace(c, value=a.value, std=a.std) for c, a in own.items()}
+        small, worth = [own.get(c, c) for c in small], list(own.values())
     findings = [Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,)), mends=False) for n in dead]
     findings += _findings(fits, hypotheses, small, worth, after)
     return Examination(tuple(fits), tuple(hypotheses), tuple(worth), tuple(after), tuple(findings))

@@ -192,8 +192,9 @@ class _Sides:
         across = across[:, strength > _UNSEEN * max(strength[0], 1e-300)]
         value, design = across.T @ y, across.T @ columns
         noise = y - across @ value
+        # what one channel explains has to stand out of all that is left, some of which the relation neglects
         lags = int(max(MEMORY, fit.window) / (self._every * self._step))
-        covariance = long_run(across * noise[:, None], lags)
+        covariance = long_run(across * without(others, left)[:, None], lags)
         covariance += self._of_both_sides(design, float(noise @ noise))
         covariance += self._needs_none(design)
         if relation.exact and free:
