@@ -122,7 +122,7 @@ class _Sides:
         measured, computed = sources.rate(relation.signal, relation.order), relation.compute(sources)
         self.base = fit.slope * self._aligned(computed)
         self.rate = fit.slope * self._aligned(np.gradient(computed, self._step))
-        self.ones = np.ones(len(self._take))
+        self.ones: Floats = np.ones(len(self._take))
         arm = relation.arm(sources) if relation.arm is not None else self.ones[:0]
         self.arm = [arm[self._take]] if len(arm) == len(measured) else []
         columns = self._columns(sources, computed)
@@ -186,7 +186,7 @@ class _Sides:
         if abs(off) > _CALIBRATION:
             nuisance.append(self.base)
         others = np.stack(nuisance, 1) if nuisance else np.empty((len(y), 0))
-        columns, y, whole, ones = (without(others, v) for v in (self.columns, y, self.base, self.ones))
+        columns, y, whole = (without(others, v) for v in (self.columns, y, self.base))
         sizes = np.array([usual_size(kind, names[0]) for kind in KINDS for names in self.channels])
         across, strength, _ = np.linalg.svd(columns * sizes, full_matrices=False)
         across = across[:, strength > _UNSEEN * max(strength[0], 1e-300)]
@@ -198,14 +198,15 @@ class _Sides:
         covariance += self._of_both_sides(design, float(noise @ noise))
         covariance += self._needs_none(design)
         if relation.exact and free:
-            covariance += _along(across.T @ ones, LEAST_OFFSET * float(np.nanstd(fit.measured)) / _NEEDS_NONE)
+            least = LEAST_OFFSET * float(np.nanstd(fit.measured))
+            covariance += _along(across.T @ without(others, self.ones), least / _NEEDS_NONE)
         covariance += _along(across.T @ whole, np.log(factor))
         return Response(value, design.reshape(len(value), len(KINDS), len(self.channels)), covariance)
 
     def _of_both_sides(self, design: Floats, noise: float) -> Floats:
         """Return how uncertain the noise leaves the scales, as nobody knows whose it is: from none to all of it."""
         found = np.zeros((len(design), len(design)))
-        back = np.linalg.pinv(design.T)
+        back: Floats = np.linalg.pinv(design.T).astype(float)
         for m in np.flatnonzero(design[:, : len(self.channels)].any(axis=0)):
             found += _along(back[:, m], noise / np.sqrt(12))
         return found
