@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from functools import partial
 
-from harness.diagnosis.criteria import ALIKE, BIC_NEEDED, ERROR_NEEDED
+from harness.diagnosis.criteria import ALIKE, BIC_NEEDED, ERROR_NEEDED, WHITE
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
 from harness.diagnosis.report import (
     figures,
@@ -19,7 +19,6 @@ from harness.diagnosis.report.figures import called
 from harness.diagnosis.report.how_likely import scaled
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
-from harness.diagnosis.result.verdict import COLOURED
 from harness.diagnosis.selection.acceptance import Candidate
 from harness.identification import figures as fit_figures
 from harness.models.quantities import quantity, words
@@ -217,9 +216,13 @@ def _residual(outcome: Outcome) -> list[Block]:
         for name, w in zip(outputs, j.whiteness, strict=True):
             tests = [style.probability(w.ljung_box), style.probability(w.periodogram)]
             rows.append([j.drive.name, words(name), style.number(w.variance), *tests])
-            if min(w.ljung_box, w.periodogram) < COLOURED:
+            if min(w.ljung_box, w.periodogram) < WHITE:
                 coloured.append(f"{words(name)} of {j.drive.name}")
-    said = "Yes: no test rejects it." if not coloured else f"No: those of {', '.join(coloured)} are coloured."
+    said = (
+        f"Yes: no test rejects it at {style.number(WHITE)}."
+        if not coloured
+        else f"No: those of {', '.join(coloured)} are coloured."
+    )
     return [
         Heading("Are the innovations white?"),
         Prose(strong(said)),

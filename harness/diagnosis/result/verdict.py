@@ -12,9 +12,6 @@ from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 
 Verdict = Literal["adequate", "amended", "unresolved"]
 
-COLOURED = 1e-4
-"""p-value below which innovations count as coloured; each output of each drive is a test of its own."""
-
 
 def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
     """Return whether the model is adequate, amended, or lacks something that has no name here.
