@@ -124,8 +124,8 @@ attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what w
 attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
 	$(BIN)/python -m bench.attribution.renew results/attribution$(if $(QUALITY),-$(QUALITY))/attribution.json
 
-sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped)
-	$(BIN)/python -m bench.attribution.sensitivity $(if $(CASES),--cases $(CASES)) $(if $(NUMBERS),--numbers $(NUMBERS)) $(if $(FIRST),--first $(FIRST)) $(if $(QUALITY),--quality $(QUALITY))
+sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped; PAGE=1: tables into docs/attribution.md)
+	$(BIN)/python -m bench.attribution.sensitivity$(if $(PAGE), --page) $(if $(CASES),--cases $(CASES)) $(if $(NUMBERS),--numbers $(NUMBERS)) $(if $(FIRST),--first $(FIRST)) $(if $(QUALITY),--quality $(QUALITY))
 
 check-proof: $(VENV)/dev.stamp ## plant faults in recordings and count what harness check names and mends (SEEDS=1000:1010)
 	$(BIN)/python -m bench.recording_faults $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) --out results/check-proof
