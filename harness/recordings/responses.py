@@ -36,6 +36,8 @@ _LOOSE = 2.0
 _SMALL_STEP = {SCALE: 1e-3, DELAY: 1e-3, OFFSET: 1e-3}
 _UNSEEN = 1e-3
 """Share of the strongest direction below which a direction is none."""
+_ROUNDING = 1e-6
+"""Share of the comparison below which what a usual cause changes of it is none: differences of rounded numbers."""
 _ALIGNED = np.radians(1.5)
 """rad by which the course differs from the heading without any fault."""
 _SPREAD = {SCALE: 0.2, DELAY: 0.1, DRIFT: 0.1}
@@ -186,10 +188,10 @@ class _Sides:
         if abs(off) > _CALIBRATION:
             nuisance.append(self.base)
         others = np.stack(nuisance, 1) if nuisance else np.empty((len(y), 0))
-        columns, y, whole = (without(others, v) for v in (self.columns, y, self.base))
         sizes = np.array([usual_size(kind, names[0]) for kind in KINDS for names in self.channels])
+        columns, y, whole = (without(others, v) for v in (self.columns, y, self.base))
         across, strength, _ = np.linalg.svd(columns * sizes, full_matrices=False)
-        across = across[:, strength > _UNSEEN * max(strength[0], 1e-300)]
+        across = across[:, strength > max(_UNSEEN * strength[0], _ROUNDING * float(np.linalg.norm(self.base)))]
         value, design = across.T @ y, across.T @ columns
         noise = y - across @ value
         # what one channel explains has to stand out of all that is left, some of which the relation neglects

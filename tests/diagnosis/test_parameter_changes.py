@@ -53,5 +53,5 @@ def test_numbers_of_the_integration_are_not_tried(geared):
 
 def test_the_answer_names_parameter_and_both_values(augmented, geared):
     said = answer(geared, SimpleNamespace(trace=SimpleNamespace(added=())), augmented.spec)
-    assert re.match(r"Steering ratio changed from 1.00 to 3.0[01] ± 0.0\d+\. ", said)
+    assert re.match(r"Steering ratio changed from 1.00 to (3\.0\d+|2\.9\d+) ± 0.0\d+\. ", said)
     assert "falls by " in said
