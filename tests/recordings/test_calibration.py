@@ -1,6 +1,7 @@
 """Small causes that are known: which of three channels is late or misread, what is not told apart, what is mended."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ from harness.recordings.check import check_tables
 from harness.recordings.differentiate import local_polynomial
 from harness.recordings.examine import examine
 from harness.recordings.in_memory import tables_of
-from harness.recordings.load import recording_of
+from harness.recordings.load import load_recording, recording_of
 
 STEP = 0.01
 TIME = np.arange(0, 120, STEP)
@@ -103,3 +104,14 @@ def test_only_lines_that_help_are_written():
     assert [line.split(" = ")[0] for line in found.remedy.lines] == [ANGLE]
     assert re.search(r'delay = "(19|20|21)\.\d* ms"', found.remedy.lines[0]), found.remedy.lines
     assert found.remedy.passes
+
+
+LAP = Path(__file__).parents[3] / "shared" / "measured" / "genesis_g80" / "med_lap_center_8_21.mat"
+
+
+@pytest.mark.skipif(not LAP.is_file(), reason=f"the measured drives are no part of the project; put one into {LAP}")
+def test_a_comparison_that_is_left_without_channels_says_nothing():
+    """What rounding left of them had a covariance that could not be inverted."""
+    found = examine(load_recording(LAP, Path(__file__).parents[2] / "studies" / "channels" / "genesis_g80.toml"))
+    assert ("offset", ("lateral_acceleration",)) in [(f.kind, f.signals) for f in found.findings]
+    assert all(0 < c.std < 1 for c in found.causes)
