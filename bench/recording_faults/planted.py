@@ -222,7 +222,9 @@ def _of_navigation(
             late = float(rng.choice([0.01, 0.02, 0.04, 0.08, 0.15]))
             found.append(Planted("delay of the yaw rate: 10 to 150 ms", (rate,), late, ("delay",), _late(rate)))
     if len(drive.tables) > 1 and "bus_time" in drive.tables[0].columns:
-        bus = tuple(s for s in there if isinstance(drive.mapping[s], dict))  # which of two clocks is late nothing says
+        bus = tuple(
+            sorted(s for s in there if isinstance(drive.mapping[s], dict))
+        )  # which of two clocks is late nothing says
         late = either * float(rng.choice([0.02, 0.05, 0.1]))
         found.append(Planted("delay of a clock: 20 to 100 ms", bus, late, ("delay",), _late_clock, ("drift",)))
         drift = either * float(rng.choice([2e-4, 5e-4, 1e-3]))
