@@ -136,13 +136,13 @@ def planted(drive: Drive, rng: np.random.Generator) -> list[Planted]:
     there = set(drive.mapping)
     rate = next(s for s in ("yaw_rate", "yaw_rate_tractor") if s in there)
     lateral = next((s for s in ("lateral_acceleration", "lateral_acceleration_tractor") if s in there), None)
-    speed = next(s for s in ("speed", "speed_tractor") if s in there)
+    speed = next((s for s in ("speed", "speed_tractor") if s in there), None)
     steering = next((s for s in ("steering_wheel_angle", "road_wheel_angle") if s in there), None)
     placed = bool({"position_x", "latitude"} & there)
     mapped = {
         s: entry["channel"] for s, entry in drive.mapping.items() if isinstance(entry, dict) and "channel" in entry
     }
-    twins = tuple(s for s, channel in mapped.items() if channel == mapped[speed])
+    twins = tuple(s for s, channel in mapped.items() if speed is not None and channel == mapped[speed])
     radians = float(np.radians(1.0))
     misread = 1 + float(rng.choice([-1, 1]) * rng.uniform(0.25, 0.4))
     misstated = float(rng.choice([radians, 1 / radians]))
@@ -154,7 +154,7 @@ def planted(drive: Drive, rng: np.random.Generator) -> list[Planted]:
         Planted("time: ms, us, s for ms", (), float(rng.choice([1e3, 1e6, 1e-3])), ("time",), _timed),
         Planted("yaw rate: never changes", (rate,), 0.0, ("still",), _stuck(rate)),
     ]
-    if placed or len(twins) < 2:
+    if speed is not None and (placed or len(twins) < 2):
         factor = float(rng.choice([3.6, 1 / 3.6]))
         found.append(Planted("speed: 3.6, 1/3.6", twins, factor, ("unit",), _multiplied(speed)))
     if lateral is not None:
@@ -182,7 +182,7 @@ def planted(drive: Drive, rng: np.random.Generator) -> list[Planted]:
 
 
 def _of_navigation(
-    drive: Drive, there: set[str], names: tuple[str, str], twins: tuple[str, ...], rng: np.random.Generator
+    drive: Drive, there: set[str], names: tuple[str, str | None], twins: tuple[str, ...], rng: np.random.Generator
 ) -> list[Planted]:
     """Return the faults that show against heading and positions only."""
     rate, speed = names
@@ -201,7 +201,7 @@ def _of_navigation(
         found.append(
             Planted("positions: km or mm", pair, float(rng.choice([1e3, 1e-3])), ("unit",), _multiplied(*pair))
         )
-    if {"latitude", "position_x"} & there and speed in there and len(twins) < 2:
+    if {"latitude", "position_x"} & there and speed is not None and len(twins) < 2:
         size = 1 + either * float(rng.choice([0.003, 0.005, 0.01, 0.03]))
         found.append(Planted("wheel radius: 0.3 to 3 %", twins, size, ("scale",), _multiplied(speed)))
         late = float(rng.choice([0.015, 0.03, 0.06, 0.12]))
@@ -222,9 +222,8 @@ def _of_navigation(
             late = float(rng.choice([0.01, 0.02, 0.04, 0.08, 0.15]))
             found.append(Planted("delay of the yaw rate: 10 to 150 ms", (rate,), late, ("delay",), _late(rate)))
     if len(drive.tables) > 1 and "bus_time" in drive.tables[0].columns:
-        bus = tuple(
-            sorted(s for s in there if isinstance(drive.mapping[s], dict))
-        )  # which of two clocks is late nothing says
+        # which of two clocks is late nothing says
+        bus = tuple(sorted(s for s in there if isinstance(drive.mapping[s], dict)))
         late = either * float(rng.choice([0.02, 0.05, 0.1]))
         found.append(Planted("delay of a clock: 20 to 100 ms", bus, late, ("delay",), _late_clock, ("drift",)))
         drift = either * float(rng.choice([2e-4, 5e-4, 1e-3]))
