@@ -146,6 +146,7 @@ def _tracing() -> Callable[[Path], str]:
     tracer = Tracer(threads=1)
 
     def traced(folder: Path) -> str:
+        """Trace a case, and return the traceback of what ended it, or nothing."""
         written = folder / FOLDER
         (written / "trace.json").unlink(missing_ok=True)
         try:
