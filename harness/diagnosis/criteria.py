@@ -69,8 +69,8 @@ SAME = 0.999
 """Cosine of two responses from which the drives cannot tell hypotheses apart at all; only one of them is fitted."""
 
 TRIED = 3
-"""Hypotheses that are fitted at a time: the best of a round, what acts like the best, what stands in the place of an
-addition; and curves at most. A feasibility study had the true one first in 33 of 34 score tests."""
+"""Hypotheses that are fitted beyond those that promise enough: what acts like the best of a round, what may stand
+in the place of an addition; and curves at most. Further ones act like these."""
 
 ROUNDS = 5
 """Largest number of additions: two effects, and what the recordings have of their own."""
@@ -95,7 +95,7 @@ PRIORS = Priors(
         "none": 0.1,  # something that the library does not hold; it has thirty effects because they are what is met
     },
     stated=0.2,  # most stated values are right to a fifth
-    implausible=3.0,  # a factor of 1.8; without a bound many parameters together fit whatever is missing
+    implausible=3.0,  # a factor of 1.8; beyond it many parameters fit whatever is missing and are not believed
     beside_curves=0.03,  # further from the fit the linear response of a parameter that is hardly excited does not hold
     misfit=1.5,  # a noise variance that was estimated, and parameters that were, leave some percent
 )

@@ -146,7 +146,8 @@ def _rounds(outcome: Outcome) -> list[Block]:
         Prose(
             plain(
                 "Every effect of the library at every place, and every parameter that was held fixed. The score test "
-                "predicts a gain for each; the best few are fitted jointly with the nominal parameters. An addition "
+                "predicts a gain for each; those that promise half of the best are fitted jointly with the nominal "
+                "parameters. An addition "
                 f"needs {BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out "
                 f"drives, and {style.percent(ERROR_NEEDED)} less simulation error there beyond the noise of "
                 "sensors and inputs."

@@ -1,6 +1,6 @@
 """Find what a model lacks: forward selection over everything it may lack; what is likely of it stays.
 
-In each round (``selection_round``) the score test ranks all hypotheses, the best few are fitted jointly with the
+In each round (``selection_round``) the score test ranks all hypotheses, the promising ones are fitted jointly with the
 nominal parameters, and the best of these is added if it meets three criteria: the Bayes information criterion on the
 fitted drives, the likelihood and the simulation error of drives that were never fitted.
 """

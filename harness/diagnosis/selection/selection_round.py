@@ -1,4 +1,4 @@
-"""One round of a trace: the score test ranks all hypotheses, and the best few are fitted and judged.
+"""One round of a trace: the score test ranks all hypotheses, and the promising ones are fitted and judged.
 
 A nominal fit that ended too early looks like an effect, so it is repeated from the parameters of the best hypothesis
 before that one is judged.
