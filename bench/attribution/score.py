@@ -185,13 +185,17 @@ def _plain(h: Mapping[str, str]) -> str:
 
 
 def _wrong(traced: Mapping[str, Any], there: Container[str]) -> float:
-    """Return the largest probability of an effect that is not there, whatever its place."""
+    """Return the largest probability of an effect that is not there, whatever its place.
+
+    Models with it at several places are counted more than once, so that it is at most that of any of the models.
+    """
     if not traced.get("posterior"):
         return math.nan
     found: dict[str, float] = {}
+    most = 1.0 - traced["posterior"]["none_of_these"]
     for h in traced["posterior"]["hypotheses"]:
         if h["kind"] == "effect" and _plain(h) not in there:
-            found[_plain(h)] = min(1.0, found.get(_plain(h), 0.0) + h["probability"])  # it may be at several places
+            found[_plain(h)] = min(most, found.get(_plain(h), 0.0) + h["probability"])
     return max(found.values(), default=0.0)
 
 

@@ -115,8 +115,10 @@ def test_the_set_covers_a_pair_only_with_one_model_that_has_both(tmp_path):
 def test_the_places_of_a_wrong_effect_count_together_and_parameters_do_not(tmp_path):
     names = (("roll_steer@front", "effect", 0.5), ("roll_steer@rear", "effect", 0.45), ("mass", "parameter", 0.97))
     found = [{"name": n, "kind": k, "probability": v} for n, k, v in (*names, ("kingpin_friction", "effect", 0.96))]
-    scored = case(tmp_path, "unlisted", [effect()], posterior={"hypotheses": found})
+    scored = case(tmp_path, "unlisted", [effect()], posterior={"none_of_these": 0.02, "hypotheses": found})
     assert scored.wrong == pytest.approx(0.95)
+    less = case(tmp_path, "unlisted", [effect()], repeat=2, posterior={"none_of_these": 0.4, "hypotheses": found})
+    assert less.wrong == pytest.approx(0.6)  # one model may have it at both places
     assert math.isnan(case(tmp_path, "unlisted", [effect()], repeat=1).wrong)
     (row,) = (r for r in numbers([scored]).splitlines() if "no wrong name" in r)
     assert "0 of 1" in row
@@ -126,7 +128,8 @@ def test_a_fault_that_the_recording_has_is_neither_a_claim_nor_a_wrong_name(tmp_
     recording = [{"name": "sensor_delay", "place": "yaw_rate_tractor"}, {"name": "speed_delay", "place": "speed"}]
     named = [{**added("sensor_delay"), "place": "yaw_rate_tractor"}, {**added("speed_delay"), "place": None}]
     found = [{"name": h["effect"], "kind": "effect", "probability": 1.0} for h in named]
-    scored = case(tmp_path, "none", recording=recording, added=named, posterior={"hypotheses": found})
+    posterior = {"none_of_these": 0.0, "hypotheses": found}
+    scored = case(tmp_path, "none", recording=recording, added=named, posterior=posterior)
     assert (scored.right, scored.claimed, scored.recording) == (True, (), ("sensor_delay", "speed_delay"))
     assert (scored.verdict, scored.wrong) == ("adequate", 0.0)
     other = [{**added("sensor_delay"), "place": "yaw_rate_trailer"}]

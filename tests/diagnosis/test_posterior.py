@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
@@ -110,36 +111,50 @@ def innovations(drift, seed, samples=12_000):
 @pytest.mark.parametrize(("drift", "wins"), [(0.0, False), (0.02, False), (0.15, True), (0.5, True)])
 def test_none_of_these_wins_where_the_innovations_are_coloured_and_loses_where_they_are_white(drift, wins):
     fitted, held_out = ([innovations(drift, seed)] for seed in (1, 2))
-    gain = p.coloured(fitted, held_out, (10, 100))
+    gain = p.coloured(fitted, held_out)
     found = p.probabilities(np.log([1.0, PRIORS.odds["none"]]), np.array([[0.0], [gain]]))
     assert (found[1] > 0.9) == wins
     assert wins or found[1] < 0.05
 
 
-def test_a_vibration_of_one_output_shows_beside_others_that_are_white():
-    """A wheel out of balance, at 2 Hz: gone in sums over a second, and seen in those over a tenth."""
-    wave = 0.35 * np.sin(2 * np.pi * 2.0 * 0.01 * np.arange(12_000))[:, None] * np.array([1.0, 0.0])
-    assert p.coloured([innovations(0.0, 5) + wave], [innovations(0.0, 6) + wave], (10, 100)) > 20
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 10.0, 30.0])
+def test_a_vibration_of_one_output_shows_beside_others_that_are_white(frequency):
+    """As of a wheel out of balance, at any frequency; sums over a tenth of a second do not see it at 10 Hz."""
+    time = 0.01 * np.arange(12_000)
+    here, there = (2 * np.pi * frequency * time * (1 + swept * time) for swept in (1e-3, -1e-3))
+    wave = [np.column_stack([np.sin(phase), np.zeros(len(time))]) for phase in (here, there)]
+    gain = p.coloured([innovations(0.0, 5) + wave[0]], [innovations(0.0, 6) + wave[1]])
+    assert gain > 20
 
 
 def test_what_is_coloured_in_the_fitted_drives_alone_is_no_evidence():
-    assert p.coloured([innovations(0.5, 1)], [innovations(0.0, 2)], (10, 100)) < 0
-    assert p.coloured([innovations(0.5, 1)], [innovations(0.5, 2, 500)], (1000,)) == 0.0  # shorter than a block
+    assert p.coloured([innovations(0.5, 1)], [innovations(0.0, 2)]) < 0
 
 
-def test_sums_over_blocks_have_the_variance_of_their_samples():
-    white = innovations(0.0, 3)
-    for samples in (1, 10, 100):
-        assert np.nanmean(p.long_run([white], samples)) == pytest.approx(1.0, abs=0.15)
-    gaps = white.copy()
+def test_ordinates_of_white_noise_are_exponential_across_gaps_and_have_its_power():
+    gaps = innovations(0.0, 3)[:, 0]
     gaps[::3] = np.nan
     gaps[:60] = np.nan
-    found = p.long_run([gaps], 100)
-    assert found.shape == (120, 2)
-    assert np.isnan(found[0]).all()
-    assert np.nanmean(found) == pytest.approx(1.0, abs=0.2)
-    exact = multivariate_normal(0.0, 3.0).logpdf(2.0) - multivariate_normal(0.0, 1.0).logpdf(2.0)
-    assert p._wider(np.array([[4.0]]), np.array([3.0])) == pytest.approx(exact)
+    assert stats.kstest(p.ordinates(gaps), "expon").pvalue > 0.01
+    odd = innovations(0.0, 4, 501)[:, 0]
+    odd -= odd.mean()
+    assert 2 * p.ordinates(odd).sum() == pytest.approx(odd @ odd)  # Parseval
+
+
+def test_octaves_count_down_from_the_nyquist_frequency():
+    wave = np.sin(2 * np.pi * 0.2 * np.arange(1000))  # at 0.4 of that frequency
+    mean, count = p.octaves([wave, wave[:500]], 2)
+    assert list(count) == [249 + 124, 125 + 63, 125 + 62]
+    assert list(mean > 1.0) == [False, True, False]
+
+
+def test_the_evidence_is_that_of_exponential_ordinates():
+    loud, quiet = (
+        scale * np.random.default_rng(seed).standard_normal((120, 1)) for scale, seed in ((2.0, 1), (1.5, 2))
+    )
+    factor, seen = p.ordinates(loud[:, 0]).mean(), p.ordinates(quiet[:, 0])
+    exact = stats.expon(scale=factor).logpdf(seen) - stats.expon().logpdf(seen)
+    assert p.coloured([loud], [quiet]) == pytest.approx(exact.sum())
 
 
 def test_coverage_is_that_of_the_chi_square_region():

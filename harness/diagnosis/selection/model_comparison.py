@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import ALIKE, BLOCK, HOPEFUL, HORIZONS, PRIORS, SAME, TRIED
+from harness.diagnosis.criteria import ALIKE, HOPEFUL, HORIZONS, PRIORS, SAME, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
@@ -199,12 +199,10 @@ class _Comparison:
     def _colour(self, p: _Predicted) -> float:
         """Return how much likelier the held-out drives are if something lacking adds to the innovations."""
         fits = self.fits
-        step = fits.augmented.spec.step
-        lengths = [round(h / step) for h in HORIZONS if step < h < BLOCK]  # of longer ones a drive holds too few
         judged = fits.judge(p.added, p.fitted.point).point
         each = (fits.fitting.runs(p.fitted.point), fits.held_out.fitting.runs(judged))
         here, there = ([run.whitened[1:] for run in runs] for runs in each)
-        return coloured(here, there, lengths)
+        return coloured(here, there)
 
 
 def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, str], float]) -> float:

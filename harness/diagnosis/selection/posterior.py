@@ -31,6 +31,9 @@ from harness.identification.data import Drive
 
 _DRAWS = 1000
 
+_ORDINATES = 100
+"""Ordinates of the periodogram in the lowest octave: their mean is uncertain by a tenth."""
+
 
 @dataclass(frozen=True)
 class Alike:
@@ -148,52 +151,57 @@ def interval(differences: Floats) -> Interval:
     return Interval(float(differences.sum()), float(low), float(high))
 
 
-def long_run(whitened: Sequence[Floats], samples: int) -> Floats:
-    """Return squares of sums of whitened innovations over blocks, each over the samples in it ``(blocks, ny)``.
+def ordinates(series: Floats) -> Floats:
+    """Return the periodogram of a series at the frequencies ``2 pi k / n`` between zero and the Nyquist frequency.
 
-    They are chi-squared with one degree of freedom if the innovations are white, whatever the length of the blocks;
-    their mean is the long-run variance. A block of which less than half is measured is left out as NaN.
+    Of white noise of variance 1 the ordinates are independent and exponential with mean 1. Samples are joined across
+    gaps, so that a slow sensor has the ordinates of what it measured.
 
     Args:
-        whitened: Of each drive ``(samples, ny)``; NaN where nothing was measured.
-        samples: Length of a block.
+        series: Samples ``(samples,)``, NaN where nothing was measured.
     """
-    found = []
-    for w in whitened:
-        cut = w[: len(w) // samples * samples].reshape(-1, samples, w.shape[1])
-        count = np.isfinite(cut).sum(axis=1)
-        found.append(np.where(2 * count > samples, np.nansum(cut, axis=1) ** 2 / np.maximum(count, 1), np.nan))
-    return np.concatenate(found)
+    seen = series[np.isfinite(series)]
+    return np.asarray(np.abs(np.fft.rfft(seen)[1 : (len(seen) + 1) // 2]) ** 2 / max(1, len(seen)))
 
 
-def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats], lengths: Sequence[int]) -> float:
-    """Return how much likelier the held-out drives are if something unmodelled adds to the slow innovations.
+def octaves(series: Sequence[Floats], lowest: int) -> tuple[Floats, Floats]:
+    """Return mean and number of the ordinates of some series in each octave below the Nyquist frequency.
 
-    It adds to the variance of sums over blocks: of each output what the fitted drives show, where that is the factor
-    ``PRIORS.misfit`` or more; of the output that shows most that factor in any case, because else nothing would be
-    claimed. Of the lengths of the blocks the one counts at which the fitted drives show most.
+    Args:
+        series: Samples of each drive ``(samples,)``.
+        lowest: Number of the octave that holds all that is below it as well; the first is 0.
+    """
+    spectra = [ordinates(s) for s in series]
+    shares = np.concatenate([np.arange(1, len(s) + 1) / (len(s) + 1) for s in spectra])
+    place = np.minimum(np.floor(-np.log2(shares)).astype(int), lowest)
+    count = np.bincount(place, minlength=lowest + 1).astype(float)
+    return np.bincount(place, np.concatenate(spectra), lowest + 1) / np.maximum(count, 1.0), count
+
+
+def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats]) -> float:
+    """Return how much likelier the held-out drives are if something unmodelled adds to the innovations.
+
+    It adds to their spectrum, octave by octave: what the fitted drives show, where that is the factor
+    ``PRIORS.misfit`` or more; in the octave of the output that shows most that factor in any case, because else
+    nothing would be claimed. The likelihood is that of Whittle (1953): ordinates of the periodogram are exponential.
 
     Args:
         fitted: Whitened innovations of the fitted drives ``(samples, ny)``.
         held_out: The same of the held-out ones.
-        lengths: Of the blocks, in samples.
     """
-    tried = []
-    for samples in lengths:
-        if min(len(w) for w in (*fitted, *held_out)) < samples:
-            continue
-        here = long_run(fitted, samples)
-        factors = np.nansum(here, axis=0) / np.maximum(np.isfinite(here).sum(axis=0), 1)
-        most = int(np.argmax(factors))
-        factors = np.where(factors < PRIORS.misfit, 1.0, factors)
-        factors[most] = max(factors[most], PRIORS.misfit)
-        tried.append((_wider(here, factors), _wider(long_run(held_out, samples), factors)))
-    return max(tried, default=(0.0, 0.0))[1]
-
-
-def _wider(squares: Floats, factors: Floats) -> float:
-    """Return the gain in log density of normal variables with given squares if their variance is times a factor."""
-    return float(np.nansum(0.5 * squares * (1.0 - 1.0 / factors) - 0.5 * np.log(factors)))
+    shown, mean, count = [], [], []
+    for a in range(fitted[0].shape[1]):
+        here, there = ([w[:, a] for w in drives] for drives in (fitted, held_out))
+        fewest = min(sum(np.isfinite(s).sum() for s in series) / 2 for series in (here, there))
+        lowest = int(math.log2(max(1.0, fewest / _ORDINATES)))
+        shown.append(octaves(here, lowest)[0])
+        for known, new in zip((mean, count), octaves(there, lowest), strict=True):
+            known.append(new)
+    factors = np.concatenate(shown)
+    most = int(np.argmax(factors))
+    factors[most] = max(factors[most], PRIORS.misfit)
+    factors[factors < PRIORS.misfit] = 1.0
+    return float(np.concatenate(count) @ (np.concatenate(mean) * (1.0 - 1.0 / factors) - np.log(factors)))
 
 
 def coverage(held_out: Sequence[Ahead]) -> Floats:
