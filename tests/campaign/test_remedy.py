@@ -46,11 +46,10 @@ def study(**changes):
 
 def test_the_prior_is_the_root_mean_square_of_what_the_study_varies():
     (factor,) = choices.parameters(study())
-    assert choices.prior(factor) == pytest.approx(24e3 * np.log(3.0) / np.sqrt(2))  # as the state: a logarithm
+    assert choices.prior(factor) == pytest.approx(16e3 / np.sqrt(2))
     wide = {"name": "box", "samples": 2, "factor": [{"parameter": "trailer_mass", "range": ["18 t", "30 t"]}]}
     (factor,) = choices.parameters(study(design=[wide]))
-    logs = np.log([0.75, 1.25])
-    assert choices.prior(factor) == pytest.approx(24e3 * np.sqrt((logs @ logs + logs.prod()) / 3))
+    assert choices.prior(factor) == pytest.approx(12e3 / np.sqrt(12))
 
 
 def test_larger_equipment_measures_all_that_the_study_has_and_more():

@@ -24,10 +24,6 @@ ADAPTED = {
 }
 """Filters that need no idea of what is wrong, by what they do; they stand in place of one of the Kalman type."""
 
-WALK = 0.5 / 60.0
-"""Random walk of a parameter that is estimated, over its prior, in a second: half of it in an hour. Linearised at a value
-that is far off, a filter grows sure of its parameter too soon; a walk lets it mend that, a faster one costs precision."""
-
 
 @dataclass(frozen=True)
 class Equipment:
@@ -164,14 +160,9 @@ def parameters(study: Study) -> list[FactorSpec]:
 
 
 def prior(factor: FactorSpec) -> float:
-    """Return how far the vehicle is from the belief in a design, in the root mean square over its bands, SI.
-
-    Of positive values it is that of their logarithms, as a state holds them, times the value believed.
-    """
-    edges = [np.array(edge) for edge in (factor.lower, factor.upper)]
-    scale = factor.nominal if min(factor.nominal, *map(np.min, edges)) > 0 else None
-    low, high = (np.log(edge / scale) if scale else edge - factor.nominal for edge in edges)
-    return float(np.sqrt(np.mean((low**2 + low * high + high**2) / 3))) * (scale or 1.0)
+    """Return how far the vehicle is from the belief in a design, in the root mean square over its bands, SI."""
+    low, high = (np.array(edge) - factor.nominal for edge in (factor.lower, factor.upper))
+    return float(np.sqrt(np.mean((low**2 + low * high + high**2) / 3)))
 
 
 def hypotheses(factors: Sequence[FactorSpec]) -> dict[str, list[float]]:
@@ -229,11 +220,10 @@ def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = 
         belief["unknown_inputs"] = list(remedy.equipment.unknown_inputs)
     spread = {f.parameter: prior(f) for f in parameters(study)}
     stated = raw.belief.model_dump(exclude_unset=True)
-    estimated = [{"name": n, "prior": spread[n], "walk": WALK * spread[n]} for n in (*remedy.estimated, *remedy.banked)]
-    considered = [{"name": n, "prior": spread[n]} for n in remedy.considered]
-    for key, further in (("unknown_parameters", estimated), ("considered_parameters", considered)):
-        if further:
-            belief[key] = [*(stated.get(key) or []), *further]
+    estimated = (*remedy.estimated, *remedy.banked)
+    for key, names in (("unknown_parameters", estimated), ("considered_parameters", remedy.considered)):
+        if names:
+            belief[key] = [*(stated.get(key) or []), *({"name": n, "prior": spread[n]} for n in names)]
     content = raw.model_dump(exclude_unset=True, exclude_none=True)
     content["name"] = f"{study.name}-{remedy.slug}"
     content["title"] = f"{study.title or study.name} Remedy: {remedy.words}"
