@@ -70,18 +70,26 @@ def shares(profiled: Mapping[str, float], total: float) -> dict[str, float]:
 
 def work(command: str, folder: Path) -> Callable[[], object]:
     """Return a command, to be run in this process: imports are done, and so is what is no part of it."""
+    console = Console(quiet=True)
     if command == "campaign":
         from harness.api.study import read_study
 
         study = read_study(Path("studies/mass.toml"))
         return lambda: study.run(folder / "out", 1).report()
     from bench.attribution.run import Case, Tracer, written
+    from harness.diagnosis.report.report import document
     from harness.diagnosis.run import run_trace
+    from harness.reporting.document import write
 
     case = Case(CASE, 0, folder / "case")
     written(case)
     task, augmented = Tracer(threads=1).model(case.folder)
-    return lambda: run_trace(task, folder / "out", Console(quiet=True), augmented)
+
+    def trace() -> None:
+        found = run_trace(task, folder / "out", console, augmented)
+        write(document(found, ""), folder / "out")
+
+    return trace
 
 
 def once(command: str, profiled: bool) -> None:
@@ -89,7 +97,7 @@ def once(command: str, profiled: bool) -> None:
     from harness.common.cache import cache_folder
 
     with tempfile.TemporaryDirectory() as folder:
-        run, profile = work(command, Path(folder)), cProfile.Profile()
+        run, profile = work(command, Path(folder)), cProfile.Profile(time.process_time)
         begin = time.process_time()
         if profiled:
             profile.runcall(run)

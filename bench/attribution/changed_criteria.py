@@ -56,7 +56,7 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
     _times: (
         "the number itself, of a table or a list each of its numbers",
         (
-            *("BIC_NEEDED", "HOPEFUL", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "STABLE", "HORIZONS", "BLOCK"),
+            *("BIC_NEEDED", "HOPEFUL", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "HORIZONS", "BLOCK"),
             *("PRIORS.odds", "PRIORS.stated", "PRIORS.implausible", "PRIORS.beside_curves"),
         ),
     ),

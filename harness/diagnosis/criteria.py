@@ -83,9 +83,6 @@ FARTHER = 4.0
 """Largest ratio of the excess of the simulation to the one expected of a random process; beyond it something else is
 missing. A slow process may well reach twice its standard deviation in a drive."""
 
-STABLE = 0.2
-"""Share of the halves of the drives that must choose a curve over a regressor before it is fitted."""
-
 PRIORS = Priors(
     odds={
         "effect": 0.3,  # of the vehicle: a model that somebody believes in lacks something in every fourth case or so

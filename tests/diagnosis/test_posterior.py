@@ -94,6 +94,14 @@ def test_blocks_hold_every_sample_once():
     assert len(p.blocks_of(np.ones((3, 1)), time[:3])) == 1
 
 
+def test_how_soon_a_model_forgets_the_first_state_is_no_evidence():
+    drives = [SimpleNamespace(time=0.01 * np.arange(n)) for n in (2001, 401)]
+    densities = [np.ones((2000, 1)), np.ones((400, 1))]
+    densities[0][:300] = 1e3
+    found = p.by_block(densities, drives, penalty=4.0)
+    assert found[:, 0] == pytest.approx([499.0, 499.0, 499.0, 399.0], abs=2)  # of a short drive all there is
+
+
 def ahead(square, samples=4000, seed=0):
     """Return predictions of one signal at two horizons whose squared errors are off by a factor each."""
     squares = np.random.default_rng(seed).chisquare(1, (samples, len(square))) * square

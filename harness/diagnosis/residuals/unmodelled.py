@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import BIC_NEEDED, PRIORS, STABLE, TRIED
+from harness.diagnosis.criteria import BIC_NEEDED, PRIORS, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -195,8 +195,7 @@ def find_unmodelled(
     pairs: list[Proposal] = []
     if ranked_inputs:
         residuals = [r.residual for r in here.distance_drives]
-        pairs = proposals(ranking, ranked_inputs, here.regressors, here.signals, here.moved, residuals)
-        pairs = [p for p in pairs if p.stability >= STABLE][:_PAIRS]
+        pairs = proposals(ranking, ranked_inputs, here.regressors, here.signals, here.moved, residuals)[:_PAIRS]
     prior = np.array([min(c.prior, PRIORS.beside_curves) ** -2.0 if np.isfinite(c.prior) else 0.0 for c in moved])
     alone = _solved(here.sums([]), prior, 0, _STIFFNESS[0])[0]
     curves, weights = _selected(here, pairs, prior)

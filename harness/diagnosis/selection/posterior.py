@@ -211,6 +211,11 @@ def coverage(held_out: Sequence[Ahead]) -> Floats:
 
 
 def by_block(densities: Sequence[Floats], drives: Sequence[Drive], penalty: float = 0.0) -> Floats:
-    """Return log densities of several drives by block ``(blocks, horizons)``, less what was fitted to them there."""
-    found = np.concatenate([blocks_of(d, drive.time[1:]) for d, drive in zip(densities, drives, strict=True)])
+    """Return log densities of several drives by block ``(blocks, horizons)``, less what was fitted to them there.
+
+    The first block of a drive, unless it is the only one, is left out: far ahead, what it shows is how soon a model
+    forgets a first state that nobody knows.
+    """
+    each = [blocks_of(d, drive.time[1:]) for d, drive in zip(densities, drives, strict=True)]
+    found = np.concatenate([blocks[1:] if len(blocks) > 1 else blocks for blocks in each])
     return found - penalty / len(found)
