@@ -189,7 +189,9 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats]) -> float:
         fitted: Whitened innovations of the fitted drives ``(samples, ny)``.
         held_out: The same of the held-out ones.
     """
-    shown, mean, count = [], [], []
+    shown: list[Floats] = []
+    mean: list[Floats] = []
+    count: list[Floats] = []
     for a in range(fitted[0].shape[1]):
         here, there = ([w[:, a] for w in drives] for drives in (fitted, held_out))
         fewest = min(sum(np.isfinite(s).sum() for s in series) / 2 for series in (here, there))
