@@ -90,6 +90,30 @@ def test_over_more_than_three_parameters_no_bank_is_tried():
     assert not [r for r in choices.singles(drivers[:3], False, True) if r.banked]
 
 
+def test_one_more_driver_is_estimated_or_banked_in_its_place():
+    one = Remedy(estimated=("b",))
+    found = choices.enlarged(one, tuple("abc"), True)
+    assert [(r.estimated, r.banked) for r in found] == [
+        (("a", "b"), ()),
+        (("b", "c"), ()),
+        (("b",), ("a",)),
+        (("b",), ("c",)),
+    ]
+    assert [r.banked for r in choices.enlarged(one, tuple("abc"), False)] == [(), ()]
+    further = choices.enlarged(Remedy(estimated=("b",), banked=("a",)), tuple("abcd"), True)
+    assert [(r.estimated, r.banked) for r in further] == [(("b", "c"), ("a",)), (("b", "d"), ("a",))]
+
+
+def test_a_bank_estimates_what_is_estimated_beside_it():
+    levels = [{"parameter": p, "range": r} for p, r in (("trailer_mass", ["12 t", "36 t"]), ("friction", [0.6, 1.0]))]
+    before = study(design=[{"name": "box", "samples": 2, "factor": levels}])
+    after = choices.applied(before, Remedy(estimated=("trailer_mass",), banked=("friction",)), "EKF")
+    (bank,) = after.estimators
+    assert set(after.belief.estimated_parameters) == {"trailer_mass", "friction"}
+    assert bank.settings["hypotheses"]["trailer_mass"] == [24e3]
+    assert len(bank.settings["hypotheses"]["friction"]) == choices.VALUES
+
+
 def test_of_what_promises_most_nothing_with_as_many_signals_tells_more():
     one, two, other, three = (Equipment(n, (), tuple("abc"[:k]), ()) for n, k in zip("pqrs", (1, 2, 2, 3), strict=True))
     promise = {one: 0.5, two: 0.4, other: 0.2, three: 0.19}
@@ -186,13 +210,27 @@ def test_one_more_parameter_is_estimated_as_long_as_that_gains():
 
     first = outcome(AS_IT_IS, [1.0])
     alone = [outcome(Remedy(estimated=(n,)), [harms[n]]) for n in "abcd"]
-    plan = SimpleNamespace(drivers=tuple("abcd"), impossible={})
+    plan = SimpleNamespace(drivers=tuple("abcd"), impossible={}, banks=False)
     found = _more_estimated(attempt, [first, *alone], plan, Console(quiet=True))
     assert asked == ["ab", "bc", "bd", "abc", "abd"]
     assert best([first, *alone, *found], first).remedy.estimated == ("a", "b")
     asked.clear()
     _more_estimated(attempt, [first, *(outcome(o.remedy, [1.0]) for o in alone)], plan, Console(quiet=True))
     assert not asked  # none alone gains anything
+
+
+def test_a_bank_over_one_more_is_tried_where_estimating_gains():
+    asked = []
+
+    def attempt(remedy):
+        asked.append("".join(remedy.estimated) + "".join(f" over {n}" for n in remedy.banked))
+        return outcome(remedy, [{"a over b": 0.2}.get(asked[-1], 0.9)])
+
+    first, alone = outcome(AS_IT_IS, [1.0]), outcome(Remedy(estimated=("a",)), [0.5])
+    plan = SimpleNamespace(drivers=("a", "b"), impossible={}, banks=True)
+    (found,) = _more_estimated(attempt, [first, alone], plan, Console(quiet=True))
+    assert asked == ["a over b"]  # both estimated stand elsewhere
+    assert found.remedy == Remedy(estimated=("a",), banked=("b",))
 
 
 def test_what_is_promised_of_a_target_is_the_bound_with_the_parameter_known_where_it_is_hardly_unknown():

@@ -143,7 +143,7 @@ def _need(remedy: Remedy, tried: Tried) -> str:
         return sensors
     if not tried.study.score_after:
         sensors += " The time in which it learns counts; score_after of the study leaves it out."
-    poor = _poor_drives(tried, remedy.equipment, remedy.estimated or remedy.banked)
+    poor = _poor_drives(tried, remedy.equipment, remedy.estimated + remedy.banked)
     if not poor:
         return f"{sensors} Every drive excites what is estimated."
     return f"{sensors} Excitation: after {listed(poor)} even the best estimator knows hardly more than before."

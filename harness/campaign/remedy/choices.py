@@ -54,7 +54,7 @@ class Remedy:
     Attributes:
         estimated: Parameters that become states.
         considered: Parameters whose uncertainty is reckoned with.
-        banked: Parameters over whose values a bank of filters runs (estimator ``imm``).
+        banked: Parameters over whose values a bank of filters runs (estimator ``imm``), each estimating the others.
         equipment: What is measured, ``None`` for what the study has.
         known: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
         tuned: Whether the noise believed is tuned for the worst case.
@@ -231,7 +231,8 @@ def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = 
     content["belief"] = {**content.get("belief", {}), **belief}
     content["estimator"] = [t.model_dump(exclude_unset=True) for t in raw.estimator if name_of(t) == estimator]
     if remedy.banked:
-        bank = hypotheses([f for f in parameters(study) if f.parameter in remedy.banked])
+        factors = {f.parameter: f for f in parameters(study)}
+        bank = hypotheses([factors[n] for n in remedy.banked]) | {n: [factors[n].nominal] for n in remedy.estimated}
         content["estimator"] = [{"name": estimator, "kind": "imm", "hypotheses": bank}]
     if remedy.adapted:
         content["estimator"] = [{"name": estimator, "kind": remedy.adapted}]
@@ -290,14 +291,27 @@ def pairs(drivers: Sequence[str], chosen: Sequence[Equipment], considers: bool) 
                 yield Remedy(banked=tuple(drivers), equipment=equipment)
 
 
-def enlarged(remedy: Remedy, drivers: Sequence[str]) -> list[Remedy]:
-    """Return remedies that estimate one more of the drivers each, in the order of the drivers, but for all of them."""
-    found = []
+def enlarged(remedy: Remedy, drivers: Sequence[str], banks: bool) -> list[Remedy]:
+    """Return remedies that estimate one more of the drivers each, in the order of the drivers, but for all of them.
+
+    Where none is banked, there are those that run a bank over one more in its place: what one filter does not find from
+    far away, two do that begin near.
+
+    Args:
+        remedy: To be enlarged.
+        drivers: Parameters that drive the error.
+        banks: Whether a bank may stand in the place of the estimator.
+    """
+    estimated, banked = [], []
     for name in drivers:
         names = tuple(d for d in drivers if d in remedy.estimated or d == name)
-        if len(remedy.estimated) < len(names) < len(drivers):
-            found.append(replace(remedy, estimated=names))
-    return found
+        if name in remedy.banked or len(names) == len(remedy.estimated):
+            continue
+        if len(names) + len(remedy.banked) < len(drivers):
+            estimated.append(replace(remedy, estimated=names))
+        if banks and not remedy.banked:
+            banked.append(replace(remedy, banked=(name,)))
+    return estimated + banked
 
 
 def promising(promise: dict[Equipment, float], count: int) -> list[Equipment]:

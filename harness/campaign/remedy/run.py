@@ -151,6 +151,7 @@ class _Plan(NamedTuple):
     further: list[Remedy]
     promise: dict[Equipment | None, Promise]
     impossible: dict[str, str]
+    banks: bool = False  # whether a bank may stand in the place of the estimator
 
 
 def _plan(study: Study, estimator: str, out: Path, most: int, console: Console) -> _Plan:
@@ -168,7 +169,7 @@ def _plan(study: Study, estimator: str, out: Path, most: int, console: Console) 
     file = load_estimator(_kind(study, estimator))
     alone = choices.singles(drivers, file.KALMAN_TYPE, file.HAS_COVARIANCE)
     further = [*alone, *choices.pairs(drivers, chosen, file.KALMAN_TYPE)]
-    return _Plan(tuple(drivers), further, promise, impossible)
+    return _Plan(tuple(drivers), further, promise, impossible, file.KALMAN_TYPE)
 
 
 def _against_effects(study: Study, estimator: str, most: int) -> _Plan:
@@ -182,7 +183,7 @@ def _against_effects(study: Study, estimator: str, most: int) -> _Plan:
 def _more_estimated(
     attempt: partial[Outcome], outcomes: Sequence[Outcome], plan: _Plan, console: Console
 ) -> list[Outcome]:
-    """Estimate one more driver at a time, beside those with which it gains most, as long as it gains anything.
+    """Estimate one more driver at a time, or bank over it, beside those with which it gains most, as long as it gains.
 
     All together may be worse than some: what a drive does not tell apart is put down to the wrong one.
     """
@@ -192,7 +193,7 @@ def _more_estimated(
         tried = [o for o in outcomes if o.remedy == Remedy(estimated=o.remedy.estimated[:1], equipment=equipment)]
         while tried and harm(better := min(tried, key=lambda o: harm(o, first)), first) < harm(taken, first):
             taken = better
-            tried = _all(attempt, choices.enlarged(taken.remedy, plan.drivers), console, plan.impossible)
+            tried = _all(attempt, choices.enlarged(taken.remedy, plan.drivers, plan.banks), console, plan.impossible)
             found += tried
     return found
 
