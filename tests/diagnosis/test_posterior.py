@@ -149,6 +149,14 @@ def test_ordinates_of_white_noise_are_exponential_across_gaps_and_have_its_power
     assert 2 * p.ordinates(odd).sum() == pytest.approx(odd @ odd)  # Parseval
 
 
+@pytest.mark.parametrize("samples", [0, 1, 2, 3])
+def test_an_output_that_was_hardly_measured_says_nothing(samples):
+    fitted, held_out = innovations(0.0, 1), innovations(0.0, 2)
+    both = p.coloured([fitted[:, :1]], [held_out[:, :1]])
+    held_out[samples:, 1] = np.nan
+    assert p.coloured([fitted], [held_out]) == pytest.approx(both, abs=1.0)
+
+
 def test_octaves_count_down_from_the_nyquist_frequency():
     wave = np.sin(2 * np.pi * 0.2 * np.arange(1000))  # at 0.4 of that frequency
     mean, count = p.octaves([wave, wave[:500]], 2)

@@ -161,7 +161,8 @@ def ordinates(series: Floats) -> Floats:
         series: Samples ``(samples,)``, NaN where nothing was measured.
     """
     seen = series[np.isfinite(series)]
-    return np.asarray(np.abs(np.fft.rfft(seen)[1 : (len(seen) + 1) // 2]) ** 2 / max(1, len(seen)))
+    n = max(1, len(seen))
+    return np.asarray(np.abs(np.fft.rfft(seen, n)[1 : (n + 1) // 2]) ** 2 / n)
 
 
 def octaves(series: Sequence[Floats], lowest: int) -> tuple[Floats, Floats]:
