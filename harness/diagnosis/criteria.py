@@ -23,7 +23,7 @@ class Priors:
         stated: Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once.
         implausible: How many of these one of many parameters may be off at most.
         beside_curves: The most that it may be for the step of a parameter beside curves.
-        misfit: Factor on the long-run variance of the innovations that something unmodelled adds at least.
+        misfit: Factor on the spectrum of the innovations in an octave that something unmodelled adds at least.
     """
 
     odds: Mapping[str, float]
