@@ -20,6 +20,7 @@ import importlib.util
 import os
 import pkgutil
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -100,6 +101,10 @@ _outside: set[str] = set()
 _caches: list[Callable[[], None]] = []
 _in_force: list[Path | None] = [None]
 _changes = [0]
+_listed: dict[tuple[str, str, str], tuple[int, tuple[Component, ...]]] = {}
+
+_SETTLED = 2.0
+"""s without a change after which a folder's time of change says that it is as it was; file systems count coarsely."""
 
 
 def outside_packages() -> frozenset[str]:
@@ -312,10 +317,35 @@ def _from_outside(word: str) -> Iterator[Component]:
     yield from _installed(word)
 
 
-def _in_folder(folder: Iterable[str], package: str, origin: str) -> Iterator[Component]:
-    for info in pkgutil.iter_modules(folder):
+def _in_folder(folders: Iterable[str], package: str, origin: str) -> Iterator[Component]:
+    """Yield what lies in folders, each read again only where it has changed: names are looked up thousands of times."""
+    for folder in folders:
+        key = folder, package, origin
+        try:
+            changed = os.stat(folder).st_mtime_ns
+        except OSError:
+            continue
+        if key not in _listed or _listed[key][0] != changed:
+            found = tuple(_read_folder(*key))
+            if not _shows_changes(folder, changed):
+                yield from found
+                continue
+            _listed[key] = changed, found
+        yield from _listed[key][1]
+
+
+def _shows_changes(folder: str, changed: int) -> bool:
+    """Whether a folder's time of change says that nothing else is in it; a folder in it may become a package unseen."""
+    if time.time() - changed / 1e9 < _SETTLED:
+        return False
+    with os.scandir(folder) as entries:
+        return not any(e.is_dir() and not e.name.startswith(("_", ".")) for e in entries)
+
+
+def _read_folder(folder: str, package: str, origin: str) -> Iterator[Component]:
+    for info in pkgutil.iter_modules([folder]):
         if not info.name.startswith("_"):
-            base = Path(info.module_finder.path) / info.name  # type: ignore[union-attr]
+            base = Path(folder) / info.name
             path = base / "__init__.py" if info.ispkg else base.with_suffix(".py")
             yield Component(info.name, origin, f"{package}.{info.name}", path)
 

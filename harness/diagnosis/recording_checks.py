@@ -9,7 +9,7 @@ import xarray as xr
 
 from harness.common.errors import UserError
 from harness.config import ModelSpec
-from harness.identification.data import drive_from, steered
+from harness.identification.data import measurements_of, steered
 from harness.identification.measured_file import SHORTEST
 
 CALM = 0.3
@@ -25,7 +25,7 @@ def refuse_recordings(recordings: Sequence[xr.Dataset], spec: ModelSpec) -> None
         UserError: If one is too short or too calm, with what to drive; if an input of the model is missing or has gaps.
     """
     for recording in recordings:
-        drive_from(steered(recording, spec.values), spec.model(), str(recording.attrs["file"]))
+        measurements_of(steered(recording, spec.values), spec.model(), str(recording.attrs["file"]))
         file, time = recording.attrs["file"], recording["time"].to_numpy()
         if time[-1] - time[0] < SHORTEST:
             raise UserError(

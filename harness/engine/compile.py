@@ -233,8 +233,11 @@ class CompiledModel:
         self.nc, self.nw = max(1, len(equations_.constants) + len(model.flags)), int(kernels.NW)
         self.lanes = int(kernels.LANES)
         self.duals = self.lanes == dual.LANES
-        neutral = {p.name: (i, p.neutral) for i, p in enumerate(model.parameters)}
-        self._amplitudes = [[neutral[n] for n in names] for names in model.flags.values()]
+        names = model.parameter_names
+        self._amplitudes = sorted({names.index(n) for of_flag in model.flags.values() for n in of_flag})
+        neutral = [model.parameters[row].neutral for row in self._amplitudes]
+        self._neutral = np.array([np.nan if value is None else value for value in neutral]).reshape(-1, 1)
+        self._of_flag = [[self._amplitudes.index(names.index(n)) for n in found] for found in model.flags.values()]
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Return the parameters in the model's order, shape ``(np,)``."""
@@ -251,14 +254,16 @@ class CompiledModel:
         given = batches(np.ascontiguousarray(parameters, dtype=float), 2)
         c = np.zeros((len(given), self.nc, self.lanes))
         self.kernels.constants(given, c)
-        for i, rows in enumerate(self._amplitudes, len(self.equations.constants)):
-            c[:, i] = np.any([_in_force(given[:, row], neutral) for row, neutral in rows], axis=0)[:, None]
+        in_force = self._in_force(given)
+        for i, columns in enumerate(self._of_flag, len(self.equations.constants)):
+            c[:, i] = np.any(in_force[:, columns], axis=1, keepdims=True)
         return c[0] if np.ndim(parameters) == 2 else c
 
-
-def _in_force(parameter: np.ndarray, neutral: float | None) -> np.ndarray:
-    """Return of each batch whether a parameter of lanes or duals has another value than its neutral one, or a slope."""
-    return np.any(parameter[:, : lanes.LANES] != neutral, axis=1) | np.any(parameter[:, lanes.LANES :], axis=1)
+    def _in_force(self, given: np.ndarray) -> np.ndarray:
+        """Return of each batch whether amplitudes, in lanes or duals, are other than neutral or have a slope."""
+        found = given[:, self._amplitudes]
+        moved: np.ndarray = np.any(found[:, :, : lanes.LANES] != self._neutral, axis=2)
+        return moved | np.any(found[:, :, lanes.LANES :], axis=2)
 
 
 @functools.lru_cache(maxsize=64)

@@ -90,6 +90,30 @@ def refuse_the_same(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]
             )
 
 
+def measurements_of(recording: xr.Dataset, model: Model, name: str) -> Floats:
+    """Return the outputs that a recording holds ``(samples, ny)``, NaN where missing, if it can be a drive of a model.
+
+    Args:
+        recording: As in ``drive_from``.
+        model: Its inputs and outputs are looked for.
+        name: Of the recording, for errors.
+
+    Raises:
+        UserError: If a signal is missing or holds no number, or the recording is too short.
+    """
+    samples = recording.sizes["time"]
+    if samples < SHORTEST:
+        raise UserError(f"{name}: has {samples} samples; a fit needs at least {SHORTEST}")
+    for source in dict.fromkeys(model.rates.get(i, i) for i in model.inputs if i != "time"):
+        recordings.inputs(recording, [source])
+    found = np.ascontiguousarray(recordings.measurements(recording, list(model.outputs)), dtype=float)
+    for output, column in zip(model.outputs, found.T, strict=True):
+        if not np.isfinite(column).any():
+            raise UserError(f"{name}: '{output}' holds no number; choose sensors without it")
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
 def drive_from(
     recording: xr.Dataset, model: Model, name: str, between: Between = "held", signal: InputSignal | None = None
 ) -> Drive:
@@ -105,15 +129,9 @@ def drive_from(
     Raises:
         UserError: If a signal is missing or holds no number, or the recording is too short.
     """
+    found = measurements_of(recording, model, name)
     time = recording["time"].to_numpy().astype(float)
-    if len(time) < SHORTEST:
-        raise UserError(f"{name}: has {len(time)} samples; a fit needs at least {SHORTEST}")
     inputs = inputs_of(recording, model, step_of(recording), between, signal)
-    found = np.ascontiguousarray(recordings.measurements(recording, list(model.outputs)), dtype=float)
-    for output, column in zip(model.outputs, found.T, strict=True):
-        if not np.isfinite(column).any():
-            raise UserError(f"{name}: '{output}' holds no number; choose sensors without it")
-    found[~np.isfinite(found)] = np.nan
     first = _first_mean(model, recording, found)
     exact = np.zeros((len(time), len(first) + found.shape[1], 0)), np.zeros_like(found)
     return Drive(

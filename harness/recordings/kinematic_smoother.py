@@ -114,8 +114,8 @@ def run_lengths(values: Floats) -> Floats:
     lengths = np.ones(len(values))
     known = np.flatnonzero(np.isfinite(values))
     edges = np.flatnonzero(np.diff(values[known])) + 1
-    for run in np.split(known, edges):
-        lengths[run] = len(run)
+    counts = np.diff(edges, prepend=0, append=len(known))
+    lengths[known] = np.repeat(counts, counts)
     return lengths
 
 

@@ -40,7 +40,7 @@ _CHUNKS_AT_ONCE = 256
 """Chunks of a larger one that are read at once, over all drives."""
 
 _KEPT = 2
-"""Scores without target that a design keeps in memory: those asked for last."""
+"""Scores without target that a design of more than ``_HELD`` keeps in memory: those asked for last."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class Design:
     def per_run(self, name: str) -> NDArray[np.float64]:
         """Return a score without target, shape as ``status``; NaN unless the run is ok or if not stored."""
         if name not in self._kept:
-            while len(self._kept) >= _KEPT:
+            while len(self._kept) >= _KEPT and self.data.nbytes > _HELD:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[name] = self._per_run(name)
         return self._kept[name]

@@ -10,6 +10,7 @@ Nothing has to be declared for that; how far a body reaches beyond its axles is 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
@@ -132,6 +133,12 @@ class Planner:
             ends = stated.get(body)
             outlines[body] = Outline(ends[0], ends[1], ends[2], True) if ends else _guessed(points)
         return Plan(axles, coupling, outlines)
+
+
+@functools.lru_cache(maxsize=8)
+def planner(model: Model, vehicle: ModuleType) -> Planner:
+    """Return the planner of a vehicle; to read its equations takes a second."""
+    return Planner(model, vehicle)
 
 
 @dataclass(frozen=True)

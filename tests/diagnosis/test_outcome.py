@@ -128,7 +128,7 @@ def test_what_fails_after_the_search_leaves_verdict_and_report(trace, tmp_path, 
 
 SECTIONS = {
     "harness.diagnosis.report.summary._rounds": "How did the search go?",
-    "harness.diagnosis.report.residual_sections.Planner": "Where on the vehicle?",
+    "harness.diagnosis.report.residual_sections.planner": "Where on the vehicle?",
     "harness.diagnosis.report.report.fit_figures.periodograms": "The figure “Cumulative share of power",
     "harness.diagnosis.report.residual_sections.consistency": "What do the innovations depend on?",
     "harness.diagnosis.report.report.fit_figures.over_time": "The figure “Outputs over time",

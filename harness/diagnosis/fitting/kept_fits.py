@@ -66,9 +66,9 @@ class KeptFits:
 
     def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, turns: tuple[int, int, bool]) -> str:
         if id(fitting) not in self._basis:
-            model, code = fitting.augmented.model, sources.digest([sys.modules[__name__]])
-            equations = (model.ports, model.derivatives, model.outputs, model.parameters)
-            stated = (code, *map(str, equations), fitting.augmented.spec, fitting.noise_held, fitting.first())
+            augmented, code = fitting.augmented, sources.digest([sys.modules[__name__]])
+            equations = augmented.compiled.kernels.__name__  # which holds the digest of their source
+            stated = (code, equations, augmented.model.parameters, augmented.spec, fitting.noise_held, fitting.first())
             total = hashlib.sha256(repr(stated).encode())
             for drive in fitting.drives:
                 total.update(drive.inputs.tobytes() + drive.measurements.tobytes())

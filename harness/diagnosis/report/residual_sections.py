@@ -14,7 +14,7 @@ from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.record import equation
 from harness.diagnosis.result.wording import amount, entry, unmodelled_words
-from harness.models.assembly.plan import Planner
+from harness.models.assembly.plan import planner
 from harness.models.quantities import words
 from harness.models.roles import VEHICLES
 from harness.reporting import style
@@ -68,7 +68,7 @@ def from_above(outcome: Outcome) -> list[Block]:
     found, augmented = outcome.where, outcome.trace.fitting.augmented
     if found.nominal is None or not found.shown:
         return []
-    plan = Planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
+    plan = planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
     if plan is None:
         return []
     caption = (

@@ -26,7 +26,7 @@ from harness.diagnosis.selection.posterior import Model, Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.over_time import FILE, series_of
 from harness.models.assembly.placement import load_effect, ports_of, split
-from harness.models.assembly.plan import Plan, Planner
+from harness.models.assembly.plan import Plan, planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
@@ -82,7 +82,7 @@ def _gains(outcome: Outcome) -> dict[str, Callable[[], Any]]:
 
 def _plan(outcome: Outcome) -> Plan | None:
     augmented = outcome.trace.fitting.augmented
-    return Planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
+    return planner(augmented.nominal, VEHICLES.load(augmented.spec.vehicle)).plan(augmented.spec.values)
 
 
 def _vehicle(plan: Plan | None) -> dict[str, Any] | None:
