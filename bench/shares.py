@@ -1,7 +1,8 @@
 """What whole commands spend in kernels, and what beside them: ``python -m bench.shares``.
 
-A campaign (the mass study) and a trace (two drives of the semitrailer in a crosswind, from the blind plant), from their
-start to their reports, each in a process of its own, on one core with kernels in the cache. The profiler says where
+Two studies (the mass study and the joint study of all factors) and a trace (two drives of the semitrailer in a
+crosswind, from the blind plant), from their start to their reports, each in a process of its own, on one core with
+kernels in the cache. The profiler says where
 time goes; as it slows Python down and kernels not, the total is that of a run without it: kernels count as they are,
 all else shares the rest as the profiler has it.
 """
@@ -22,7 +23,7 @@ from typing import Any
 
 from rich.console import Console
 
-COMMANDS = ("campaign", "trace")
+COMMANDS = ("mass", "joint", "trace")
 CASE = "semitrailer-crosswind-medium"
 
 KERNELS, REST = "kernels", "Python of the harness and all else"
@@ -71,10 +72,10 @@ def shares(profiled: Mapping[str, float], total: float) -> dict[str, float]:
 def work(command: str, folder: Path) -> Callable[[], object]:
     """Return a command, to be run in this process: imports are done, and so is what is no part of it."""
     console = Console(quiet=True)
-    if command == "campaign":
+    if command != "trace":
         from harness.api.study import read_study
 
-        study = read_study(Path("studies/mass.toml"))
+        study = read_study(Path(f"studies/{command}.toml"))
         return lambda: study.run(folder / "out", 1).report()
     from bench.attribution.run import Case, Tracer, written
     from harness.diagnosis.report.report import document
@@ -112,6 +113,7 @@ def once(command: str, profiled: bool) -> None:
 def main() -> None:
     """Run each command warm, then without and with the profiler, and print a table."""
     parser = argparse.ArgumentParser(prog="python -m bench.shares", description=__doc__)
+    parser.add_argument("--only", nargs="+", choices=COMMANDS, default=COMMANDS, help="some of the commands")
     parser.add_argument("--once", choices=COMMANDS, help=argparse.SUPPRESS)
     parser.add_argument("--profiled", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
@@ -121,7 +123,7 @@ def main() -> None:
     print(
         f"| command | s | {KERNELS} | " + " | ".join((*PLACES, REST)) + " |", "|" + "---|" * (len(PLACES) + 4), sep="\n"
     )
-    for command in COMMANDS:
+    for command in given.only:
         _, plain, seen = (_in_a_process(command, *flag) for flag in ((), (), ("--profiled",)))  # the first compiles
         found = shares(seen["places"], plain["total"])
         cells = " | ".join(f"{100 * found[place]:.1f} %" for place in (KERNELS, *PLACES, REST))

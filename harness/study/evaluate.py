@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.config import Study
+from harness.engine.compile import CompiledModel
 from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import standard_normal
@@ -36,6 +37,30 @@ from harness.study.scores import (
 
 _SIMULATED_AT_ONCE = 2**20
 """Bytes of simulated batches that a processor's caches hold beside everything else."""
+
+
+class InBatches(NamedTuple):
+    """What plant or belief holds in each run as kernels take it: ``(n, LANES)``, ``(batches, n, LANES)`` of several.
+
+    Attributes:
+        constants: From ``CompiledModel.constants``.
+        process_noise: Variances per step.
+        measurement_noise: Variances per sample.
+        first: First state.
+    """
+
+    constants: Floats
+    process_noise: Floats
+    measurement_noise: Floats
+    first: Floats
+
+    def of(self, runs: slice) -> InBatches:
+        """Return those of some runs, whole batches of them."""
+        if self.first.ndim == 2:
+            return self
+        batches = slice(runs.start // LANES, runs.stop // LANES)
+        found = InBatches(*(each[batches] for each in self))
+        return found if len(found.first) > 1 else InBatches(*(each[0] for each in found))
 
 
 class StudyEvaluator:
@@ -109,6 +134,8 @@ class StudyEvaluator:
             result[OVER_TIME] = np.full((*shape, windows), np.nan, dtype=np.float32)
         cases, estimators = self._cases(unit), self.compiled.estimators
         plant, believed = self.parameters(unit, cases, "plant"), self.parameters(unit, cases, "belief")
+        held = self.in_batches(self.compiled.plant, unit, plant)
+        believes = [self._believes(e, unit, believed) for e in range(len(estimators))]
         words = self.noise.words(unit, cases)
         left, signals = np.empty(len(cases)), len(self.compiled.signals)
         totals = [Sums(np.empty((3, signals, len(cases))), np.empty((10, len(cases)))) for _ in estimators]
@@ -117,10 +144,12 @@ class StudyEvaluator:
         for first in range(0, len(cases), LANES * at_once):
             lanes = slice(first, first + LANES * at_once)
             group, believed_there = cases[lanes], believed.of(lanes)
-            batch = self.simulate(unit, group, plant=plant.of(lanes), believed=believed_there, words=words[lanes])
+            batch = self.simulate(
+                unit, group, plant=plant.of(lanes), believed=believed_there, words=words[lanes], held=held.of(lanes)
+            )
             left[lanes] = batch.left_at.reshape(-1)[: len(group)]
             for e, total in enumerate(totals):
-                begun = self.begin(e, unit, group, believed_there)
+                begun = self._begin(e, unit, group, believes[e].of(lanes))
                 sums = self.sums(e, unit.drive, begun, batch, believed_there, windows is not None)
                 total.errors[..., lanes] = in_a_row(sums.errors, 3)[..., : len(group)]
                 total.per_run[:, lanes] = in_a_row(sums.per_run, 2)[:, : len(group)]
@@ -161,6 +190,7 @@ class StudyEvaluator:
         believed: RunParameters | None = None,
         words: NDArray[np.uint64] | None = None,
         simulator: Simulator | None = None,
+        held: InBatches | None = None,
     ) -> Batch:
         """Simulate runs of a unit, with the noise that belongs to them.
 
@@ -175,19 +205,15 @@ class StudyEvaluator:
             believed: What the belief holds in each lane, if that is known already.
             words: What the noise of each lane is drawn from (``RunNoise.words``), if that is known already.
             simulator: Of the plant, with other signals than scores and estimators need.
+            held: ``plant`` as kernels take it, if that is known already.
         """
         plant = self.parameters(unit, group, "plant") if plant is None else plant
         simulator = simulator or self.compiled.simulator
         model, inputs = simulator.compiled, self.compiled.drives[unit.drive].plant[:samples]
         words = self.noise.words(unit, group) if words is None else words
-        batch = simulator.run(
-            inputs,
-            model.constants(in_batches(plant.values)),
-            in_batches(plant.process_noise),
-            in_batches(plant.measurement_noise),
-            standard_normal(words, len(inputs), model.nx + model.ny),
-            in_batches(first_state(model.model, plant.values.T, self.compiled.drives[unit.drive].profile).T),
-        )
+        held = self.in_batches(model, unit, plant) if held is None else held
+        noise = standard_normal(words, len(inputs), model.nx + model.ny)
+        batch = simulator.run(inputs, held.constants, held.process_noise, held.measurement_noise, noise, held.first)
         deviations = np.sqrt(in_batches(plant.input_noise))
         errors = {
             signal: deviations[..., i, None, :] * self.noise.of_input(unit, group, len(inputs), signal)
@@ -230,18 +256,27 @@ class StudyEvaluator:
             round(self.study.score_after / self.study.plant.step),
         )
 
+    def in_batches(self, model: CompiledModel, unit: Unit, held: RunParameters) -> InBatches:
+        """Return what a model holds on the drive of a unit as kernels take it."""
+        first = first_state(model.model, held.values.T, self.compiled.drives[unit.drive].profile).T
+        noise = in_batches(held.process_noise), in_batches(held.measurement_noise)
+        return InBatches(model.constants(in_batches(held.values)), *noise, in_batches(first))
+
     def begin(self, index: int, unit: Unit, group: Cases, believed: RunParameters) -> tuple[Belief, State]:
         """Return what an estimator believes and its first state, with what the belief holds in each lane."""
-        estimator = self.compiled.estimators[index]
-        believed = scale_noise(believed, self.study.belief, self.study.estimators[index].noise)
-        process, model = in_batches(believed.process_noise), self.compiled.belief
-        belief = estimator.belief(
-            model.constants(in_batches(believed.values)), process, in_batches(believed.measurement_noise)
-        )
-        mean = in_batches(first_state(model.model, believed.values.T, self.compiled.drives[unit.drive].profile).T)
-        name = self.study.estimators[index].name
+        return self._begin(index, unit, group, self._believes(index, unit, believed))
+
+    def _believes(self, index: int, unit: Unit, believed: RunParameters) -> InBatches:
+        """Return what an estimator believes as kernels take it."""
+        scaled = scale_noise(believed, self.study.belief, self.study.estimators[index].noise)
+        return self.in_batches(self.compiled.belief, unit, scaled)
+
+    def _begin(self, index: int, unit: Unit, group: Cases, believed: InBatches) -> tuple[Belief, State]:
+        estimator, name = self.compiled.estimators[index], self.study.estimators[index].name
         seeds = self.noise.seeds(unit, group, name) if estimator.is_random else None
-        return belief, estimator.init(mean, self.compiled.first_variance(process), seeds)
+        belief = estimator.belief(believed.constants, believed.process_noise, believed.measurement_noise)
+        variance = self.compiled.first_variance(believed.process_noise)
+        return belief, estimator.init(believed.first, variance, seeds)
 
     def inputs(
         self, index: int, drive: int, batch: Batch, believed: RunParameters

@@ -20,7 +20,7 @@ from harness.common.arrays import Floats
 from harness.diagnosis.criteria import ALIKE, HOPEFUL, HORIZONS, PRIORS, SAME, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
-from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.posterior import (
@@ -244,6 +244,9 @@ def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added
             for c in [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models][:TRIED]:
                 other = (*rest, c.hypothesis)
                 open_[frozenset(other)] = other, partial(fits.start, base, c.score)
+        for many in _all_at_once(rounds, h, rest):
+            other = (*(k for k in rest if not set(k.amplitudes) <= set(many.amplitudes)), many)
+            open_[frozenset(other)] = other, partial(replace, base)  # where the single one is, which explains most
     new = [model for key, model in open_.items() if key not in fits.models]
     if new:
         fits.say("fitting what may stand in the place of what was found")
@@ -261,6 +264,18 @@ def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added, lost: float)
         if p.kind == "parameter" and (its := _tried(p, rounds)) is not None:
             found.append([c for c in _like(*its, rest) if c.hypothesis.kind == "parameter"])
     return found
+
+
+def _all_at_once(rounds: Sequence[Round], h: Hypothesis, rest: Added) -> list[Hypothesis]:
+    """Return all parameters at once, if an addition is an effect of the vehicle beside a single one.
+
+    Of several wrong parameters one may explain nearly all, and an effect the rest; a round that one explains fits no
+    others with it.
+    """
+    of_vehicle = h.kind == "effect" and not h.clock and not h.random
+    if not of_vehicle or not any(p.kind == "parameter" and not p.many for p in rest):
+        return []
+    return list(dict.fromkeys(c.hypothesis for c in rounds[0].candidates if c.hypothesis.name == ALL_PARAMETERS))
 
 
 def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Candidate]:
