@@ -34,10 +34,10 @@ from harness.config.bounds import settled
 RUNS_PER_UNIT = 64
 """Most runs of a unit of a design that is not large."""
 
-LARGEST_UNIT = 1024
+LARGEST_UNIT = 2048
 """Most runs of a unit of a large design, so that a million runs are not a million files."""
 
-MANY_UNITS = 1024
+MANY_UNITS = 512
 """Units of a design above which units grow."""
 
 

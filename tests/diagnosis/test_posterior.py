@@ -357,3 +357,7 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     assert found({alone: 0.1, frozenset([many]): 0.3}, lag) == {lag}  # was not fitted: it resembles whatever is missing
     rounds[0].candidates[1].fitted = many
     assert found({alone: 0.1, frozenset([many]): 0.3}, lag) == {many}
+    rounds[:] = [tried(mass, many), tried(gain)]  # one explained nearly all: the round fitted no others with it
+    assert found({frozenset([gain, mass]): 0.1, frozenset([many]): 0.3}, mass, gain) == {many}
+    rounds[:] = [tried(mass, many), tried(late)]
+    assert found({frozenset([late, mass]): 0.1, frozenset([many]): 0.3}, mass, late) == {late, mass}

@@ -185,6 +185,7 @@ def test_lanes_replace_values_and_scale_noise_on_the_side_that_varies(study):
 @pytest.mark.parametrize("largest", [1, 3, 7, 64, 10_000])
 def test_units_cover_every_run_once_and_in_order(study, largest, monkeypatch):
     monkeypatch.setattr("harness.study.design.RUNS_PER_UNIT", largest)
+    monkeypatch.setattr("harness.study.design.MANY_UNITS", 10_000)  # else units of so few runs grow
     for index, design in enumerate(study.designs):
         found = units(study, design)
         assert found == sorted(found)
@@ -205,15 +206,15 @@ def test_units_cover_every_run_once_and_in_order(study, largest, monkeypatch):
 def test_repeats_of_a_sample_stay_together_where_they_fit(study):
     design = study.design("tyres")
     assert all(u.repeats == slice(0, 5) for u in units(study, design))
-    assert unit_shape(study, dataclasses.replace(design, repeats=200)) == (1, 50)
+    assert unit_shape(study, dataclasses.replace(design, repeats=100)) == (1, 50)
 
 
 @pytest.mark.parametrize(
-    ("repeats", "runs"), [(1_000, 50), (10_000, 64), (100_000, 256), (1_000_000, 1024), (100_000_000, 1024)]
+    ("repeats", "runs"), [(1_000, 50), (10_000, 64), (100_000, 512), (1_000_000, 2048), (100_000_000, 2048)]
 )
 def test_units_of_many_runs_are_larger(study, repeats, runs):
     samples, of_repeats = unit_shape(study, dataclasses.replace(study.design("tyres"), repeats=repeats))
-    assert 0.75 * runs <= samples * of_repeats <= 1024
+    assert 0.75 * runs <= samples * of_repeats <= 2048
 
 
 def test_units_are_even(study):

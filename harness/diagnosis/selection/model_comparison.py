@@ -272,7 +272,7 @@ def _all_at_once(rounds: Sequence[Round], h: Hypothesis, rest: Added) -> list[Hy
     Of several wrong parameters one may explain nearly all, and an effect the rest; a round that one explains fits no
     others with it.
     """
-    of_vehicle = h.kind == "effect" and not h.clock and not h.random
+    of_vehicle = h.kind == "effect" and not h.of_recording
     if not of_vehicle or not any(p.kind == "parameter" and not p.many for p in rest):
         return []
     return list(dict.fromkeys(c.hypothesis for c in rounds[0].candidates if c.hypothesis.name == ALL_PARAMETERS))
