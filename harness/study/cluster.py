@@ -26,6 +26,7 @@ from rich.text import Text
 
 from harness.common import components
 from harness.common.errors import ModelError, UserError, WorkError
+from harness.common.process import keep_freed_memory
 from harness.common.sources import has_file
 from harness.config import Study
 from harness.study import sealed_root
@@ -283,6 +284,7 @@ def _open(study: Study, there: _There) -> tuple[StudyEvaluator, Store]:
     key = study.hash, folder
     with _opening:
         if key not in _opened:
+            keep_freed_memory()
             components.take_over(there.components)
             _refuse_other_code(f"worker on {platform.node()}", there.expected, code_state(study))
             if not sealed_root.is_there(folder / STORE):

@@ -1,9 +1,13 @@
 """Counts of the operating system, and that the package needs no Unix."""
 
 import gc
+import os
+import platform
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 from harness.common import process
 
@@ -47,3 +51,28 @@ def test_switches_are_counted():
 def test_every_module_imports_where_the_unix_modules_are_absent():
     done = subprocess.run([sys.executable, "-c", WITHOUT_UNIX], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+FAULTS = """
+import resource, sys
+import numpy as np
+from harness.common.process import keep_freed_memory
+if sys.argv[1] == "kept":
+    keep_freed_memory()
+np.ones(2**17)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(100):
+    np.ones(2**17)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the limits are those of the GNU C library")
+def test_a_worker_that_dask_started_does_not_map_its_arrays_anew():
+    limited = {**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536"}
+
+    def faults(how):
+        command = [sys.executable, "-c", FAULTS, how]
+        return int(subprocess.run(command, cwd=ROOT, env=limited, capture_output=True, text=True, check=True).stdout)
+
+    assert faults("kept") < 0.1 * faults("as it is")
