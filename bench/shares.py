@@ -2,9 +2,8 @@
 
 Two studies (the mass study and the joint study of all factors) and a trace (two drives of the semitrailer in a
 crosswind, from the blind plant), from their start to their reports, each in a process of its own, on one core with
-kernels in the cache. The profiler says where
-time goes; as it slows Python down and kernels not, the total is that of a run without it: kernels count as they are,
-all else shares the rest as the profiler has it.
+kernels in the cache. The profiler says where time goes; as it slows Python down and kernels not, the total is that of a
+run without it: kernels count as they are, all else shares the rest as the profiler has it.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import sys
 from typing import Any
@@ -28,6 +27,8 @@ def keep_freed_memory() -> None:
     Dask starts its workers with such a limit, so that every array above 128 KiB is mapped anew and its pages cleared:
     a third of what batches of short runs take. Nothing is done where the C library is another one.
     """
+    import ctypes  # the start of a command does without
+
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, TypeError, AttributeError):

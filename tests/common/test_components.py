@@ -1,5 +1,6 @@
 """Components from outside: found by three ways, refused twice, imported late, with signals and axles of their own."""
 
+import os
 import subprocess
 import sys
 import types
@@ -228,3 +229,25 @@ def test_importing_the_harness_scans_nothing():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"numba", "numpy", "sympy"} & set(eval(done.stdout))
+
+
+def test_a_folder_that_was_listed_shows_what_comes_into_it_later(tmp_path, monkeypatch):
+    """A listing is kept while the folder's time of change stands; a folder in it may become a package without one."""
+    folder = project(tmp_path / "project", {"vehicles/sleeper.py": TINY}) / "vehicles"
+    monkeypatch.chdir(folder.parent)
+
+    def listed():
+        os.utime(folder, (1e9, 1e9))  # long ago
+        return {c.name for c in VEHICLES.components().values() if c.origin != components.OURS}
+
+    assert listed() == {"sleeper"}
+    reads, read = [], components._read_folder
+    monkeypatch.setattr(components, "_read_folder", lambda *key: (reads.append(key), read(*key))[1])
+    assert listed() == {"sleeper"}
+    assert not reads
+    (folder / "walker").mkdir()
+    os.utime(folder, (1.1e9, 1.1e9))
+    assert {c.name for c in VEHICLES.components().values() if c.origin != components.OURS} == {"sleeper"}
+    (folder / "walker" / "__init__.py").write_text(TINY, encoding="utf-8")
+    os.utime(folder, (1.1e9, 1.1e9))  # as it was
+    assert "walker" in VEHICLES.components()
