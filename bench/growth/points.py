@@ -53,7 +53,7 @@ def filtered(kind: str = "ekf", **size: Any) -> Point:
 
 def shared(workers: int) -> Point:
     """Measure so many threads at the same pieces of work, by the clock."""
-    work = _work("ukf", samples=2000)
+    work = _work("ukf", samples=20_000)  # long enough beside the start of the threads
 
     def together() -> None:
         joblib.Parallel(n_jobs=workers, backend="threading")(joblib.delayed(work)() for _ in range(TASKS))

@@ -49,15 +49,17 @@ from typing import Any
 
 import numba
 import numpy as np
+import sympy
 from numba.core.dispatcher import Dispatcher
 from numba.extending import _Intrinsic
 
 from harness.common.arrays import batches
-from harness.common.cache import cache_folder
+from harness.common.cache import cache_folder, kept
 from harness.common.errors import ModelError, UserError
 from harness.common.sources import digest, is_own
 from harness.engine import kernel_names
 from harness.engine.codegen.derivatives import Equations, derive
+from harness.engine.codegen.identity import identity
 from harness.engine.codegen.integrators import sampled
 from harness.engine.codegen.printer import constants_kernel, kernel, matrix, vector
 from harness.engine.kernel_source import JIT, Kernel, kernel_source
@@ -226,11 +228,11 @@ class CompiledModel:
         duals: Whether the kernels run over dual numbers.
     """
 
-    def __init__(self, model: Model, equations_: Equations, kernels: ModuleType, step: float) -> None:
-        self.model, self.equations, self.kernels, self.step_size = model, equations_, kernels, step
-        self.signal_names = tuple(equations_.signals)
+    def __init__(self, model: Model, kernels: ModuleType, step: float, signals: Sequence[str]) -> None:
+        self.model, self.kernels, self.step_size = model, kernels, step
+        self.signal_names = tuple(dict.fromkeys(signals))
         self.nx, self.nu, self.ny = len(model.states), len(model.inputs), len(model.outputs)
-        self.nc, self.nw = max(1, len(equations_.constants) + len(model.flags)), int(kernels.NW)
+        self.nc, self.nw = max(1, int(kernels.CONSTANTS) + len(model.flags)), int(kernels.NW)
         self.lanes = int(kernels.LANES)
         self.duals = self.lanes == dual.LANES
         names = model.parameter_names
@@ -255,7 +257,7 @@ class CompiledModel:
         c = np.zeros((len(given), self.nc, self.lanes))
         self.kernels.constants(given, c)
         in_force = self._in_force(given)
-        for i, columns in enumerate(self._of_flag, len(self.equations.constants)):
+        for i, columns in enumerate(self._of_flag, int(self.kernels.CONSTANTS)):
             c[:, i] = np.any(in_force[:, columns], axis=1, keepdims=True)
         return c[0] if np.ndim(parameters) == 2 else c
 
@@ -296,14 +298,14 @@ def compile_model(
         raise UserError(f"unknown integrator '{integrator}'; there are: {', '.join(INTEGRATORS)}")
     if model.discrete:
         integrator, substeps = "euler", 1
-    eqs, source = _written(model, signals, parameters, jacobians, step, integrator, substeps)
+    source = _source(model, signals, parameters, jacobians, step, integrator, substeps)
     if duals:
         source = over_duals(source)
-    return CompiledModel(model, eqs, load_source(f"model_{model.name.replace('+', '_')}", source), step)
+    return CompiledModel(model, load_source(f"model_{model.name.replace('+', '_')}", source), step, signals)
 
 
 @functools.lru_cache(maxsize=8)
-def _written(
+def _source(
     model: Model,
     signals: tuple[str, ...],
     parameters: tuple[str, ...],
@@ -311,10 +313,17 @@ def _written(
     step: float,
     integrator: str,
     substeps: int,
-) -> tuple[Equations, str]:
-    """Return equations and source, which are the same for kernels over lanes and over duals."""
-    eqs = derive(model, signals, parameters, jacobians)
-    return eqs, model_source(eqs, step, integrator, substeps, jacobians)
+) -> str:
+    """Return the source, which is the same for kernels over lanes and over duals, kept from earlier processes."""
+
+    def derived() -> str:
+        return model_source(derive(model, signals, parameters, jacobians), step, integrator, substeps, jacobians)
+
+    name = identity(model)
+    if name is None:
+        return derived()
+    wanted = (sympy.__version__, digest([sys.modules[__name__]]), signals, parameters, jacobians, step)
+    return kept("kernels", f"{wanted} {integrator} {substeps}\n{name}", lambda: derived().encode()).decode()
 
 
 def _seen(eqs: Equations) -> list[list[int]]:
@@ -335,7 +344,7 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
 
     parts = [
         HEADER,
-        f"NX, NU, NY, NS, NW = {nx}, {nu}, {ny}, {len(eqs.signals)}, {ahead.work}",
+        f"NX, NU, NY, NS, NW, CONSTANTS = {nx}, {nu}, {ny}, {len(eqs.signals)}, {ahead.work}, {len(eqs.constants)}",
         *when(lambda: f"OUTPUTS_ARE_LINEAR, LEADING = {eqs.outputs_are_linear}, {ahead.leading}"),
         *when(lambda: f"SEEN_STATES = np.array({_seen(eqs)})"),
         constants_kernel(eqs),

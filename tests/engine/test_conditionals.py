@@ -64,7 +64,7 @@ def skipped(state: str, amplitudes) -> bool:
 def test_flags_say_which_effects_are_in_force(models) -> None:
     model = models[1]
     p = values(model.model, np.random.default_rng(1), ("crosswind_moment",))
-    flags = model.constants(p)[len(model.equations.constants) :]
+    flags = model.constants(p)[model.kernels.CONSTANTS :]
     there = {name for name, row in zip(model.model.flags, flags, strict=True) if row.any()}
     assert there == {"has_crosswind"}
 
