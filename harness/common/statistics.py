@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import gammaincinv, ndtri
 
 from harness.common.arrays import Floats
 
@@ -151,7 +151,7 @@ def _interval_of_large_sample(data: Floats, sizes: tuple[int, ...], level: float
     starts = np.cumsum((0, *sizes[:-1]))
     below = np.add.reduceat(data <= median, starts, dtype=np.int64)
     spread = float(np.sqrt(np.sum(below * (1.0 - below / np.array(sizes)))))
-    reach = float(stats.norm.ppf(0.5 + level / 2.0)) * spread
+    reach = float(ndtri(0.5 + level / 2.0)) * spread
     ranks = np.clip([(data.size - 1) / 2.0 - reach, (data.size - 1) / 2.0 + reach], 0, data.size - 1)
     lower, upper = (int(np.floor(ranks[0])), int(np.ceil(ranks[1])))
     ordered = np.partition(data, (lower, upper))
@@ -190,9 +190,12 @@ def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None
     if finite.size == 0:
         return Comparison(0, interval, np.nan, np.nan)
     wins = float(np.mean(finite < 0.0))
-    # Without a single difference the test statistic is undefined; there is then no evidence at all.
-    result: Any = stats.wilcoxon(finite) if np.any(finite != 0.0) else None
-    return Comparison(finite.size, interval, wins, 1.0 if result is None else float(result.pvalue))
+    if not np.any(finite != 0.0):  # the test statistic is undefined; there is no evidence at all
+        return Comparison(finite.size, interval, wins, 1.0)
+    from scipy.stats import wilcoxon  # takes longer to import than a report of one estimator to write
+
+    result: Any = wilcoxon(finite)
+    return Comparison(finite.size, interval, wins, float(result.pvalue))
 
 
 def median_ratio(
@@ -300,7 +303,7 @@ def average_bounds(dimension: float, count: float, level: float = 0.95) -> tuple
         return np.nan, np.nan
     tail = (1.0 - level) / 2.0
     freedom = count * dimension
-    lower, upper = (float(stats.chi2.ppf(p, freedom)) / count for p in (tail, 1.0 - tail))
+    lower, upper = (2.0 * float(gammaincinv(freedom / 2.0, p)) / count for p in (tail, 1.0 - tail))
     return lower, upper
 
 

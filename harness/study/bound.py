@@ -14,29 +14,24 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged, write_files
+from harness.common.files import write_files
 from harness.engine.simd.lanes import LANES
 from harness.estimation.information import smallest_covariance
+from harness.study.bound_file import FILE, Bounds, content_of
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.known_runs import KnownRuns
 from harness.study.smoothed import smoothed_rmse
 
-FILE = "bound.json"
-
-Bounds = dict[str, dict[str, list[float | None]]]
-"""Smallest RMSE in SI units by design, target and band; ``None`` where there is none."""
-
 
 def write(evaluator: StudyEvaluator, folder: Path) -> None:
     """Compute the bounds of a study and write them beside its scores, where they are not there yet."""
-    kept = _stored(folder)
+    kept = content_of(folder)
     if kept.get("study_hash") != evaluator.study.hash or "smoothed" not in kept:
         content = {
             "study_hash": evaluator.study.hash,
@@ -44,28 +39,6 @@ def write(evaluator: StudyEvaluator, folder: Path) -> None:
             "smoothed": of_study(evaluator, smoothed_rmse),
         }
         write_files(folder, {FILE: json.dumps(content, indent=1) + "\n"})
-
-
-def read(folder: Path, study_hash: str, what: Literal["rmse", "smoothed"] = "rmse") -> Bounds:
-    """Return the bounds in a result folder, or what the smoother reaches; none if nothing was written of this study.
-
-    Raises:
-        UserError: If the file is damaged.
-    """
-    kept = _stored(folder)
-    found: Bounds = kept.get(what, {}) if kept.get("study_hash") == study_hash else {}
-    return found
-
-
-def _stored(folder: Path) -> dict[str, Any]:
-    path = folder / FILE
-    if not path.is_file():
-        return {}
-    with told_as_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(found, dict) or not isinstance(found.get("rmse"), dict):
-            raise ValueError("holds no table 'rmse'")
-        return found
 
 
 def of_study(evaluator: StudyEvaluator, rmse_of: Callable[[StudyEvaluator, Unit], Floats]) -> Bounds:

@@ -19,7 +19,7 @@ from harness.common.files import told_as_damaged
 from harness.common.places import is_url, reached, zarr_store
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
-from harness.study import bound, sealed_root
+from harness.study import bound_file, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
 from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
 
@@ -270,8 +270,8 @@ class StudyResults:
     designs: list[Design]
     histories: list[xr.Dataset]
     run: dict[str, Any] = field(default_factory=dict)
-    bounds: bound.Bounds = field(default_factory=dict)
-    smoothed: bound.Bounds = field(default_factory=dict)
+    bounds: bound_file.Bounds = field(default_factory=dict)
+    smoothed: bound_file.Bounds = field(default_factory=dict)
 
     @property
     def is_verifiable(self) -> bool:
@@ -360,7 +360,7 @@ def _read(directory: Path) -> StudyResults:
         ) from error
     attributes["study"] = root.attrs.get("study", "")
     hashed = str(attributes.get("study_hash", ""))
-    at_best = bound.read(directory, hashed), bound.read(directory, hashed, "smoothed")
+    at_best = bound_file.read(directory, hashed), bound_file.read(directory, hashed, "smoothed")
     return StudyResults(directory, attributes, designs, histories, _record_of_run(directory / "run.json"), *at_best)
 
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
@@ -154,4 +153,6 @@ def over_drives(scores: Floats) -> Floats:
 
 def ranks(values: ArrayLike) -> Floats:
     """Return the ranks of values, ties shared: what remains of an outcome when only its order counts."""
-    return np.asarray(stats.rankdata(values), dtype=np.float64)
+    from scipy.stats import rankdata  # only designs with indices need what takes long to import
+
+    return np.asarray(rankdata(values), dtype=np.float64)

@@ -8,7 +8,7 @@ import pytest
 from harness.common.errors import UserError
 from harness.config import build_study
 from harness.estimation.information import smallest_covariance
-from harness.study import bound, smoothed
+from harness.study import bound, bound_file, smoothed
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.known_runs import KnownRuns
@@ -111,16 +111,16 @@ def test_what_the_smoother_reaches_is_below_the_bound_of_filters(study):
 
 def test_a_report_shows_it_and_a_run_keeps_it(study, tmp_path):
     run_study(study, tmp_path, jobs=1)
-    kept = json.loads((tmp_path / bound.FILE).read_text())
+    kept = json.loads((tmp_path / bound_file.FILE).read_text())
     store = read(tmp_path)
     assert store.bounds["one"]["example_state"] == kept["rmse"]["one"]["example_state"]
     assert store.smoothed["one"]["example_state"] == kept["smoothed"]["one"]["example_state"]
     write_report(Analysis(store))
     assert "Dotted: a smoother" in (tmp_path / "report.html").read_text()
     assert "posterior Cramér" in (tmp_path / "report.html").read_text()
-    (tmp_path / bound.FILE).write_text(json.dumps({**kept, "study_hash": "another"}))
+    (tmp_path / bound_file.FILE).write_text(json.dumps({**kept, "study_hash": "another"}))
     assert (read(tmp_path).bounds, read(tmp_path).smoothed) == ({}, {})
-    (tmp_path / bound.FILE).write_text("{")
+    (tmp_path / bound_file.FILE).write_text("{")
     with pytest.raises(UserError, match=r"bound\.json"):
         read(tmp_path)
 

@@ -1,0 +1,41 @@
+"""The smallest errors possible as they stand beside the scores of a study; ``harness.study.bound`` computes them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+from harness.common.files import told_as_damaged
+
+FILE = "bound.json"
+
+Bounds = dict[str, dict[str, list[float | None]]]
+"""Smallest RMSE in SI units by design, target and band; ``None`` where there is none."""
+
+
+def read(folder: Path, study_hash: str, what: Literal["rmse", "smoothed"] = "rmse") -> Bounds:
+    """Return the bounds in a result folder, or what the smoother reaches; none if nothing was written of this study.
+
+    Raises:
+        UserError: If the file is damaged.
+    """
+    kept = content_of(folder)
+    found: Bounds = kept.get(what, {}) if kept.get("study_hash") == study_hash else {}
+    return found
+
+
+def content_of(folder: Path) -> dict[str, Any]:
+    """Return all that stands in the file of a result folder; nothing if there is none.
+
+    Raises:
+        UserError: If the file is damaged.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        return {}
+    with told_as_damaged(path, "JSON text", "delete it: 'harness run' computes it again"):
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(found, dict) or not isinstance(found.get("rmse"), dict):
+            raise ValueError("holds no table 'rmse'")
+        return found
