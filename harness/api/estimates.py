@@ -27,7 +27,7 @@ def estimate(
     *,
     signals: Sequence[str] = (),
     references: Mapping[str, str] | None = None,
-    inputs: Literal["joined", "held"] | None = None,
+    inputs: Literal["joined", "held"] = "joined",
     seed: int = 0,
     jobs: int | None = None,
 ) -> Estimates:
@@ -40,7 +40,7 @@ def estimate(
         estimators: Kind or estimator by its name in tables and figures; without names, one of them or a list.
         signals: Ports and inputs to estimate beside every state and every measured quantity.
         references: Signal of the recordings by the state or port that it is the reference of, see ``Estimator.run``.
-        inputs: How recorded inputs run between samples, see ``Estimator.run``; by default what fits the first.
+        inputs: How recorded inputs run between samples, see ``Estimator.run``.
         seed: Of estimators that draw random numbers.
         jobs: Threads; all cores by default.
 

@@ -57,7 +57,7 @@ class Estimator:
         *,
         signals: Sequence[str] = (),
         references: Mapping[str, str] | None = None,
-        inputs: Literal["joined", "held"] | None = None,
+        inputs: Literal["joined", "held"] = "joined",
         seed: int = 0,
     ) -> xr.Dataset:
         """Run it over a recording.
@@ -74,7 +74,7 @@ class Estimator:
             references: Signal of the recording by the state or port that it is the reference of; by default a signal of
                 the same name that is not measured, of a simulated recording the exact one.
             inputs: ``joined`` where inputs run straight from sample to sample, as measured ones do, ``held`` where they
-                stay constant behind each, as those of a simulation do; by default what fits the recording.
+                stay constant behind each, as those of a study do.
             seed: Of estimators that draw random numbers.
 
         Returns:
@@ -133,7 +133,7 @@ def believed_on(
     recordings: Sequence[xr.Dataset],
     signals: Sequence[str] = (),
     references: Mapping[str, str] | None = None,
-    inputs: Literal["joined", "held"] | None = None,
+    inputs: Literal["joined", "held"] = "joined",
     jobs: int | None = None,
 ) -> RecordedModel:
     """Return what estimators on recordings believe; measured quantities are estimated beside ``signals`` (internal)."""
@@ -143,5 +143,4 @@ def believed_on(
 
     spec = model.resolved_for(recordings, believed=True, step=step_of(recordings[0]))
     ports = SENSORS.load(spec.sensors).OUTPUTS.values()
-    held: Literal["joined", "held"] = inputs or recordings[0].attrs.get("inputs", "joined")
-    return RecordedModel(spec, [*ports, *signals], held, references, jobs)
+    return RecordedModel(spec, [*ports, *signals], inputs, references, jobs)

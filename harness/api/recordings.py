@@ -24,6 +24,9 @@ _UNEVEN = 1e-3
 def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Sequence[str] = ()) -> xr.Dataset:
     """Simulate one drive.
 
+    Inputs run straight from sample to sample, as those of a driver do and as everything that takes a recording expects;
+    in a study they are held.
+
     Args:
         model: The vehicle.
         drive: What it drives.
@@ -57,12 +60,12 @@ def simulate(model: Model, drive: Drive, seed: int | None = None, signals: Seque
     spec = model.spec
     for signal in signals:
         spec.model().resolve(signal)
-    found = simulate_drive(spec, profile_of(spec, drive.spec), signals, seed)
+    found = simulate_drive(spec, profile_of(spec, drive.spec), signals, seed, held=False)
     inputs = set(spec.model().inputs) - set(spec.model().states)
     outputs = set(spec.model().outputs)
     for name, variable in found.data_vars.items():
         variable.attrs["role"] = "measurement" if name in outputs else "input" if name in inputs else "truth"
-    return found.assign_attrs(name=drive.name, inputs="held")  # constant behind each sample
+    return found.assign_attrs(name=drive.name)
 
 
 def read_recording(

@@ -40,13 +40,15 @@ def simulate(
 ) -> None:
     """Simulate one drive and write it to a file.
 
-    One column per signal, in SI units, under the names that harness list signals shows.
+    One column per signal, in SI units, under the names that harness list signals shows. Inputs run straight from sample
+    to sample and equations are integrated finely, as harness estimate, identify and trace take a recording.
     """
     from harness.api.recordings import simulate as simulated
+    from harness.identification.measured_file import FINE
     from harness.recordings.write import check_target, write_recording
 
     check_target(out)
-    model = model_of(ModelOptions(vehicle, parameters, tyre, effect, sensors, values))
+    model = model_of(ModelOptions(vehicle, parameters, tyre, effect, sensors, values), integrator=FINE)
     recording = simulated(model, drive_of(drive, option), seed, signal or [])
     write_recording(recording, out)
     samples, signals = recording.sizes["time"], len(recording.data_vars)

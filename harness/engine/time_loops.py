@@ -70,23 +70,23 @@ def surprised(info):
     return select((get(info.seen, 0) > 0.0) & ~known, 1.0, 0.0)
 
 
-def simulate(u, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
+def simulate(inputs, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
     """Simulate batches of one drive with process and measurement noise.
 
-    The arguments are those of ``simulate_batch``, all but ``u``, ``limits`` and ``needed`` with an axis of batches in
-    front.
+    The arguments are those of ``simulate_batch``, all but ``inputs``, ``limits`` and ``needed`` with an axis of batches
+    in front.
     """
     for b in range(noise.shape[0]):
         simulate_batch(
-            u, c[b], deviation_x[b], deviation_y[b], limits, needed, x0[b], noise[b], truth[b], y[b], left_at[b]
+            inputs, c[b], deviation_x[b], deviation_y[b], limits, needed, x0[b], noise[b], truth[b], y[b], left_at[b]
         )
 
 
-def simulate_batch(u, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
+def simulate_batch(inputs, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
     """Simulate a batch with process and measurement noise.
 
     Args:
-        u: Inputs ``(samples, nu, LANES)``.
+        inputs: At the samples and during the step behind each, both ``(samples, nu, LANES)``.
         c: Constants of the plant ``(nc, LANES)``.
         deviation_x: Standard deviation of the process noise per step ``(nx, LANES)``.
         deviation_y: Standard deviation of the measurement noise ``(ny, LANES)``.
@@ -101,7 +101,7 @@ def simulate_batch(u, c, deviation_x, deviation_y, limits, needed, x0, noise, tr
     """
     owned = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
     x, ahead, w = borrowed(owned)
-    u, c, truth, y, noise = borrowed((u, c, truth, y, noise))
+    (u, between), c, truth, y, noise = borrowed((inputs, c, truth, y, noise))
     samples = u.shape[0]
     put(splat(1.0 * samples), left_at, 0)
     for i in range(NX):
@@ -114,7 +114,7 @@ def simulate_batch(u, c, deviation_x, deviation_y, limits, needed, x0, noise, tr
         left = get(left_at, 0)
         bad = (outside(x, limits) > 0.0) | (undefined(truth[k], needed) > 0.0)
         put(select(bad & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
-        next_state(x, u[k], c, ahead, w)
+        next_state(x, between[k], c, ahead, w)
         for i in range(NX):
             put(get(ahead, i) + get(deviation_x, i) * get(noise, k, i), x, i)
     retain(owned)

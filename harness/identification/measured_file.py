@@ -48,6 +48,9 @@ from harness.recordings.road_bank_map import with_bank
 SHORTEST = 20.0
 """s; shorter drives depend as much on the first state as on the vehicle."""
 
+FINE = "rk4"
+"""How equations are integrated over recordings."""
+
 FINEST = 0.01
 """s; longest integration step: errors of integration look like a lag of the steering."""
 
@@ -64,7 +67,7 @@ def finely(table: Mapping[str, Any], step: float, where: str) -> ModelSpec:
     Raises:
         UserError: If there cannot be such a model.
     """
-    fine = {"integrator": "rk4", "substeps": math.ceil(step / FINEST)}
+    fine = {"integrator": FINE, "substeps": math.ceil(step / FINEST)}
     return resolve_single({**fine, **table, "step": step}, where)
 
 

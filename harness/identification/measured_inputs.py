@@ -20,6 +20,7 @@ from harness.config import InputSignal
 from harness.models.assembly.assemble import Model
 from harness.recordings.causal_filter import filtered
 from harness.recordings.kinematic_smoother import smoothed
+from harness.simulation.simulate import halfway
 
 Between = Literal["held", "joined"]
 """How an input goes on behind a sample: held as in a simulation, or straight to the next one, as what was measured.
@@ -111,7 +112,7 @@ def inputs_of(
             if source not in known:
                 known[source] = _known(values, step, recordings.updated(recording, source), signal)
             values = known[source].rate if name in model.rates else known[source].value
-            at[:, i], behind[:, i] = values, _halfway(values)
+            at[:, i], behind[:, i] = values, halfway(values)
             if between == "held":
                 at[:, i] = behind[:, i] = behind[:, i] if name in model.rates else values
             continue
@@ -119,23 +120,16 @@ def inputs_of(
             difference = np.diff(values) / step
             at[:, i] = behind[:, i] = np.append(difference, difference[-1:])
             if between == "joined":  # constant over the step behind a sample; at the sample the mean of both sides
-                at[1:, i] = _halfway(at[:, i])[:-1]
+                at[1:, i] = halfway(at[:, i])[:-1]
         else:
             at[:, i] = values
-            behind[:, i] = values if between == "held" else _halfway(values)
+            behind[:, i] = values if between == "held" else halfway(values)
     return Inputs(at, behind, _errors(model, known, signal == "measured"))
 
 
 def measured(recording: xr.Dataset, signal: str) -> bool:
     """Whether a signal was measured, or computed from what was, and not written by a simulation, which knows it."""
     return "derived" in recording[signal].attrs
-
-
-def _halfway(values: Floats) -> Floats:
-    """Return the mean of each sample and the next; the last one as it is."""
-    found = values.copy()
-    found[:-1] = 0.5 * (values[:-1] + values[1:])
-    return found
 
 
 @dataclass(frozen=True)

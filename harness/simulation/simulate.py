@@ -67,6 +67,7 @@ class Simulator:
         variance_y: Floats,
         noise: Floats,
         x0: Floats,
+        between: Floats | None = None,
     ) -> Batch:
         """Simulate ``LANES`` runs, or several batches of them: then all but the inputs have their axis in front.
 
@@ -77,13 +78,14 @@ class Simulator:
             variance_y: Measurement noise per sample, ``(ny, LANES)``.
             noise: Standard normal numbers, ``(samples, nx + ny, LANES)``.
             x0: First state, ``(nx, LANES)``.
+            between: Inputs during the step behind each sample, ``(samples, nu, LANES)``; by default the sample's.
         """
         samples, lead = inputs.shape[0], noise.shape[:-3]
         truth = np.empty((*lead, samples, len(self.compiled.signal_names), LANES))
         y = np.empty((*lead, samples, self.compiled.ny, LANES))
         left = np.empty((*lead, LANES))
         self.loop(
-            inputs,
+            (inputs, inputs if between is None else between),
             batches(constants, 2),
             batches(np.sqrt(variance_x), 2),
             batches(np.sqrt(variance_y), 2),
@@ -127,6 +129,29 @@ def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -
     return np.column_stack([known[n] for n in names]) if names else np.empty((len(profile.time), 0))
 
 
+def straight(table: Floats, model: Model) -> tuple[Floats, Floats]:
+    """Return inputs that run straight from sample to sample: at the samples and during the step behind each.
+
+    Args:
+        table: From ``input_table`` ``(samples, nu)``: rates are forward differences, those of the step behind a sample.
+        model: Whose inputs they are.
+    """
+    at, behind = table.copy(), table.copy()
+    for i, name in enumerate(model.inputs):
+        if name in model.rates:  # constant over the step behind a sample; at the sample the mean of both sides
+            at[1:, i] = halfway(table[:, i])[:-1]
+        else:
+            behind[:, i] = halfway(table[:, i])
+    return at, behind
+
+
+def halfway(values: Floats) -> Floats:
+    """Return the mean of each sample and the next; the last one as it is."""
+    found = values.copy()
+    found[:-1] = 0.5 * (values[:-1] + values[1:])
+    return found
+
+
 def first_state(model: Model, parameters: Floats, profile: Profile) -> Floats:
     """Return where a model starts, ``(nx, LANES)``: zero but for its ``start``.
 
@@ -153,7 +178,7 @@ def in_lanes(table: Floats) -> Floats:
 
 
 def simulate_drive(
-    spec: ModelSpec, profile: Profile, signals: Sequence[str] = (), seed: int | None = None
+    spec: ModelSpec, profile: Profile, signals: Sequence[str] = (), seed: int | None = None, held: bool = True
 ) -> xr.Dataset:
     """Simulate one drive and return it as a recording.
 
@@ -162,6 +187,7 @@ def simulate_drive(
         profile: The drive.
         signals: Quantities to record beside states, inputs and measured outputs.
         seed: Seed of process and measurement noise; ``None`` simulates without noise.
+        held: Whether inputs are held behind each sample, as in a study, or run straight to the next one, as a driver's.
 
     Returns:
         Dataset over ``time`` as a logger would have recorded it: inputs and measured outputs under their names, the
@@ -180,6 +206,7 @@ def simulate_drive(
     compiled = compile_model(model, spec.step, spec.integrator, spec.substeps, wanted)
     simulator = Simulator(compiled)
     table = input_table(profile, model)
+    at, between = (table, table) if held else straight(table, model)
     samples = len(table)
     noise = np.zeros((samples, compiled.nx + compiled.ny, LANES))
     if seed is not None:
@@ -188,19 +215,20 @@ def simulate_drive(
     parameters = in_lanes(compiled.parameter_vector(spec.values))
     constants = compiled.constants(parameters)
     batch = simulator.run(
-        in_lanes(table),
+        in_lanes(at),
         constants,
         in_lanes(variances(spec.process_noise, model.states)),
         in_lanes(variances(spec.measurement_noise, outputs)),
         noise,
         first_state(model, parameters, profile),
+        in_lanes(between),
     )
     if batch.left_at[0] < samples:
         raise UserError(
             f"the vehicle leaves the range in which its equations hold at t = {batch.left_at[0] * spec.step:.2f} s "
             f"({', '.join(model.valid)}); choose a calmer drive"
         )
-    columns = {name: table[:, i] for i, name in enumerate(model.inputs) if name not in wanted}
+    columns = {name: at[:, i] for i, name in enumerate(model.inputs) if name not in wanted}
     columns |= {name: batch.measurements[:, i, 0] for i, name in enumerate(outputs)}
     for i, name in enumerate(wanted):
         columns[TRUTH + name if name in outputs or seed is not None else name] = batch.truth[:, i, 0]
