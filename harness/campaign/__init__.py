@@ -3,9 +3,3 @@
 ``results`` reads what the studies wrote, ``evidence`` turns pairs of groups of runs into ratios with intervals and
 judges them, ``claims`` states what the dissertation found as tests on our data, ``report`` writes it down.
 """
-
-from __future__ import annotations
-
-from harness.campaign.report import write_campaign
-
-__all__ = ["write_campaign"]

@@ -16,8 +16,7 @@ from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians
 from harness.common.arrays import Floats
 from harness.common.statistics import Interval
 from harness.models.quantities import words
-from harness.realtime.measure import PACES
-from harness.realtime.outcome import PUBLISHED
+from harness.realtime.outcome import PACES, PUBLISHED
 
 FORCE, ANGLE = "lateral_force_axle_21", "articulation_angle"
 EKF, UKF, NETWORK = "EKF", "UKF", "NARX"

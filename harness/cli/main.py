@@ -204,7 +204,7 @@ def campaign(
     Which estimator, inside which envelope, how often it fails, what drives its error; which findings of the
     dissertation are reproduced.
     """
-    from harness.campaign import write_campaign
+    from harness.campaign.report import write_campaign
 
     refuse_url(results)
     console = Console()

@@ -23,11 +23,11 @@ from harness.engine.kernel_names import Belief, Info, State
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.realtime import timed_loop
 from harness.realtime.one_lane import in_one_lane
+from harness.realtime.outcome import PACES
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case
 
-PACES = ("back to back", "every cycle")
 TURN = 100
 """Steps that an estimator takes without a pause before the next one's turn, so that all meet the same machine."""
 

@@ -16,9 +16,11 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import Study
 from harness.study import checksums
-from harness.study.provenance import code_state, commit, processor
 
 STORE = "times.zarr"
+
+PACES = ("back to back", "every cycle")
+"""How the steps that are timed follow each other."""
 
 QUANTILES = (0.5, 0.999, 1.0)
 """Median, what one step in a thousand exceeds, and the longest."""
@@ -43,6 +45,8 @@ def judge(times: xr.Dataset, study: Study, drive: str) -> xr.Dataset:
         and ``ratio`` over ``(pace, estimator, end)``: median over that of the reference estimator, with its 95 %
         interval (bootstrap over blocks of a second, the same for all estimators).
     """
+    from harness.study.provenance import code_state, commit, processor  # imports what runs estimators
+
     kinds = {e.name: e.kind for e in study.estimators}
     reference = next((name for name, kind in kinds.items() if kind == "ekf"), study.estimators[0].name)
     values, names = times["step_time"].values, list(kinds)

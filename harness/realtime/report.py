@@ -11,8 +11,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from harness.realtime.measure import PACES, TURN
-from harness.realtime.outcome import PUBLISHED, STORE, published_ratio
+from harness.realtime.measure import TURN
+from harness.realtime.outcome import PACES, PUBLISHED, STORE, published_ratio
 from harness.reporting import style
 from harness.reporting.document import (
     Block,

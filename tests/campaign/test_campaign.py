@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.campaign import box, write_campaign
+from harness.campaign import box
 from harness.campaign.answer import Joint, answer
 from harness.campaign.claims import CLAIMS, findings
 from harness.campaign.evidence import Evidence, Verdict, judge, ratio_of_medians, share
 from harness.campaign.on_study import first_page, first_page_of_times
+from harness.campaign.report import write_campaign
 from harness.campaign.results import Results
 from harness.common.errors import UserError
 from harness.common.statistics import Interval

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 import zarr
 
-from harness.realtime.measure import PACES
+from harness.realtime.outcome import PACES
 from harness.realtime.outcome import write as write_times
 from support.joint_study import scores, study_of
 from support.synthetic import design, write

@@ -22,7 +22,8 @@ from harness.common.lock import locked
 from harness.config import Study
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import load_estimator
-from harness.realtime.measure import PACES, contestants, measure
+from harness.realtime.measure import contestants, measure
+from harness.realtime.outcome import PACES
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.report.ranking import Ranking

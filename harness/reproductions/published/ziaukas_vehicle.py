@@ -8,8 +8,7 @@ from harness.campaign.claims import EKF, NETWORK, UKF
 from harness.campaign.evidence import Evidence
 from harness.common.statistics import Interval
 from harness.models.parameters import ziaukas_2023
-from harness.realtime.measure import PACES
-from harness.realtime.outcome import PUBLISHED
+from harness.realtime.outcome import PACES, PUBLISHED
 from harness.reproductions.published import ziaukas_evidence as evidence
 from harness.reproductions.published.record import Record, between, foreign, image, measured, point, setting, statement
 from harness.reproductions.published.results import Stored
