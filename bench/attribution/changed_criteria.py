@@ -61,7 +61,7 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
         ),
     ),
     _odds: ("the odds of a share", ("MOST",)),
-    _below_one: ("the distance from one", ("ALIKE", "SAME", "MASS", "PRIORS.misfit")),
+    _below_one: ("the distance from one", ("SAME", "MASS", "PRIORS.misfit")),
     _count: ("a count, rounded up", ("TRIED", "ROUNDS")),
     _decade: ("a p-value by a decade", ("WHITE",)),
 }

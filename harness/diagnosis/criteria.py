@@ -46,7 +46,8 @@ error may be that of another effect."""
 MOST = 0.5
 """Share that counts as most of something: hypotheses with this share of the largest predicted gain are fitted; a round
 begins again where the model without addition, refitted, reaches this share of the best gain, because its ranking was
-that of a poor fit; a fault of one sensor must take it of its own signal's error, where other signals mask its share."""
+that of a poor fit; what takes over this share of another's gain is tried in its place; a fault of one sensor must take
+it of its own signal's error, where other signals mask its share."""
 
 ERROR_NEEDED = 0.2
 """Share of the simulation error on held-out drives, beyond the noise of sensors and inputs, that an addition must take:
@@ -60,10 +61,6 @@ random process may leave: a road is smoother than a Gauss-Markov process, the mo
 LITTLE = 0.01
 """Share of the excess of the model without additions below which nothing is left to explain either: of a large effect
 the library's form and the vehicle differ by as much."""
-
-ALIKE = 0.9
-"""Cosine of two responses from which hypotheses count as hardly distinguishable: a fifth of the power of one shows
-beside the other."""
 
 SAME = 0.999
 """Cosine of two responses from which the drives cannot tell hypotheses apart at all; only one of them is fitted."""

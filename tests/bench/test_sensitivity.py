@@ -70,7 +70,7 @@ def test_every_number_is_halved_and_doubled_and_stays_what_it_is():
     assert sorted(found) == sorted(f"{n}:{way}" for n in numbers() for way in ("halved", "doubled"))
     assert (found["BIC_NEEDED:halved"], found["BIC_NEEDED:doubled"]) == (25.0, 100.0)
     assert (found["MOST:halved"], found["MOST:doubled"]) == pytest.approx((1 / 3, 2 / 3))
-    assert (found["ALIKE:halved"], found["ALIKE:doubled"]) == pytest.approx((0.95, 0.8))
+    assert (found["MASS:halved"], found["MASS:doubled"]) == pytest.approx((0.95, 0.8))
     assert (found["TRIED:halved"], found["TRIED:doubled"]) == (2, 6)
     assert (found["WHITE:halved"], found["WHITE:doubled"]) == pytest.approx((1e-9, 1e-7))
     assert found["HORIZONS:doubled"] == (0.0, 0.2, 2.0, 20.0, math.inf)

@@ -128,7 +128,7 @@ def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_pa
     roll, gain = candidate("accelerometer_roll", 1, 2900.0, 16.9, 0.09), candidate("gain", 1, 2400.0, 17.0, 0.1)
     found = added(other, roll, gain)
     assert found.added is roll
-    assert found.alike == ("accelerometer_roll", "gain")
+    assert found.best == "accelerometer_roll"
     assert added(other).added is None
     for nothing in (
         candidate("roll", 1, 2900.0, 16.9, 0.11),  # less than half of it

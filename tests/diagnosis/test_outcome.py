@@ -53,7 +53,7 @@ def trace(augmented):
     fitting, fit = fitted(augmented, [train])
     held_out = HeldOut(augmented, [test], first_variances(augmented, [train, test]))
     judged = held_out.judge((), fit.point)
-    last = Round((), judged, None, "nothing promises enough to be fitted", ())
+    last = Round((), judged, None, "nothing promises enough to be fitted", "")
     return Trace(fitting, held_out, FREE, fit, fit, (), (last,), (), judged, judged)
 
 
@@ -180,7 +180,7 @@ def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):
     lag = Hypothesis("steering_lag", "effect", ("steering_lag",))
     score = Score(lag, 60.0, np.ones(1), np.ones(1), 1.0, np.zeros(0), np.zeros((1, 0)), (), True)
     added = Candidate(score, trace.final, 110.0, trace.after)
-    first = Round((added,), trace.before, added, "meets all three criteria", (lag.name,))
+    first = Round((added,), trace.before, added, "meets all three criteria", lag.name)
     dropped = dataclasses.replace(trace, rounds=(first, *trace.rounds), dropped=(lag,))
     text, record = reported(outcome_of(dropped, failures=Failures(tmp_path)), tmp_path)
     assert record["not_made"] == []

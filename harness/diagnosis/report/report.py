@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from functools import partial
 
-from harness.diagnosis.criteria import ALIKE, BIC_NEEDED, ERROR_NEEDED, WHITE
+from harness.diagnosis.criteria import BIC_NEEDED, ERROR_NEEDED, TRIED, WHITE
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS
 from harness.diagnosis.report import (
     figures,
@@ -266,6 +266,6 @@ def _made(outcome: Outcome, command: str) -> list[Block]:
         f"{len(trace.rounds[0].candidates)} hypotheses, {len(trace.fitting.drives)} fitted and "
         f"{len(trace.held_out.drives)} held-out drives, {trace.fitting.samples} fitted values. Nominal parameters "
         f"refitted: {', '.join(words(n) for n in trace.free)}. In the place of each "
-        f"addition up to three hypotheses were fitted of which the cosine of the responses exceeds {ALIKE:g}."
+        f"addition up to {TRIED} more hypotheses were fitted that take over most of its gain."
     )
     return [Heading("How was it made?"), Prose(plain(text)), Listing(command, "sh")]

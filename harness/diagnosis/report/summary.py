@@ -160,7 +160,7 @@ def _rounds(outcome: Outcome) -> list[str]:
         if r.added is not None:
             sentences.append(f"Round {number} added {called(r.added.hypothesis.name)}: it {r.reason}.")
         elif any(c.fitted for c in r.candidates):
-            best = called(r.alike[0])
+            best = called(r.best)
             sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
         else:
             sentences.append(f"Round {number} added nothing: {r.reason}.")

@@ -7,7 +7,6 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 from harness.diagnosis.criteria import (
-    ALIKE,
     BIC_NEEDED,
     ERROR_NEEDED,
     EXCESS,
@@ -54,7 +53,7 @@ class Round:
         before: The model without any of them, on the held-out drives, where it was refitted as its fits do best there.
         added: The one that was added; ``None`` in the last round.
         reason: Why, or why not, in a sentence.
-        alike: Names of what acts like the best or comes near it, itself first.
+        best: Name of what was added, or of what came nearest to it; empty if nothing was fitted.
         hopeful: What was not added, but may be with a further addition.
     """
 
@@ -62,7 +61,7 @@ class Round:
     before: Judgement
     added: Candidate | None
     reason: str
-    alike: tuple[str, ...]
+    best: str
     hopeful: Candidate | None = None
 
 
@@ -76,16 +75,15 @@ def decide(candidates: tuple[Candidate, ...], before: Judgement, room: int) -> R
     """
     tried = [c for c in candidates if c.fitted is not None]
     if not tried:
-        return Round(candidates, before, None, "the score test predicts too little gain for any hypothesis", ())
+        return Round(candidates, before, None, "the score test predicts too little gain for any hypothesis", "")
     best = preferred([c for c in tried if not objections(c, before)])
     hopeful = None if best or room < 2 else next((c for c in tried if passes_except_error(c, before)), None)
     best = best or hopeful or tried[0]
     against = objections(best, before)
     met = "both criteria of a random process" if best.hypothesis.random else "all three criteria"
     reason = "; ".join(against) or f"meets {met}"
-    alike = [c.hypothesis.name for c in candidates if c is not best and _alike(best, c)]
     added = None if against or room < 1 else best
-    return Round(candidates, before, added, reason, (best.hypothesis.name, *alike), hopeful)
+    return Round(candidates, before, added, reason, best.hypothesis.name, hopeful)
 
 
 def with_sensor(found: Round) -> Round:
@@ -94,8 +92,7 @@ def with_sensor(found: Round) -> Round:
     if best is None:
         return found
     reason = "takes away half of the simulation error, or more, of the one signal on which it acts"
-    alike = [c.hypothesis.name for c in found.candidates if c is not best and acts_alike(c.score, best.score)]
-    return Round(found.candidates, found.before, best, reason, (best.hypothesis.name, *alike))
+    return Round(found.candidates, found.before, best, reason, best.hypothesis.name)
 
 
 def clears_its_sensor(c: Candidate, before: Judgement) -> bool:
@@ -126,13 +123,12 @@ def with_further(found: Round, further: Round) -> Round:
     return replace(found, added=found.hopeful, reason=reason)
 
 
-def _alike(best: Candidate, other: Candidate) -> bool:
-    return best.bic - other.bic < BIC_NEEDED or acts_alike(other.score, best.score)
-
-
 def acts_alike(one: Score, other: Score) -> bool:
-    """Whether the drives excite one hypothesis and hardly distinguish it from another."""
-    return one.excited and abs(cosine(one, other)) > ALIKE
+    """Whether the drives excite one hypothesis, and it explains most of what another does.
+
+    Of what a response gains another takes over the squared cosine of the two.
+    """
+    return one.excited and cosine(one, other) ** 2 > MOST
 
 
 def objections(c: Candidate, before: Judgement) -> list[str]:

@@ -165,7 +165,7 @@ class _Search:
                 best = tried.best
                 if not added:
                     self.nominal = min(tried.without, key=lambda f: fits.judge((), f.point).normalised_excess_mse)
-            self.rounds += passed or [Round((), fits.judge(added, best.point), None, self.cut_short, ())]
+            self.rounds += passed or [Round((), fits.judge(added, best.point), None, self.cut_short, "")]
             if self.rounds[-1].added is None:
                 break
             for r in passed:

@@ -17,11 +17,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import ALIKE, HOPEFUL, HORIZONS, PRIORS, SAME, TRIED
+from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, SAME, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
-from harness.diagnosis.selection.acceptance import Candidate, Round
+from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.posterior import (
     Alike,
@@ -286,7 +286,8 @@ def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Cand
     others = [c for c in r.candidates if c.hypothesis not in (own.hypothesis, *rest)]
     others = [c for c in others if not c.hypothesis.parts and c.score.excited]
     angles = {id(c): cosine(c.score, own.score) for c in others}
-    found = [c for c in others if c.fitted or (not c.hypothesis.many and ALIKE < abs(angles[id(c)]) <= SAME)]
+    told_apart = [c for c in others if c.fitted or abs(angles[id(c)]) <= SAME]
+    found = [c for c in told_apart if c.fitted or (not c.hypothesis.many and acts_alike(c.score, own.score))]
 
     def behind(c: Candidate) -> float:
         linear = (1.0 - angles[id(c)] ** 2) * lost
