@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report.how_likely import scaled
@@ -187,6 +188,41 @@ def test_many_parameters_are_not_fitted_where_something_alone_leaves_nothing():
     assert settled(steer, lag)  # a hundredth of the error
     assert not settled(steer, gain)  # a little more than that
     assert not settled()
+
+
+@pytest.mark.parametrize(("reached", "kept"), [(100.3, False), (76.0, False), (70.0, True), (130.0, True)])
+def test_of_two_that_say_the_same_one_stands_for_both_unless_their_fits_differ(reached, kept):
+    """A wrong ratio is a parameter and an effect, and where their fits end was what named one of them."""
+
+    def score(name, kind, *response):
+        return SimpleNamespace(hypothesis=Hypothesis(name, kind, (name,)), response=(np.array(response),), excited=True)
+
+    ratio, error = score("ratio", "parameter", 1.0, 0.0), score("ratio_error", "effect", -2.0, 0.001)
+    backlash = score("backlash", "effect", 1.0, 0.5)
+    shortlist = [ratio, error, backlash]
+    left = {"ratio": 0.1, "ratio_error": 0.1, "backlash": 0.2}
+    selection_round = round_of(left, shortlist, (), 50.0)
+    objectives = {"ratio": 100.0, "ratio_error": reached, "backlash": 100.1}
+
+    def fit(scores, near=None):
+        selection_round.fits |= {s.hypothesis: SimpleNamespace(objective=objectives[s.hypothesis.name]) for s in scores}
+
+    def judged(s):
+        held_out = Judgement(60.0, np.zeros(1), np.array([left[s.hypothesis.name]]), (), None)
+        return SimpleNamespace(
+            score=s, hypothesis=s.hypothesis, bic=1e4 - shortlist.index(s), held_out=held_out,
+            fitted=selection_round.fits.get(s.hypothesis),
+        )  # fmt: skip
+
+    forgotten = []
+    selection_round.candidate_fits.forget = lambda added: forgotten.extend(h.name for h in added)
+    selection_round.fit, selection_round.judged = fit, judged
+    selection_round.taken_back = lambda hypothesis, fitted: None
+    selection_round.fit([ratio])
+    selection_round.fit_like_the_best()
+    assert forgotten == ([] if kept else ["ratio_error"])
+    assert (error.hypothesis in selection_round.fits) == kept
+    assert backlash.hypothesis in selection_round.fits  # acts alike, and these drives tell it apart
 
 
 def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():

@@ -197,13 +197,18 @@ def lookalikes(
     if winner.held_out.normalised_excess_mse < EXCESS or not passes:
         return []
     single = [s for s in promised if s.hypothesis not in tried and not s.hypothesis.many]
-    return [s for s in single if acts_alike(s, winner.score)]
+    return distinct([s for s in single if acts_alike(s, winner.score)])
 
 
 def distinct(scores: Sequence[Score]) -> list[Score]:
-    """Return scores, best first, without those whose response is that of a better one to a thousandth."""
+    """Return scores, best first, without those that are the same as a better one."""
     kept: list[Score] = []
     for s in scores[:12]:
-        if all(abs(cosine(s, k)) < SAME for k in kept):
+        if not any(same(s, k) for k in kept):
             kept.append(s)
     return kept
+
+
+def same(one: Score, other: Score) -> bool:
+    """Whether responses say the same: one hypothesis stands for both, unless more than responses tells them apart."""
+    return abs(cosine(one, other)) > SAME

@@ -62,6 +62,10 @@ class CandidateFits:
             self.models[frozenset(added)] = added, found
         return found
 
+    def forget(self, added: Added) -> None:
+        """Leave a model that was fitted out of what is compared: another one stands for it."""
+        del self.models[frozenset(added)]
+
     def fit_all(
         self, models: Sequence[tuple[Added, Callable[[], Point]]], least: float = -math.inf, base: float = math.inf
     ) -> list[Fitted]:

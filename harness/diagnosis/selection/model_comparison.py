@@ -17,11 +17,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, SAME, TRIED
+from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
-from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike
+from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike, same
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.posterior import (
     Alike,
@@ -220,7 +220,7 @@ def _alike(h: Hypothesis, rounds: Sequence[Round], odds: dict[tuple[str, str], f
         found += [
             o.hypothesis
             for o in r.candidates
-            if o.fitted is None and not o.hypothesis.parts and o.score.excited and abs(cosine(o.score, c.score)) > SAME
+            if o.fitted is None and not o.hypothesis.parts and o.score.excited and same(o.score, c.score)
         ]
     weights = np.exp([odds[k.kind, k.name] for k in found])
     return Alike(tuple(found), tuple(map(float, weights / weights.sum())))
@@ -286,8 +286,8 @@ def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Cand
     others = [c for c in r.candidates if c.hypothesis not in (own.hypothesis, *rest)]
     others = [c for c in others if not c.hypothesis.parts and c.score.excited]
     angles = {id(c): cosine(c.score, own.score) for c in others}
-    told_apart = [c for c in others if c.fitted or abs(angles[id(c)]) <= SAME]
-    found = [c for c in told_apart if c.fitted or (not c.hypothesis.many and acts_alike(c.score, own.score))]
+    told_apart = [c for c in others if not (c.hypothesis.many or same(c.score, own.score))]
+    found = [c for c in others if c.fitted or (c in told_apart and acts_alike(c.score, own.score))]
 
     def behind(c: Candidate) -> float:
         linear = (1.0 - angles[id(c)] ** 2) * lost

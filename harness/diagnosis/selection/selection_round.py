@@ -24,6 +24,7 @@ from harness.diagnosis.selection.acceptance import (
     hardest,
     lookalikes,
     objections,
+    same,
     with_sensor,
 )
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
@@ -163,7 +164,13 @@ class SelectionRound:
         winner = max(tried, key=lambda c: c.bic)
         assert winner.fitted is not None
         start = self.taken_back(winner.hypothesis, winner.fitted)
-        self.fit(lookalikes(winner, self.before, self.promised, self.fits)[:TRIED], start)
+        likes = lookalikes(winner, self.before, self.promised, self.fits)[:TRIED]
+        self.fit(likes, start)
+        for s in likes:
+            between = 2.0 * abs(self.fits[s.hypothesis].objective - winner.fitted.objective)
+            if same(s, winner.score) and between < BIC_NEEDED:  # what is left between them is where fits end
+                del self.fits[s.hypothesis]
+                self.candidate_fits.forget((*self.added, *s.hypothesis.single))
 
     def decided_by_sensor(self, room: int) -> Round:
         """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
