@@ -14,6 +14,7 @@ from harness.diagnosis.criteria import HOPEFUL, PRIORS
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.selection import acceptance
 from harness.diagnosis.selection import model_comparison as comparison
 from harness.diagnosis.selection import posterior as p
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -303,7 +304,8 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     )
     lost = {}
     monkeypatch.setattr(comparison, "losses", lambda fits, added, best: {h: lost.get(h, 0.0) for h in added})
-    monkeypatch.setattr(comparison, "cosine", lambda one, other: 0.95)
+    for module in (comparison, acceptance):
+        monkeypatch.setattr(module, "cosine", lambda one, other: 0.95)
     monkeypatch.setattr(comparison, "_without", lambda fits, point, h, rest: point)
     monkeypatch.setattr(comparison, "replace", lambda point: point)
 
