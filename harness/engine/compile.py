@@ -323,7 +323,9 @@ def _source(
     if name is None:
         return derived()
     wanted = (sympy.__version__, digest([sys.modules[__name__]]), signals, parameters, jacobians, step)
-    return kept("kernels", f"{wanted} {integrator} {substeps}\n{name}", lambda: derived().encode()).decode()
+    # The digest is the same whatever modules are called; the source names those that it imports.
+    key = f"{wanted} {integrator} {substeps}\n{HEADER}\n{name}"
+    return kept("kernels", key, lambda: derived().encode()).decode()
 
 
 def _seen(eqs: Equations) -> list[list[int]]:
