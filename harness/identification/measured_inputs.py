@@ -20,7 +20,7 @@ from harness.config import InputSignal
 from harness.models.assembly.assemble import Model
 from harness.recordings.causal_filter import filtered
 from harness.recordings.kinematic_smoother import smoothed
-from harness.simulation.simulate import halfway
+from harness.simulation.simulate import forward_difference, halfway, joined
 
 Between = Literal["held", "joined"]
 """How an input goes on behind a sample: held as in a simulation, or straight to the next one, as what was measured.
@@ -116,14 +116,9 @@ def inputs_of(
             if between == "held":
                 at[:, i] = behind[:, i] = behind[:, i] if name in model.rates else values
             continue
-        if name in model.rates:
-            difference = np.diff(values) / step
-            at[:, i] = behind[:, i] = np.append(difference, difference[-1:])
-            if between == "joined":  # constant over the step behind a sample; at the sample the mean of both sides
-                at[1:, i] = halfway(at[:, i])[:-1]
-        else:
-            at[:, i] = values
-            behind[:, i] = values if between == "held" else halfway(values)
+        rate = name in model.rates
+        values = forward_difference(values, step) if rate else values
+        at[:, i], behind[:, i] = joined(values, rate) if between == "joined" else (values, values)
     return Inputs(at, behind, _errors(model, known, signal == "measured"))
 
 

@@ -120,8 +120,7 @@ def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -
     }
     for rate, source in rates.items():
         if source in known:
-            difference = np.diff(known[source]) / step
-            known[rate] = np.append(difference, difference[-1:])
+            known[rate] = forward_difference(known[source], step)
     known |= {name: np.full(len(profile.time), np.nan) for name in elsewhere}
     missing = [n for n in names if n not in known]
     if missing:
@@ -136,13 +135,32 @@ def straight(table: Floats, model: Model) -> tuple[Floats, Floats]:
         table: From ``input_table`` ``(samples, nu)``: rates are forward differences, those of the step behind a sample.
         model: Whose inputs they are.
     """
-    at, behind = table.copy(), table.copy()
+    at, behind = np.empty_like(table), np.empty_like(table)
     for i, name in enumerate(model.inputs):
-        if name in model.rates:  # constant over the step behind a sample; at the sample the mean of both sides
-            at[1:, i] = halfway(table[:, i])[:-1]
-        else:
-            behind[:, i] = halfway(table[:, i])
+        at[:, i], behind[:, i] = joined(table[:, i], name in model.rates)
     return at, behind
+
+
+def joined(values: Floats, rate: bool) -> tuple[Floats, Floats]:
+    """Return an exact input that runs straight from sample to sample: at the samples and during the step behind each.
+
+    A rate is constant over the step behind a sample, and at the sample the mean of both sides.
+
+    Args:
+        values: Samples of the input, of a rate its forward differences ``(samples,)``.
+        rate: Whether it is a rate.
+    """
+    if not rate:
+        return values, halfway(values)
+    at = values.copy()
+    at[1:] = halfway(values)[:-1]
+    return at, values
+
+
+def forward_difference(values: Floats, step: float) -> Floats:
+    """Return the rate of a signal over the step behind each sample; behind the last one that of the step before it."""
+    difference = np.diff(values) / step
+    return np.append(difference, difference[-1:])
 
 
 def halfway(values: Floats) -> Floats:
