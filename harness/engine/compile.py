@@ -232,14 +232,17 @@ class CompiledModel:
         self.model, self.kernels, self.step_size = model, kernels, step
         self.signal_names = tuple(dict.fromkeys(signals))
         self.nx, self.nu, self.ny = len(model.states), len(model.inputs), len(model.outputs)
-        self.nc, self.nw = max(1, int(kernels.CONSTANTS) + len(model.flags)), int(kernels.NW)
+        self.nc, self.nw = max(1, int(kernels.CONSTANTS) + len(kernels.CONDITIONS)), int(kernels.NW)
         self.lanes = int(kernels.LANES)
         self.duals = self.lanes == dual.LANES
         names = model.parameter_names
         self._amplitudes = sorted({names.index(n) for of_flag in model.flags.values() for n in of_flag})
         neutral = [model.parameters[row].neutral for row in self._amplitudes]
         self._neutral = np.array([np.nan if value is None else value for value in neutral]).reshape(-1, 1)
-        self._of_flag = [[self._amplitudes.index(names.index(n)) for n in found] for found in model.flags.values()]
+        self._of_condition = [
+            [self._amplitudes.index(names.index(n)) for flag in flags for n in model.flags[flag]]
+            for flags in kernels.CONDITIONS
+        ]
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Return the parameters in the model's order, shape ``(np,)``."""
@@ -257,7 +260,7 @@ class CompiledModel:
         c = np.zeros((len(given), self.nc, self.lanes))
         self.kernels.constants(given, c)
         in_force = self._in_force(given)
-        for i, columns in enumerate(self._of_flag, int(self.kernels.CONSTANTS)):
+        for i, columns in enumerate(self._of_condition, int(self.kernels.CONSTANTS)):
             c[:, i] = np.any(in_force[:, columns], axis=1, keepdims=True)
         return c[0] if np.ndim(parameters) == 2 else c
 
@@ -364,6 +367,7 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
         ),
         *ahead.sources,
     ]
+    parts.insert(1, f"CONDITIONS = {tuple(tuple(sorted(flags)) for flags in eqs.conditions)}")
     if eqs.within:
         considered = [state in eqs.model.considered for state in eqs.model.within]
         vary = [eqs.slope_varies(state) for state in eqs.model.within]

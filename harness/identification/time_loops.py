@@ -104,6 +104,7 @@ def scratchpad():
         np.empty((NW, LANES)),
         np.zeros((NY, NY, plain.LANES)),
         np.zeros((NX, NX, LANES)),
+        np.empty((NY, NX, LANES)),
     )
 
 
@@ -121,7 +122,7 @@ def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
 
     The gain is that of a filter linearised at its prediction.
     """
-    S, factor, x_prior, predicted, H, w, _, P_prior = scratch
+    S, factor, x_prior, predicted, H, w, _, P_prior, V = scratch
     if notes[0].shape[0] > 0:
         next_state(before.mean, u_before, belief.constants, x_prior, w)
         output_jacobian(x_prior, u, belief.constants, predicted, H)
@@ -132,7 +133,35 @@ def note_run(before, after, u_before, u, y, belief, info, scratch, k, notes):
             for i in range(NX):
                 put(get(P_prior, i, i) + get(belief.process_noise, i), P_prior, i, i)
             add_input_errors(P_prior, errors)
-            keep_gain(P_prior, H, errors, y, k, notes)
+            see_errors(P_prior, H, errors, y, notes[3][k], V)
+            keep_gain(V, y, k, notes)
+
+
+def see_errors(P_prior, H, errors, y, whitening, V):
+    """Write the covariance of measurements and state, ``L^-1 (H P + D G')`` over the first lane's factor of theirs.
+
+    Args:
+        P_prior: Covariance of the prediction, with ``G G'`` in it ``(nx, nx, LANES)``.
+        H: Output Jacobian ``(ny, nx, LANES)``.
+        errors: Effect ``G`` of the inputs' errors on the state and ``D`` on the outputs ``(nx + ny, m, LANES)``.
+        y: Measurements ``(ny, LANES)``, NaN where missing.
+        whitening: ``L^-1`` ``(ny, ny)``.
+        V: Written ``(ny, nx, LANES)``, 0 in rows of missing measurements.
+    """
+    for a in range(NY):
+        for i in range(NX):
+            total = splat(0.0)
+            for j in range(NX):
+                total = total + get(P_prior, i, j) * get(H, a, j)
+            for c in range(errors.shape[1]):
+                total = total + get(errors, i, c) * get(errors, NX + a, c)
+            put(select(get(y, a) == get(y, a), total, 0.0), V, a, i)
+    for a in range(NY - 1, -1, -1):
+        for i in range(NX):
+            total = splat(0.0)
+            for b in range(a + 1):
+                total = total + whitening[a, b] * get(V, b, i)
+            put(total, V, a, i)
 
 
 def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
@@ -168,29 +197,21 @@ def keep_first_lane(info, y, H, P, R, S, factor, x, k, notes):
         state[k, i] = x[i, 0]
 
 
-def keep_gain(P_prior, H, errors, y, k, notes):
+def keep_gain(V, y, k, notes):
     """Overwrite the kept gain by that of measurements that see the same errors of the inputs as the prediction.
 
-    It is the covariance of outputs and state ``P H' + G D'`` times the inverse of the innovations' covariance, of
-    which the whitening holds the root. The formula of ``keep_first_lane`` holds for independent noise only.
+    It is their covariance with the state over the Cholesky factor ``L`` of theirs, ``V`` ``(ny, nx, LANES)``, times
+    ``L^-1``. The formula of ``keep_first_lane`` holds for independent noise only.
     """
     whitening, gain = notes[3], notes[4]
     for i in range(NX):
-        for a in range(NY):
-            gain[k, i, a] = 0.0
         for b in range(NY):
             total = 0.0
-            for a in range(b + 1):
-                covariance = 0.0
-                for j in range(NX):
-                    covariance += P_prior[i, j, 0] * H[a, j, 0]
-                for c in range(errors.shape[1]):
-                    covariance += errors[i, c, 0] * errors[NX + a, c, 0]
-                if not np.isnan(y[a, 0]):
-                    total += covariance * whitening[k, b, a]
-            for a in range(b + 1):
-                if not np.isnan(y[a, 0]) and not np.isnan(y[b, 0]):
-                    gain[k, i, a] += total * whitening[k, b, a]
+            if not np.isnan(y[b, 0]):
+                for a in range(b, NY):
+                    if not np.isnan(y[a, 0]):
+                        total += V[a, i, 0] * whitening[k, a, b]
+            gain[k, i, b] = total
 
 
 def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
@@ -202,7 +223,7 @@ def note_slopes(before, after, u_before, u, y, belief, info, scratch, k, notes):
     ``L^-1 de`` and the lower triangle of ``G``, its diagonal over the root of 2, so that the information is the sum
     of products of the rows. Rows of missing measurements are zero.
     """
-    S, factor, _, _, _, _, ratio, _ = scratch
+    S, factor, _, _, _, _, ratio, _, _ = scratch
     factorise(info, y, S, factor)
     row = NY
     for a in range(NY):

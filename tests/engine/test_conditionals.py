@@ -61,19 +61,28 @@ def skipped(state: str, amplitudes) -> bool:
     return any(word in state and owner not in amplitudes for word, owner in owners.items())
 
 
-def test_flags_say_which_effects_are_in_force(models) -> None:
+def test_rows_behind_the_constants_say_which_effects_are_in_force(models) -> None:
     model = models[1]
     p = values(model.model, np.random.default_rng(1), ("crosswind_moment",))
-    flags = model.constants(p)[model.kernels.CONSTANTS :]
-    there = {name for name, row in zip(model.model.flags, flags, strict=True) if row.any()}
-    assert there == {"has_crosswind"}
+    rows = model.constants(p)[model.kernels.CONSTANTS :]
+    assert len(rows) == len(model.kernels.CONDITIONS)
+    for flags, row in zip(model.kernels.CONDITIONS, rows, strict=True):
+        assert (row == ("has_crosswind" in flags)).all()
+    assert ("has_crosswind",) in model.kernels.CONDITIONS
 
 
-def test_what_an_absent_effect_reads_is_computed_under_its_flag_only() -> None:
+def there(condition: frozenset[str]) -> str:
+    return " or ".join(sorted(condition))
+
+
+def test_what_an_absent_effect_reads_is_computed_and_loaded_under_its_flag_only() -> None:
     assignments = {s: sp.sin(a), t: sp.cos(b), g: present(flag, s * t, t)}
-    assert conditionals.lines(assignments, [g], text) == [
+    loads = {a: "get(x, 0)", b: "get(x, 1)"}
+    assert conditionals.lines(assignments, [g], text, loads, there) == [
+        "b = get(x, 1)",
         "t = cos(b)",
-        "if has_one:",
+        "if has_one:  # has_one",
+        "    a = get(x, 0)",
         "    s = sin(a)",
         "    g = s*t",
         "else:",
@@ -81,10 +90,25 @@ def test_what_an_absent_effect_reads_is_computed_under_its_flag_only() -> None:
     ]
 
 
+def test_what_is_read_without_the_effect_is_loaded_there() -> None:
+    assignments = {g: present(flag, a + b, b)}
+    loads = {a: "get(x, 0)", b: "get(x, 1)"}
+    assert conditionals.lines(assignments, [g, a], text, loads, there) == [
+        "if has_one:  # has_one",
+        "    a = get(x, 0)",
+        "    b = get(x, 1)",
+        "    g = a + b",
+        "else:",
+        "    b = get(x, 1)",
+        "    g = b",
+        "a = get(x, 0)",
+    ]
+
+
 def test_one_flag_of_several_suffices() -> None:
     assignments = {s: sp.sin(a), g: present(any_of([other, flag]), s, sp.Integer(1))}
-    lines = conditionals.lines(assignments, [g], text)
-    assert lines[0] == "if has_one or has_other:"
+    lines = conditionals.lines(assignments, [g], text, {}, there)
+    assert lines[0] == "if has_one or has_other:  # has_one or has_other"
     assert lines[-1] == "    g = splat(1.0)"
 
 

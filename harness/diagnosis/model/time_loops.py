@@ -105,7 +105,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         if notes[0].shape[0] > 0:
             keep_first_lane(info, y_now, H, P, R, S, factor, x, k, notes)
             if errors.shape[2] > 0:
-                keep_gain(P_prior, H, errors_now, y_now, k, notes)
+                keep_gain(work[0], y_now, k, notes)
         put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
         left = get(total, 1)
         put(select((beyond(x, valid[0], valid[1]) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)

@@ -67,7 +67,11 @@ class CandidateFits:
         del self.models[frozenset(added)]
 
     def fit_all(
-        self, models: Sequence[tuple[Added, Callable[[], Point]]], least: float = -math.inf, base: float = math.inf
+        self,
+        models: Sequence[tuple[Added, Callable[[], Point]]],
+        least: float = -math.inf,
+        base: float = math.inf,
+        afresh: bool = True,
     ) -> list[Fitted]:
         """Fit models at once, and to the end only those that come near the best of them.
 
@@ -78,13 +82,15 @@ class CandidateFits:
             models: What is added, and what gives the point where its fit starts.
             least: Objective that is reached already.
             base: Objective of the model to which these add; none if they add to no common one.
+            afresh: Whether their noise is sought from far away: it is that of a model that lacks what they add. What
+                begins at the noise of a model with more in it begins low enough.
         """
 
         def further(added: Added, found: Fitted) -> Fitted:
             return self.fit(added, found.point, afresh=False) if best - found.objective < far else found
 
         share = self.augmented.share
-        found = share(lambda model: self.fit(model[0], model[1](), turns=1), models)
+        found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh), models)
         best = max([least, *(f.objective for f in found)])
         far = max(BIC_NEEDED, MOST * (best - base))
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))

@@ -87,9 +87,8 @@ def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fi
         new = {h: rest for h, rest in rests.items() if frozenset(rest) not in fits.models}
         if new:
             fits.say(f"still needed? {listed([h.name.replace('_', ' ') for h in new])}")
-            fits.fit_all(
-                [(rest, partial(_without, fits, best.point, h, rest)) for h, rest in new.items()], best.objective
-            )
+            starts = [(rest, partial(_without, fits, best.point, h, rest)) for h, rest in new.items()]
+            fits.fit_all(starts, best.objective, afresh=False)
         left = ()
         for h, rest in rests.items():
             kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
@@ -250,7 +249,7 @@ def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added
     new = [model for key, model in open_.items() if key not in fits.models]
     if new:
         fits.say("fitting what may stand in the place of what was found")
-        fits.fit_all(new, best.objective)
+        fits.fit_all(new, best.objective, afresh=False)
 
 
 def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added, lost: float) -> list[list[Candidate]]:

@@ -6,7 +6,7 @@ the same condition stand together, so that a kernel branches a few dozen times p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import sympy as sp
 
@@ -35,35 +35,60 @@ def hoisted(expr: sp.Expr, assignments: Assignments, top: bool = False) -> sp.Ex
     return name
 
 
-def lines(assignments: Assignments, roots: Iterable[sp.Expr], text: Callable[[sp.Expr], str]) -> list[str]:
+def lines(
+    assignments: Assignments,
+    roots: Sequence[sp.Expr],
+    text: Callable[[sp.Expr], str],
+    loads: Mapping[sp.Symbol, str],
+    there: Callable[[frozenset[str]], str],
+) -> list[str]:
     """Return assignments, in order of use, as source text with branches.
+
+    What is read under a condition only is loaded there: of a model with many effects there are more numbers than
+    registers, so that what is loaded in front of all branches is stored again at once, read or not.
 
     Args:
         assignments: With every choice an assignment of its own.
         roots: What is read of them afterwards.
         text: Prints an expression.
+        loads: What loads each symbol that is no assignment.
+        there: Gives the test whether one of some flags is set.
     """
     if not any(isinstance(e, present) for e in assignments.values()):
-        return [f"{name} = {text(expr)}" for name, expr in assignments.items()]
+        loaded = _loaded([*assignments.values(), *roots], loads)
+        return loaded + [f"{name} = {text(expr)}" for name, expr in assignments.items()]
     conditions = _conditions(assignments, roots)
     blocks = list(_blocks(assignments, conditions))
     found = [f"{name} = splat(0.0)" for name in _crossing(assignments, conditions, blocks)]
+    left = dict(loads)
+
+    def block(read: Mapping[sp.Symbol, sp.Expr]) -> list[str]:
+        lanes = [f"{n} = {_lane(e, text) if isinstance(assignments[n], present) else text(e)}" for n, e in read.items()]
+        return [*_loaded(read.values(), left), *lanes]
+
     for condition, names in blocks:
-        indent = "    " if condition is not None else ""
-        if condition is not None:
-            found.append(f"if {' or '.join(sorted(condition))}:")
-        skipped = []
-        for name in names:
-            expr = assignments[name]
-            if not isinstance(expr, present):
-                found.append(f"{indent}{name} = {text(expr)}")
-                continue
-            _, with_effect, without = expr.args
-            found.append(f"{indent}{name} = {_lane(with_effect, text)}")
-            skipped.append(f"    {name} = {_lane(without, text)}")
-        if skipped:
-            found += ["else:", *skipped]
-    return found
+        every = {name: assignments[name] for name in names}
+        choices = {name: expr.args[1:] for name, expr in every.items() if isinstance(expr, present)}
+        if condition is None:
+            found += block(every)
+            for s in set().union(*(e.free_symbols for e in every.values())):
+                left.pop(s, None)
+            continue
+        found += [f"if {there(condition)}:  # {' or '.join(sorted(condition))}"]
+        found += _indented(block(every | {name: with_it for name, (with_it, _) in choices.items()}))
+        if choices:
+            found += ["else:", *_indented(block({name: without for name, (_, without) in choices.items()}))]
+    return found + _loaded(roots, left)
+
+
+def _loaded(read: Iterable[sp.Expr], loads: Mapping[sp.Symbol, str]) -> list[str]:
+    """Return the lines that load what expressions read."""
+    names = set().union(*(e.free_symbols for e in read))
+    return [f"{name} = {how}" for name, how in loads.items() if name in names]
+
+
+def _indented(block: Iterable[str]) -> list[str]:
+    return [f"    {line}" for line in block]
 
 
 def _lane(expr: sp.Expr, text: Callable[[sp.Expr], str]) -> str:

@@ -8,7 +8,7 @@ zeros stay zeros. Whatever depends on parameters alone is lifted out as a *const
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import sympy as sp
 
@@ -41,6 +41,8 @@ class Equations:
         output_parameter_jacobian: d outputs / d parameters asked for.
         parameters: Names of the parameters asked for.
         within: States of parameters, each within the bounds of its parameter.
+        conditions: Flags of which one must be set, with the number of the row behind the constants that says whether
+            one is; grows with what kernels ask for.
     """
 
     model: Model
@@ -58,6 +60,7 @@ class Equations:
     output_parameter_jacobian: Entries
     parameters: tuple[str, ...]
     within: list[sp.Expr]
+    conditions: dict[frozenset[str], int] = field(default_factory=dict)
 
     def slope_varies(self, state: str) -> bool:
         """Return whether the influence of a parameter's state depends on states that are no parameters."""

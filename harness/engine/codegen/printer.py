@@ -12,7 +12,6 @@ from sympy.printing.pycode import PythonCodePrinter
 from harness.engine.codegen import conditionals as branches
 from harness.engine.codegen.derivatives import Entries, Equations, needed
 from harness.models.assembly.assemble import symbol
-from harness.models.assembly.expressions import flags_in, present
 
 Assignment = tuple[sp.Expr, str]
 """An expression and where it goes, e.g. ``(expr, "J, 2, 3")``."""
@@ -110,15 +109,14 @@ def matrix(array: str, entries: Entries, rows: int, columns: int) -> list[Assign
 def body(eqs: Equations, roots: Sequence[sp.Expr]) -> list[str]:
     """Return the lines that load what the roots read and compute what they depend on."""
     assignments = needed(eqs.assignments, roots)
-    read = set().union(*(r.free_symbols for r in roots), *(e.free_symbols for e in assignments.values()))
-    lines = []
-    for array, names in (("x", eqs.model.states), ("u", eqs.model.inputs)):
-        lines += [f"{name} = get({array}, {i})" for i, name in enumerate(names) if symbol(name) in read]
-    lines += [f"{name} = get(c, {i})" for i, name in enumerate(eqs.constants) if name in read]
-    asked = set().union(*(flags_in(c.args[0]) for e in assignments.values() for c in e.atoms(present)))
-    flags = [(i, name) for i, name in enumerate(eqs.model.flags, len(eqs.constants)) if name in asked]
-    lines += [f"{name} = c[{i}, 0] > 0.0" for i, name in flags]
-    return lines + branches.lines(assignments, roots, text)
+    arrays = {"x": map(symbol, eqs.model.states), "u": map(symbol, eqs.model.inputs), "c": eqs.constants}
+    loads = {name: f"get({array}, {i})" for array, names in arrays.items() for i, name in enumerate(names)}
+
+    def there(condition: frozenset[str]) -> str:
+        row = eqs.conditions.setdefault(condition, len(eqs.conditions))
+        return f"c[{len(eqs.constants) + row}, 0] > 0.0"
+
+    return branches.lines(assignments, roots, text, loads, there)
 
 
 def function(name: str, arguments: str, lines: Sequence[str]) -> str:
