@@ -367,7 +367,6 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
         ),
         *ahead.sources,
     ]
-    parts.insert(1, f"CONDITIONS = {tuple(tuple(sorted(flags)) for flags in eqs.conditions)}")
     if eqs.within:
         considered = [state in eqs.model.considered for state in eqs.model.within]
         vary = [eqs.slope_varies(state) for state in eqs.model.within]
@@ -382,4 +381,6 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
             ("output_parameter_jacobian", eqs.output_parameter_jacobian, ny, count),
         ):
             parts.append(kernel(eqs, name, "x, u, c, J", matrix("J", entries, rows, columns)))
+    # What all kernels above have asked for.
+    parts.insert(1, f"CONDITIONS = {tuple(tuple(sorted(flags)) for flags in eqs.conditions)}")
     return "\n\n\n".join(parts) + "\n"

@@ -1,7 +1,7 @@
 """Source text that skips what only an absent effect would read (``harness.models.assembly.expressions.present``).
 
 An assignment that is read in the presence of some effects only is computed if one of them is there. Assignments with
-the same condition stand together, so that a kernel branches a few dozen times per call, always the same way.
+the same condition stand together, so that a kernel branches some hundred times per call at most, always the same way.
 """
 
 from __future__ import annotations

@@ -120,29 +120,19 @@ def next_state(x, u, c, xn, w):
     total = w[3 * NX : 4 * NX]
     for i in range(NX):
         put(get(x, i), start, i)
-        put(get(x, i), stage, i)
     for _ in range(SUBSTEPS):
+        for i in range(NX):
+            put(get(start, i), stage, i)
+            put(0.0, total, i)
         for s in range(STAGES):
+            if s > 0:
+                for i in range(NX):
+                    put(get(start, i) + H * BEHIND[s] * get(slope, i), stage, i)
             drift(stage, u, c, slope)
-            weight, last = splat(WEIGHT[s]), s + 1 == STAGES
-            ahead = splat(H if last else H * BEHIND[s + 1])
-            if last:
-                for i in range(NX):
-                    k = weight * get(slope, i)
-                    so_far = k if s == 0 else get(total, i) + k
-                    moved = get(start, i) + ahead * so_far
-                    put(moved, start, i)
-                    put(moved, stage, i)
-            elif s == 0:
-                for i in range(NX):
-                    k = get(slope, i)
-                    put(weight * k, total, i)
-                    put(get(start, i) + ahead * k, stage, i)
-            else:
-                for i in range(NX):
-                    k = get(slope, i)
-                    put(get(total, i) + weight * k, total, i)
-                    put(get(start, i) + ahead * k, stage, i)
+            for i in range(NX):
+                put(get(total, i) + WEIGHT[s] * get(slope, i), total, i)
+        for i in range(NX):
+            put(get(start, i) + H * get(total, i), start, i)
     for i in range(NX):
         put(get(start, i), xn, i)
 """
