@@ -314,7 +314,7 @@ def _from_outside(word: str) -> Iterator[Component]:
         top = f"harness_project_{hashlib.sha256(str(root.resolve()).encode()).hexdigest()[:12]}"
         _package(top, root)
         yield from _in_folder([str(root / word)], f"{top}.{word}", f"project {locations.project_name(root)}")
-    yield from _installed(word)
+    yield from _installed().get(word, ())
 
 
 def _in_folder(folders: Iterable[str], package: str, origin: str) -> Iterator[Component]:
@@ -351,15 +351,19 @@ def _read_folder(folder: str, package: str, origin: str) -> Iterator[Component]:
 
 
 @functools.cache
-def _installed(word: str) -> tuple[Component, ...]:
-    """Return what installed packages declare; scanned once, because that takes a while."""
-    from importlib.metadata import entry_points  # which brings the package email with it; help does without
+def _installed() -> dict[str, tuple[Component, ...]]:
+    """Return what installed packages declare, by role; scanned once, because every package's files are read for it."""
+    from importlib.metadata import distributions, entry_points  # which bring the package email with them
 
-    found = []
-    for point in entry_points(group=f"harness.{word}"):
-        by = f"package {point.dist.name} {point.dist.version}" if point.dist is not None else "an installed package"
-        found.append(Component(point.name, by, point.module, None, point.attr or ""))
-    return tuple(found)
+    groups = {p.group for d in distributions() for p in d.entry_points if p.group.startswith("harness.")}
+    found = dict[str, tuple[Component, ...]]()
+    for group in groups:
+        components = []
+        for point in entry_points(group=group):
+            by = f"package {point.dist.name} {point.dist.version}" if point.dist is not None else "an installed package"
+            components.append(Component(point.name, by, point.module, None, point.attr or ""))
+        found[group.partition(".")[2]] = tuple(components)
+    return found
 
 
 def file_of(component: Component) -> Path | None:
