@@ -23,18 +23,26 @@ from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 
 
-def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
-    def candidate(name, normalised_excess_mse):
-        hypothesis = SimpleNamespace(name=name)
-        return SimpleNamespace(
-            hypothesis=hypothesis, held_out=SimpleNamespace(normalised_excess_mse=normalised_excess_mse)
-        )
+def passing(name, normalised_excess_mse, random=False):
+    hypothesis = SimpleNamespace(name=name, random=random)
+    return SimpleNamespace(hypothesis=hypothesis, held_out=SimpleNamespace(normalised_excess_mse=normalised_excess_mse))
 
-    many, length, mass = candidate(ALL_PARAMETERS, 0.28), candidate("trailer_length", 0.14), candidate("mass", 0.5)
+
+def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
+    many, length, mass = passing(ALL_PARAMETERS, 0.28), passing("trailer_length", 0.14), passing("mass", 0.5)
     assert preferred([many, mass, length]) is length
     assert preferred([many, mass]) is many
     assert preferred([mass, many, length]) is mass
     assert preferred([]) is None
+
+
+def test_a_random_process_is_added_only_if_nothing_alone_strays_less():
+    drift, other = passing("sensor_drift@yaw_rate", 0.74, random=True), passing("sensor_drift@speed", 0.1, random=True)
+    bias, bank, many = passing("sensor_bias@yaw_rate", 0.43), passing("road_bank", 0.9), passing(ALL_PARAMETERS, 0.5)
+    assert preferred([drift, bias]) is bias
+    assert preferred([drift, bank, other]) is drift
+    assert preferred([bank, drift, bias]) is bank
+    assert preferred([many, other, bank]) is many  # what a process allows for is no prediction
 
 
 def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():

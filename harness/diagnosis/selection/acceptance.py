@@ -166,13 +166,15 @@ def preferred(passing: Sequence[Candidate]) -> Candidate | None:
     """Return which of the accepted candidates, best first, is added.
 
     Many parameters at once are added only if no single hypothesis has less simulation error: they fit anything a
-    little, and out of sample the right one does better.
+    little, and out of sample the right one does better. So is a random process: it takes up whatever is slow, a
+    constant as well, and then hides it from score tests, while the rest of it can be added to what predicts more.
     """
     best = next(iter(passing), None)
-    if best is None or best.hypothesis.name != ALL_PARAMETERS or best.held_out is None:
+    if best is None or best.held_out is None or not (best.hypothesis.random or best.hypothesis.name == ALL_PARAMETERS):
         return best
     reached = best.held_out.normalised_excess_mse
-    return next((c for c in passing if c.held_out is not None and c.held_out.normalised_excess_mse < reached), best)
+    plain = [c for c in passing if not c.hypothesis.random]
+    return next((c for c in plain if c.held_out is not None and c.held_out.normalised_excess_mse < reached), best)
 
 
 def hardest(judged: Sequence[Judgement]) -> Judgement:
