@@ -67,6 +67,8 @@ class Parameter:
             the effect, or has several maxima.
         per_drive: A time in a drive: each drive has its own, searched over its duration.
         numerical: Of how the equations are solved, not of the vehicle: no measurement determines it.
+        late: Input whose channel is late by so much, in s, where the parameter is negative. What has a whole recording
+            reads that input ahead, because no equation of the past follows what is to come.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Parameter:
     grid: tuple[float, ...] = ()
     per_drive: bool = False
     numerical: bool = False
+    late: str = ""
 
 
 @dataclass(frozen=True)

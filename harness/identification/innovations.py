@@ -8,6 +8,7 @@ Whatever the filter computes is differentiated: means, covariances, gains, the l
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -80,6 +81,8 @@ class Innovations(FilteredModel):
 
     def _slope(self, drive: Drive, point: Candidates, directions: Candidates) -> tuple[float, Floats, Floats]:
         samples, ny = drive.measurements.shape
+        drive, values = self.read_ahead(drive, point.values)
+        point = replace(point, values=values)
         total = np.empty((2, 2 * LANES))
         rows = np.zeros((samples, ny + ny * (ny + 1) // 2, LANES))
         self._innovate(self._slopes, self.duals, drive, _dual(point, directions), total, rows)

@@ -16,7 +16,7 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ("speed_delayed", "speed_delayed_rate")
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("speed_delay", r"\tau_v", "s", -0.1, 0.5, "delay; negative if recorded late", 0.0),
+    Parameter("speed_delay", r"\tau_v", "s", -0.1, 0.5, "delay; negative if recorded late", 0.0, late="speed"),
 )
 
 

@@ -16,7 +16,16 @@ READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ("steering_delayed", "steering_delayed_rate")
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter("steering_delay", r"\tau_\delta", "s", -0.1, 0.5, "delay; negative if recorded late", 0.0),
+    Parameter(
+        "steering_delay",
+        r"\tau_\delta",
+        "s",
+        -0.1,
+        0.5,
+        "delay; negative if recorded late",
+        0.0,
+        late="steering_wheel_angle",
+    ),
 )
 
 

@@ -198,12 +198,9 @@ class Linearised:
     """
 
     def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun) -> None:
-        self._linearisation, self.augmented, self.drive, self.values = (
-            linearisation,
-            linearisation.augmented,
-            drive,
-            values,
-        )
+        self._linearisation, self.augmented = linearisation, linearisation.augmented
+        self.drive, held = self.augmented.read_ahead(drive, values[:, None])
+        self.values = held[:, 0]
         self.whitened, self.states = kept.whitened, kept.state.copy()
         self.states[0] = drive.first_mean
         self.active = self._active()
@@ -250,7 +247,8 @@ class Linearised:
             values: Parameters, for each direction ``(np,)``.
             parameters: Directions, ``(np,)`` each.
         """
-        return self._along_parameters(values, parameters, self.active)
+        left = [self.augmented.left_of_delays(v[:, None])[:, 0] for v in values]
+        return self._along_parameters(left, parameters, self.active)
 
     def _along_parameters(
         self, values: Sequence[Floats], parameters: Sequence[Floats], rows: NDArray[np.intp]

@@ -9,7 +9,7 @@ each of its corrections it is that of an estimate with these gains.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +62,10 @@ class Prediction:
             point: One candidate.
             horizons: Samples, at most ``LANES`` of them; the first one is 1, that of the filter.
         """
-        model, values = self.augmented, point.values[:, 0]
-        linear = Linearised(self._linearisation, drive, values, model.run(drive, point))
+        model, kept = self.augmented, self.augmented.run(drive, point)
+        drive, values = model.read_ahead(drive, point.values)
+        point = replace(point, values=values)
+        linear = Linearised(self._linearisation, drive, values[:, 0], kept)
         noise = model.process_variances(point)
         n, corrected, vehicle = len(linear.active), len(noise), len(model.nominal.states)
         first, Q = np.zeros(n), np.zeros(n)  # what an effect of its own begins with, and does, is no noise

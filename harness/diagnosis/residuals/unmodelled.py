@@ -358,11 +358,12 @@ def _run(
     ahead, direct = ranking.linear[number].raw(
         [*(c.disturbance_input for c in curves), *(disturbance_input for disturbance_input, _ in turned)]
     )
+    drive, held = augmented.read_ahead(drive, np.repeat(values[:, None], LANES, axis=1))
     nothing = np.zeros((len(drive.time), 0))
     now, during = (np.column_stack([nothing, *p]) for p in ([w.now for _, w in turned], [w.during for _, w in turned]))
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
     tables = [(c.regressor, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
-    constants = compiled.constants(np.repeat(values[:, None], LANES, axis=1))
+    constants = compiled.constants(held)
     x = np.repeat(augmented.first_state(drive, values)[:, None], LANES, axis=1)
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
     limits = np.array([augmented.model.valid.get(name, np.inf) for name in augmented.model.states])
