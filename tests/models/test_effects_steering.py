@@ -62,6 +62,16 @@ def test_lag_and_delay_have_gain_and_phase_of_their_names(effect, amount):
     assert abs(gain - wanted) < (1e-9 if amount == 0 else 0.02)
 
 
+def test_no_filter_of_the_past_follows_a_negative_delay():
+    """Of 40 ms it is 7 % and 5 ms off at 2 Hz, so recordings are read ahead (``FilteredModel.read_ahead``)."""
+    step, omega, ratio = 1e-3, 4 * np.pi, VALUES["car"]["steering_ratio"]
+    time = np.arange(0, 4, step)
+    angle = follow("steering_delay", {"steering_delay": -0.04}, ratio * np.sin(omega * time), step)[-1000:]
+    gain = 2 * np.mean(angle * np.exp(-1j * omega * time[-1000:])) * 1j
+    assert abs(gain) - 1 == pytest.approx(0.066, abs=0.006)
+    assert np.angle(gain * np.exp(-0.04j * omega)) / omega == pytest.approx(5.4e-3, abs=2e-4)
+
+
 @pytest.mark.parametrize("effect", ["steering_lag", "steering_delay", "sensor_delay@yaw_rate", "tyre_relaxation"])
 @pytest.mark.parametrize("amount", [0.0, 0.01, 0.3])
 def test_states_of_lags_are_stable_in_steps_of_ten_milliseconds(effect, amount):
