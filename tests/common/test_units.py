@@ -1,7 +1,11 @@
 import math
+import os
+import subprocess
+import sys
 
 import pytest
 
+from harness.common import units
 from harness.common.errors import UserError
 from harness.common.units import plain_number, refuse_misread, scale, to_si
 
@@ -140,3 +144,24 @@ def test_scale_between_units():
     assert scale("", "", "map") == 1.0
     with pytest.raises(UserError, match="map: '1 deg' does not fit"):
         scale("deg", "m", "map")
+
+
+def test_common_conversions_are_those_of_pint_to_the_bit():
+    quantity = units.registry().Quantity
+    for number in ("24.3", "1e-3", "-7", "123456789"):
+        for unit, target in (("t", "kg"), ("deg", "rad"), ("km/h", "m/s"), ("%", "dimensionless"), ("kN/deg", "N/rad")):
+            assert to_si(f"{number} {unit}", target, "x") == float(quantity(f"{number} {unit}").to(target).magnitude)
+
+
+def test_a_second_process_reads_units_without_pint_and_what_it_reads_is_not_kept(tmp_path):
+    """What is kept does not depend on data, so that no file makes the cache grow."""
+    code = (
+        "import sys; from harness.common.units import to_si; print(to_si('24 t', 'kg', 'x'), 'pint' in sys.modules); "
+        "print(to_si('3 furlong', 'm', 'x') > 600)"
+    )
+    said = []
+    for _ in range(2):
+        environment = {**os.environ, "HARNESS_CACHE": str(tmp_path)}
+        said.append(subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True))
+    assert [done.stdout.split() for done in said] == [["24000.0", here, "True"] for here in ("True", "False")]
+    assert len(list((tmp_path / "conversions").iterdir())) == 1
