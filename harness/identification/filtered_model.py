@@ -275,7 +275,8 @@ class FilteredModel(ABC):
 
     def _samples_ahead(self, values: Floats) -> tuple[int, ...]:
         """Return by how many whole samples each channel of an input is late with parameters ``(np,)``."""
-        return tuple(max(0, round(-float(values[row]) / self.spec.step)) for row in self._late)
+        late = -values[[*self._late]] / self.spec.step
+        return tuple(int(n) for n in np.rint(np.where(np.isfinite(late), np.maximum(late, 0.0), 0.0)))
 
     def read_ahead(self, drive: Drive, values: Floats) -> tuple[Drive, Floats]:
         """Return a recording with what is late of its inputs read ahead, and what is left of the delays.
@@ -288,8 +289,7 @@ class FilteredModel(ABC):
             drive: The recording.
             values: Parameters ``(np, n)``, of which each says the same of the whole samples.
         """
-        ahead = self._samples_ahead(values[:, 0])
-        if not any(ahead):
+        if not values.shape[1] or not any(ahead := self._samples_ahead(values[:, 0])):
             return drive, values
         inputs, between = drive.inputs.copy(), drive.between.copy()
         for samples, columns in zip(ahead, self._late.values(), strict=True):
