@@ -16,6 +16,7 @@ from harness.cli.options import (
     SetOption,
     TyreOption,
 )
+from harness.cli.recorded_options import IntegratorOption
 
 
 def identify(
@@ -43,7 +44,7 @@ def identify(
     setting: Annotated[
         list[str] | None, typer.Option("--setting", metavar="NAME=VALUE", help="Setting of the method; repeatable.")
     ] = None,
-    integrator: Annotated[str, typer.Option("--integrator", help="euler, heun or rk4.")] = "euler",
+    integrator: IntegratorOption = "rk4",
     substeps: Annotated[int, typer.Option("--substeps", min=1, help="Integration steps per sample.")] = 1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the method's random numbers.")] = 0,
     jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads; all cores if absent.")] = None,

@@ -98,7 +98,8 @@ def fit_recordings(task: Task, say: Callable[[str], None] = lambda _: None) -> F
     refuse_the_same(task.train, task.test)
     innovations = Innovations(task.spec, jobs=task.jobs)
     recordings = [*task.train, *task.test]
-    drives = [innovations.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    names = names_of(recordings)
+    drives = [innovations.drive(r, name, "joined") for r, name in zip(recordings, names, strict=True)]
     problem = Problem(innovations, tuple(drives[: len(task.train)]), task.free, task.seed)
     fit = method.identify(problem, settings, lambda text: say(f"{task.method}: {text}"))
     return Fitted(problem, fit, tuple(drives[len(task.train) :]), recording_warnings(recordings))
