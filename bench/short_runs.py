@@ -129,19 +129,28 @@ def session(folder: Path, jobs: int, stop_at: int | None = None) -> Session:
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     begin = time.perf_counter()
     process = subprocess.Popen(command, env=environment)
-    while stop_at is not None and _done(folder) < stop_at:
-        time.sleep(1.0)
     if stop_at is not None:
-        process.send_signal(signal.SIGKILL)
+        _wait_for(folder, stop_at, process.pid)
+        os.kill(process.pid, signal.SIGKILL)  # it may have ended; not waited for yet, its number is still its own
     _, status, used = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - begin
     process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != (0 if stop_at is None else -signal.SIGKILL):
+    if process.returncode not in ((0,) if stop_at is None else (0, -signal.SIGKILL)):
         raise SystemExit(f"the run of {folder} ended with {process.returncode}; the same command goes on")
     path, found = folder / "kernels.json", {"start": 0.0, "kernels": 0.0, "noise": 0.0}
     if path.exists():
         found |= json.loads(path.read_text(encoding="utf-8"))
     return Session(_done(folder) - before, seconds, used.ru_utime + used.ru_stime, used.ru_maxrss // 1024, **found)
+
+
+def _wait_for(folder: Path, runs: int, process: int) -> None:
+    """Wait until so many runs are in the store, or a process has ended; to look takes a twentieth of a core at most."""
+    while True:
+        begin = time.perf_counter()
+        ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if ended is not None or _done(folder) >= runs:
+            return
+        time.sleep(20.0 * (time.perf_counter() - begin))
 
 
 def _done(folder: Path) -> int:
