@@ -13,7 +13,6 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from harness.common.cache import cache_folder, kept
@@ -234,6 +233,7 @@ def _ends(source: str, target: str) -> tuple[float, float]:
 @functools.cache
 def _everyday() -> dict[str, list[float]]:
     """Return the ends of common conversions, from an earlier process: a start without pint is a fifth shorter."""
+    from importlib.metadata import version  # which brings the package email with it; help does without
 
     def made() -> bytes:
         pairs = [(a, b) for group in _EVERYDAY for a in group for b in group]
