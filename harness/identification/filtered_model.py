@@ -257,10 +257,27 @@ class FilteredModel(ABC):
         effects, spread = self._effects.along(read, states, held[:, 0], self.nx)
         return replace(drive, effects=effects, spread=spread)
 
-    def log_likelihoods(self, drives: Sequence[Drive], candidates: Each) -> Floats:
-        """Return the log-likelihood of all recordings for each candidate ``(n,)``; minus infinity if it diverges."""
+    def log_likelihoods(self, drives: Sequence[Drive], candidates: Each, keep_first: bool = False) -> Floats:
+        """Return the log-likelihood of all recordings for each candidate ``(n,)``; minus infinity if it diverges.
+
+        Args:
+            drives: The recordings.
+            candidates: The same for all recordings or for each its own.
+            keep_first: Whether ``runs`` and ``slopes`` will be asked for at the first candidate: its run is then kept,
+                which costs a tenth more here and saves a run there.
+        """
         tasks = [(d, c, b) for d, c in zip(drives, for_each(candidates, drives), strict=True) for b in self._batches(c)]
-        found = self.share(lambda task: self._likelihoods(task[0], task[1].take(task[2]), self._notes(0)), tasks)
+
+        def of(task: tuple[Drive, Candidates, list[int]]) -> Floats:
+            drive, held, columns = task
+            if not keep_first or columns[0] > 0:
+                return self._likelihoods(drive, held.take(columns), self._notes(0))
+            notes = self._notes(len(drive.inputs))
+            values = self._likelihoods(drive, held.take(columns), notes)
+            self._remember([drive], [held.take([0])], [FilterRun(float(values[0]), *notes)])
+            return values
+
+        found = self.share(of, tasks)
         total = np.zeros(tasks[0][1].count)
         for (_, _, columns), part in zip(tasks, found, strict=True):
             total[columns] += part
@@ -326,23 +343,23 @@ class FilteredModel(ABC):
     def runs(self, drives: Sequence[Drive], points: Each) -> list[FilterRun]:
         """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""
         each = for_each(points, drives)
-        keys: list[tuple[object, ...]] = [
-            (id(d), p.values.tobytes(), p.process.tobytes(), p.measurement.tobytes())
-            for d, p in zip(drives, each, strict=True)
-        ]
         with self._remembering:
-            known = [self._remembered.get(key) for key in keys]
+            known = [self._remembered.get(_key(d, p)) for d, p in zip(drives, each, strict=True)]
         open_ = [i for i, pair in enumerate(known) if pair is None]
-        for i, run in zip(open_, self.share(lambda i: self.run(drives[i], each[i]), open_), strict=True):
-            known[i] = drives[i], run  # beside the drive, whose id is its own as long as it is kept
-        kept = [pair for pair in known if pair is not None]
+        found = dict(zip(open_, self.share(lambda i: self.run(drives[i], each[i]), open_), strict=True))
+        runs = [found[i] if pair is None else pair[1] for i, pair in enumerate(known)]
+        self._remember(drives, each, runs)
+        return runs
+
+    def _remember(self, drives: Sequence[Drive], points: Sequence[Candidates], runs: Sequence[FilterRun]) -> None:
+        """Keep runs, the last used last, and forget those that were not used for longest."""
         with self._remembering:
-            for key, pair in zip(keys, kept, strict=True):  # the last used come last
+            for drive, point, run in zip(drives, points, runs, strict=True):
+                key = _key(drive, point)
                 self._remembered.pop(key, None)
-                self._remembered[key] = pair
-            for key in list(self._remembered)[: -max(_REMEMBERED, len(keys))]:
+                self._remembered[key] = drive, run  # beside the drive, whose id is its own as long as it is kept
+            for key in list(self._remembered)[: -max(_REMEMBERED, len(runs))]:
                 del self._remembered[key]
-        return [run for _, run in kept]
 
     def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
@@ -430,6 +447,11 @@ class FilteredModel(ABC):
             return [work(task) for task in tasks]
         with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(work, tasks))
+
+
+def _key(drive: Drive, point: Candidates) -> tuple[object, ...]:
+    """Return what tells a run from others."""
+    return id(drive), point.values.tobytes(), point.process.tobytes(), point.measurement.tobytes()
 
 
 def of_valid(total: Floats, drive: Drive) -> Floats:

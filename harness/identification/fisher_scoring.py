@@ -37,8 +37,11 @@ class Objective(Protocol):
     lower: Floats
     upper: Floats
 
-    def values(self, z: Floats, /) -> Floats:
-        """Return the values ``(candidates,)`` of candidates ``(n, candidates)``; minus infinity where there is none."""
+    def values(self, z: Floats, /, keep_first: bool = False) -> Floats:
+        """Return the values ``(candidates,)`` of candidates ``(n, candidates)``; minus infinity where there is none.
+
+        With ``keep_first`` the first is likely to be the next point of ``slopes``.
+        """
 
     def slopes(self, z: Floats, moved: Mask, /) -> tuple[float, Floats, Floats]:
         """Return value, gradient and information at a point ``(n,)`` of the coordinates that move ``(n,)``."""
@@ -97,8 +100,10 @@ def maximise(
             strengths += [damping if length < 1 else strengths[1] for length in _LENGTHS]
             candidates = np.repeat(z[:, None], len(steps), axis=1)
             candidates[moved] += np.column_stack(steps)
-            values = objective.values(candidates)
+            values = objective.values(candidates, keep_first=True)
             best = int(np.argmax(values))
+            if values[0] > values[best] - enough:
+                best = 0  # the full step, where no other is better by what counts
             if values[best] > value:
                 better, damping = candidates[:, best], max(strengths[best], 1e-6)
             else:

@@ -53,6 +53,10 @@ class Innovations(FilteredModel):
         self._plain = loop(self.compiled, time_loops.note_run)
         self._slopes = loop(self.duals, time_loops.note_slopes)
 
+    def log_likelihoods(self, drives: Sequence[Drive], candidates: Each, keep_first: bool = False) -> Floats:
+        """Return the log-likelihood of each candidate; no run is kept, because the slopes here are not of a run."""
+        return super().log_likelihoods(drives, candidates)
+
     def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with its exact gradient and Fisher information.
 

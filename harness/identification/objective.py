@@ -42,14 +42,19 @@ class LogPosterior:
         self.diverged, self._numbers = 0, range(len(drives))
         self.history: list[float] = []
 
-    def values(self, z: Floats) -> Floats:
-        """Return the values of candidates ``(n, candidates)``, minus infinity where one is impossible or diverges."""
+    def values(self, z: Floats, keep_first: bool = False) -> Floats:
+        """Return the values of candidates ``(n, candidates)``, minus infinity where one is impossible or diverges.
+
+        Args:
+            z: The candidates.
+            keep_first: Whether the first is likely to be the next point of ``slopes``.
+        """
         possible = np.array([self.coordinates.possible(column) for column in z.T])
         likelihood = np.full(z.shape[1], -np.inf)
         if possible.any():
             kept = z[:, possible]
             held = [self.coordinates.candidates(kept, i) for i in self._numbers]
-            likelihood[possible] = self.model.log_likelihoods(self.drives, held)
+            likelihood[possible] = self.model.log_likelihoods(self.drives, held, keep_first)
         self.diverged += int(np.isneginf(likelihood).sum())
         found: Floats = likelihood - self.coordinates.penalty(z)
         while self.driveable is not None and np.isfinite(found).any():

@@ -105,10 +105,16 @@ def test_variances_climb_to_those_of_the_samples():
 
     objective = SimpleNamespace(values=values, lower=np.full(4, -20.0), upper=np.full(4, 20.0))
     start = np.array([1.0, 6.0, 6.0, -6.0])
-    z, curvature = climb(objective, start, float(values(start[:, None])[0]), 1, 20, 1e-6)
-    assert z[0] == 1.0
-    assert np.exp(z[1:]) == pytest.approx(squares, rel=3e-3)  # differences over 0.1, with a curvature from nearby
-    assert curvature.values == pytest.approx(50.0, rel=0.1)
+    first = float(values(start[:, None])[0])
+    found = climb(objective, start, first, 1, 20, 1e-6)
+    assert found.z[0] == 1.0
+    assert np.exp(found.z[1:]) == pytest.approx(squares, rel=3e-3)  # differences over 0.1, a curvature from nearby
+    assert found.curvature.values == pytest.approx(50.0, rel=0.1)
+    reached = float(values(found.z[:, None])[0])
+    assert not climb(objective, start, first, 1, 20, 1e-6, least=reached).hopeless
+    given_up = climb(objective, start, first, 1, 20, 1e-6, least=first + 1e9)
+    assert given_up.hopeless
+    assert np.array_equal(given_up.z, start)
 
 
 def test_a_fault_of_one_sensor_knows_its_signal(augmented):

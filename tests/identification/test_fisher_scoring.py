@@ -14,7 +14,7 @@ SUMMIT = np.array([1.0, -2.0, 3.0])
 
 
 def parabola(lower=-np.inf, upper=np.inf):
-    def values(z):
+    def values(z, keep_first=False):
         away = z - SUMMIT[:, None]
         return -0.5 * np.einsum("ik,ij,jk->k", away, CURVATURE, away)
 
@@ -63,7 +63,7 @@ def valley():
         jacobian = np.array([[-20 * z[0], 10.0], [-1.0, 0.0]])
         return -0.5 * rest(z) @ rest(z), -jacobian.T @ rest(z), jacobian.T @ jacobian
 
-    def values(z):
+    def values(z, keep_first=False):
         return -0.5 * (rest(z) ** 2).sum(axis=0)
 
     return SimpleNamespace(values=values, slopes=slopes, lower=np.full(2, -5.0), upper=np.full(2, 5.0))

@@ -16,7 +16,7 @@ class TwoVariances:
 
     lower, upper = np.full(2, -60.0), np.full(2, 60.0)
 
-    def values(self, z):
+    def values(self, z, keep_first=False):
         first, second = np.exp(z)
         summed, alone = first + second, 1.0 + second
         return -0.5 * (SAMPLES * (np.log(summed) + 1 / summed) + STRICT * (np.log(alone) + 1 / alone))

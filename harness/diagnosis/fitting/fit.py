@@ -144,6 +144,7 @@ class Fitting:
         iterations: int,
         turns: int = TURNS,
         afresh: bool = True,
+        least: float = -math.inf,
     ) -> Fitted:
         """Fit parameters and noise in turns; parameters alone where the noise is held.
 
@@ -153,6 +154,7 @@ class Fitting:
             iterations: Most steps of the parameters in a turn.
             turns: Most turns.
             afresh: Whether the noise is sought from far away first; an earlier fit of the same goes on otherwise.
+            least: Objective that counts: a fit ends where its slopes promise less than that.
         """
         if self.noise_held:
             return self.only(coordinates, start, iterations)
@@ -164,11 +166,16 @@ class Fitting:
                 z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH).z
                 for together in (groups, *([j] for j in (*range(first, n), *groups))):
                     z = along(objective, z, together, _COARSE)
-            found, curvature = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH), None
+            found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH)
+            curvature = None
             for _ in range(turns):
                 before = found.value
-                z, curvature = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature)
-                found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH)
+                needed = least - 2.0 * found.predicted  # what a quadratic predicts may be half of what there is
+                climbed = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature, needed)
+                if climbed.hopeless:
+                    break
+                curvature = climbed.curvature
+                found = maximise(objective, climbed.z, parameters, iterations, ENOUGH, ENOUGH)
                 if found.value - before < 10 * ENOUGH:
                     break
             return found

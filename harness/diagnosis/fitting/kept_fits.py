@@ -21,6 +21,9 @@ from harness.common.files import told_as_damaged
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.identification.coordinates import Coordinate
 
+How = tuple[int, int, bool, float]
+"""The last arguments of ``Fitting.fit``."""
+
 
 class KeptFits:
     """The fits of one trace.
@@ -38,33 +41,31 @@ class KeptFits:
         self._basis: dict[int, bytes] = {}
         self._counting = Lock()  # candidates are fitted in threads
 
-    def fit(
-        self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, turns: tuple[int, int, bool]
-    ) -> Fitted:
+    def fit(self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, how: How) -> Fitted:
         """Return what ``fitting.fit`` does, from the folder if it is there.
 
         Args:
             fitting: The recordings.
             moved: What moves.
             start: Where it starts.
-            turns: Iterations and turns of the fit, and whether it begins afresh.
+            how: Iterations and turns of the fit, whether it begins afresh, and the least objective that counts.
 
         Raises:
             UserError: If the folder cannot be written to.
         """
         if self.folder is None:
-            return fitting.fit(moved, start, *turns)
-        file = self.folder / f"{self._key(fitting, moved, start, turns)}.npz"
+            return fitting.fit(moved, start, *how)
+        file = self.folder / f"{self._key(fitting, moved, start, how)}.npz"
         found = _read(file, moved)
         if found is not None:
             with self._counting:
                 self.taken += 1
             return found
-        found = fitting.fit(moved, start, *turns)
+        found = fitting.fit(moved, start, *how)
         self._write(file, found)
         return found
 
-    def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, turns: tuple[int, int, bool]) -> str:
+    def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, how: How) -> str:
         if id(fitting) not in self._basis:
             augmented, code = fitting.augmented, sources.digest([sys.modules[__name__]])
             equations = augmented.compiled.kernels.__name__  # which holds the digest of their source
@@ -74,7 +75,7 @@ class KeptFits:
                 total.update(drive.inputs.tobytes() + drive.measurements.tobytes())
             total.update(fitting.driveable.speeds.tobytes())
             self._basis[id(fitting)] = total.digest()
-        total = hashlib.sha256(self._basis[id(fitting)] + repr((tuple(moved), turns)).encode())
+        total = hashlib.sha256(self._basis[id(fitting)] + repr((tuple(moved), how)).encode())
         for part in (start.values, start.process, start.measurement):
             total.update(np.ascontiguousarray(part).tobytes())
         return total.hexdigest()[:32]

@@ -6,6 +6,7 @@ Hessian, from differences along every logarithm, and the best of several lengths
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,6 +34,21 @@ _LENGTHS = (0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 4.0)
 
 
 @dataclass(frozen=True)
+class Climbed:
+    """Where a climb ended.
+
+    Attributes:
+        z: The point ``(n,)``.
+        curvature: There.
+        hopeless: Whether it was given up because it leads nowhere near what counts.
+    """
+
+    z: Floats
+    curvature: Curvature
+    hopeless: bool
+
+
+@dataclass(frozen=True)
 class Curvature:
     """Second derivatives of what is maximised, its sign changed, along each logarithm.
 
@@ -53,8 +69,12 @@ def climb(
     iterations: int,
     enough: float,
     curvature: Curvature | None = None,
-) -> tuple[Floats, Curvature]:
-    """Return the point with the variances behind ``first`` at their likeliest, and the curvature there.
+    least: float = -math.inf,
+) -> Climbed:
+    """Return the point with the variances behind ``first`` at their likeliest.
+
+    A variance ``R`` that is too small costs at most ``SS / 2R``, the sum of squares over it, and that is about the
+    slope along its logarithm: the sum of the slopes bounds what is to be gained.
 
     Args:
         objective: What is maximised.
@@ -64,6 +84,7 @@ def climb(
         iterations: Largest number of steps.
         enough: Gain of a step at which to stop.
         curvature: What an earlier climb nearby returned; saves runs.
+        least: Value that counts: where the slopes do not promise it, the climb is given up.
     """
     variances = len(z) - first
     active = np.ones(variances, dtype=bool)
@@ -71,6 +92,8 @@ def climb(
         curvature = Curvature(np.full(variances, np.nan), np.full(variances, np.inf))
     for _ in range(iterations):
         slope, curvature = _slopes(objective, z, value, first, np.flatnonzero(active), curvature)
+        if value + np.abs(slope).sum() < least:
+            return Climbed(z, curvature, hopeless=True)
         step = _newton(slope, curvature.values)
         many = np.repeat(z[:, None], len(_LENGTHS) + 1, axis=1)
         many[first:, 1:] += step[:, None] * np.array(_LENGTHS)
@@ -85,7 +108,7 @@ def climb(
         z, value = many[:, best], float(values[best])
         if gained < enough or not active.any():
             break
-    return z, curvature
+    return Climbed(z, curvature, hopeless=False)
 
 
 def curvatures(objective: Objective, z: Floats, value: float, rows: range) -> Floats:

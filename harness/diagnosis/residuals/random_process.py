@@ -201,10 +201,10 @@ def _fitted(
     space = Coordinates(spec, names, moved, [Candidates.of(spec)])
     objective = LogPosterior(filters, drives, space)
     value = float(objective.values(space.centre[:, None])[0])
-    z, curvature = climb(objective, space.centre, value, 0, _CLIMB, _ENOUGH)
-    known = curvature.values[: len(parameters)]
+    climbed = climb(objective, space.centre, value, 0, _CLIMB, _ENOUGH)
+    known = climbed.curvature.values[: len(parameters)]
     shares = np.where(known > 0, 1.0 / np.sqrt(np.where(known > 0, known, 1.0)), math.inf)
-    found = space.fitted(z)
+    found = space.fitted(climbed.z)
     return found, {p.name: float(found.values[p.name] * e) for p, e in zip(parameters, shares, strict=True)}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from harness.config.parameter_set import stated_std
-from harness.diagnosis.criteria import BIC_NEEDED, MOST
+from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -16,6 +16,9 @@ from harness.diagnosis.selection.validation import HeldOut, Judgement
 
 Say = Callable[[str], None]
 Added = tuple[Hypothesis, ...]
+
+DOUBT = 0.5 * HOPEFUL
+"""Log-likelihood that a model may be behind another one and still be in doubt: as much as is gained beyond doubt."""
 
 ITERATIONS = 8
 """Most steps of the parameters in a turn of a fit."""
@@ -52,11 +55,17 @@ class CandidateFits:
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
 
     def fit(
-        self, added: Added, start: Point, iterations: int = ITERATIONS, turns: int = TURNS, afresh: bool = True
+        self,
+        added: Added,
+        start: Point,
+        iterations: int = ITERATIONS,
+        turns: int = TURNS,
+        afresh: bool = True,
+        least: float = -math.inf,
     ) -> Fitted:
         """Fit the free parameters, additions and noise, as ``Fitting.fit`` does."""
         moved = coordinates(self.augmented, self.free, added, len(self.fitting.drives), self._known)
-        found = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh))
+        found = self._kept.fit(self.fitting, moved, start, (iterations, turns, afresh, least))
         known = self.models.get(frozenset(added))
         if known is None or found.objective > known[1].objective:
             self.models[frozenset(added)] = added, found
@@ -76,11 +85,12 @@ class CandidateFits:
         """Fit models at once, and to the end only those that come near the best of them.
 
         After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
-        most of the gain of the best one, because a large effect may take more than a turn.
+        most of the gain of the best one, because a large effect may take more than a turn. What does not even promise
+        to come within doubt of an objective that is reached already is given up before.
 
         Args:
             models: What is added, and what gives the point where its fit starts.
-            least: Objective that is reached already.
+            least: Objective that is reached already; none by default.
             base: Objective of the model to which these add; none if they add to no common one.
             afresh: Whether their noise is sought from far away: it is that of a model that lacks what they add. What
                 begins at the noise of a model with more in it begins low enough.
@@ -89,8 +99,8 @@ class CandidateFits:
         def further(added: Added, found: Fitted) -> Fitted:
             return self.fit(added, found.point, afresh=False) if best - found.objective < far else found
 
-        share = self.augmented.share
-        found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh), models)
+        share, needed = self.augmented.share, least - max(DOUBT, MOST * (least - base))
+        found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh, least=needed), models)
         best = max([least, *(f.objective for f in found)])
         far = max(BIC_NEEDED, MOST * (best - base))
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
