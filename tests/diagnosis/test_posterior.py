@@ -275,13 +275,18 @@ def test_a_long_prediction_has_the_covariance_of_the_whole_model(augmented):
 def test_two_models_are_weighed_among_themselves_however_much_likelier_a_third_is(augmented):
     """Beside it both probabilities are zero to the last digit, and the first in the list would be taken."""
     bank, gain = (h for h in hypotheses(augmented, FREE) if h.name in ("road_bank", "steering_ratio_nonlinear"))
-    compared, models = comparison._Comparison(SimpleNamespace(augmented=augmented, free=FREE), []), []
+    fits = SimpleNamespace(augmented=augmented, free=FREE, doubt=0.5 * HOPEFUL)
+    compared, models = comparison._Comparison(fits, []), []
     for added, density in (((), -3000.0), ((bank,), -2000.0), ((bank, gain), 0.0)):
-        fitted = SimpleNamespace(coordinates=(), added=added)
+        fitted = SimpleNamespace(coordinates=(), added=added, objective=0.0)
         models.append((added, fitted))
         predicted = comparison._Predicted(added, fitted, (), 0.0, np.full((24, 5), density / 24))
         compared._known[id(fitted)] = predicted
     assert compared.likeliest(models[:2]) is models[1]
+    assert compared.likeliest(models) is models[2]
+    models[2][1].objective = -0.5 * HOPEFUL - 1.0  # out of the question by its fit, which was given up
+    assert compared.likeliest(models) is models[1]
+    models[2][1].objective = -0.5 * HOPEFUL + 1.0
     assert compared.likeliest(models) is models[2]
 
 

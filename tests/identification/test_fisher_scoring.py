@@ -105,3 +105,13 @@ def test_too_few_samples_are_not_tested():
     found = whiteness(np.array([np.nan, 1.0, -1.0]))
     assert np.isnan(found.ljung_box)
     assert found.variance == 1.0
+
+
+def test_the_full_step_comes_first_where_its_run_can_be_kept():
+    """It is taken where no other step is better by what counts."""
+    objective, kept = parabola(), []
+    values = objective.values
+    objective.values = lambda z, keep_first=False: kept.append((keep_first, z[:, 0].copy())) or values(z)
+    maximise(objective, np.zeros(3), np.ones(3, dtype=bool), 10)
+    assert kept[0][0]
+    assert kept[0][1] == pytest.approx(SUMMIT)

@@ -17,9 +17,6 @@ from harness.diagnosis.selection.validation import HeldOut, Judgement
 Say = Callable[[str], None]
 Added = tuple[Hypothesis, ...]
 
-DOUBT = 0.5 * HOPEFUL
-"""Log-likelihood that a model may be behind another one and still be in doubt: as much as is gained beyond doubt."""
-
 ITERATIONS = 8
 """Most steps of the parameters in a turn of a fit."""
 
@@ -36,6 +33,9 @@ class CandidateFits:
 
     Attributes:
         models: Every model that was fitted, by what it has, with its likeliest fit.
+        doubt: Log-likelihood that one may be behind another and still be in question: as much as is gained beyond
+            doubt. Under stated noise every sample of a model that is not quite right counts as if it were independent
+            evidence, and what is far behind may well predict the held-out drives better.
     """
 
     def __init__(
@@ -51,6 +51,7 @@ class CandidateFits:
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
         self._log_samples = math.log(fitting.samples)
+        self.doubt = math.inf if fitting.noise_held else 0.5 * HOPEFUL
         self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
 
@@ -99,7 +100,7 @@ class CandidateFits:
         def further(added: Added, found: Fitted) -> Fitted:
             return self.fit(added, found.point, afresh=False) if best - found.objective < far else found
 
-        share, needed = self.augmented.share, least - max(DOUBT, MOST * (least - base))
+        share, needed = self.augmented.share, least - max(self.doubt, MOST * (least - base))
         found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh, least=needed), models)
         best = max([least, *(f.objective for f in found)])
         far = max(BIC_NEEDED, MOST * (best - base))

@@ -22,7 +22,7 @@ from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike, same
-from harness.diagnosis.selection.candidate_fits import DOUBT, Added, CandidateFits
+from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.posterior import (
     Alike,
     Model,
@@ -98,15 +98,6 @@ def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fi
     return added, best
 
 
-def _in_doubt(models: Sequence[tuple[Added, Fitted]]) -> list[tuple[Added, Fitted]]:
-    """Return the models whose fit is not so far behind the best one that they are out of the question.
-
-    Far behind, one has no probability that a number can hold, and its fit was given up.
-    """
-    best = max(fitted.objective for _, fitted in models)
-    return [(added, fitted) for added, fitted in models if fitted.objective >= best - DOUBT]
-
-
 def _may_follow(one: Added, added: Added) -> bool:
     """Whether a model may take the place of another: it has no more additions, and is as late.
 
@@ -153,14 +144,22 @@ class _Comparison:
 
         Beside all others both may have no probability that a number can hold.
         """
-        models = _in_doubt(models)
+        models = self._in_doubt(models)
         weighed = self._weighed(models)
         return models[int(np.argmax(probabilities(weighed.priors, weighed.densities)))]
+
+    def _in_doubt(self, models: Sequence[tuple[Added, Fitted]]) -> list[tuple[Added, Fitted]]:
+        """Return the models whose fit is not so far behind the best one that they are out of the question.
+
+        Far behind, one has no probability that a number can hold, and its fit was given up.
+        """
+        best = max(fitted.objective for _, fitted in models)
+        return [m for m in models if not m[1].objective < best - self.fits.doubt]
 
     def posterior(self) -> Posterior:
         """Return how likely every model is that was fitted and is in doubt."""
         self.fits.say("how likely is each model?")
-        weighed = self._weighed(_in_doubt([*self.fits.models.values()]))
+        weighed = self._weighed(self._in_doubt([*self.fits.models.values()]))
         priors, densities = weighed.priors, weighed.densities
         shares = probabilities(priors, densities)
         order = np.argsort(-shares, kind="stable")
