@@ -70,7 +70,13 @@ class Maximum:
 
 
 def maximise(
-    objective: Objective, start: Floats, moved: Mask, iterations: int, enough: float = ENOUGH, slow: float = 0.0
+    objective: Objective,
+    start: Floats,
+    moved: Mask,
+    iterations: int,
+    enough: float = ENOUGH,
+    slow: float = 0.0,
+    share: float = 0.0,
 ) -> Maximum:
     """Climb from a point until the predicted gain of a step is below ``enough``.
 
@@ -82,9 +88,10 @@ def maximise(
         enough: Predicted gain at which to stop.
         slow: Gain of a step at which to stop. In a valley that is long and bent each step gains a little of what is
             predicted.
+        share: The same as a share of what the steps before gained.
     """
     z, damping = start.copy(), 1e-2
-    value, predicted, information = -np.inf, np.inf, np.empty((0, 0))
+    value, predicted, information, before = -np.inf, np.inf, np.empty((0, 0)), 0.0
     for _ in range(iterations):
         value, gradient, information = objective.slopes(z, moved)
         lower, upper = objective.lower[moved] - z[moved], objective.upper[moved] - z[moved]
@@ -117,8 +124,9 @@ def maximise(
             predicted = abs(predicted - gained)
             if predicted < enough:
                 break
-        if gained < slow or (gained < 0.1 * enough and predicted < 10 * enough):
+        if gained < max(slow, share * before) or (gained < 0.1 * enough and predicted < 10 * enough):
             break  # slow, or rounding of the likelihood
+        before += gained
     return Maximum(z, value, information, predicted)
 
 

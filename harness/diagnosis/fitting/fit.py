@@ -37,6 +37,10 @@ ENOUGH = 0.3
 _ROUGH = 4
 """Iterations of a stage that only prepares the next one."""
 
+_SLOW = 0.01
+"""Share of its gain so far below which a step of a first turn under stated noise ends it: what comes near the best is
+fitted on, and where a model is not right steps go on gaining little."""
+
 TURNS = 3
 """Most turns of noise and parameters at the end of a fit."""
 
@@ -157,7 +161,7 @@ class Fitting:
             least: Objective that counts: a fit ends where its slopes promise less than that.
         """
         if self.noise_held:
-            return self.only(coordinates, start, iterations)
+            return self.only(coordinates, start, iterations, _SLOW if turns == 1 else 0.0)
         n = len(coordinates)
 
         def search(objective: LogPosterior, z: Floats, parameters: Mask) -> Maximum:
@@ -182,10 +186,12 @@ class Fitting:
 
         return self._driveable(coordinates, start, search)
 
-    def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int) -> Fitted:
-        """Fit some parameters and leave the noise as it is."""
+    def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, share: float = 0.0) -> Fitted:
+        """Fit some parameters and leave the noise as it is; to where a step gains but a share of all before it."""
         return self._driveable(
-            coordinates, start, lambda o, z, parameters: maximise(o, z, parameters, iterations, ENOUGH, ENOUGH)
+            coordinates,
+            start,
+            lambda o, z, parameters: maximise(o, z, parameters, iterations, ENOUGH, ENOUGH, share),
         )
 
     def _driveable(
