@@ -327,10 +327,12 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
         best = SimpleNamespace(point=None, objective=0.0)
         models = {frozenset(a): (a, best) for a in (added, *refused)}
 
-        def fit_all(choices, objective, afresh):
+        def fit_all(choices, objective, afresh, needed):
             models.update({frozenset(a): (a, best) for a, start in choices if start() is best.point})
 
-        fits = SimpleNamespace(models=models, fit_all=fit_all, start=lambda base, score: base, say=print)
+        fits = SimpleNamespace(
+            models=models, doubt=0.5 * HOPEFUL, fit_all=fit_all, start=lambda base, score: base, say=print
+        )
 
         compared = SimpleNamespace(
             likeliest=lambda models: max(models, key=lambda m: likely.get(frozenset(m[0]), 0.0)),

@@ -82,12 +82,12 @@ class CandidateFits:
         least: float = -math.inf,
         base: float = math.inf,
         afresh: bool = True,
+        needed: float = -math.inf,
     ) -> list[Fitted]:
         """Fit models at once, and to the end only those that come near the best of them.
 
         After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
-        most of the gain of the best one, because a large effect may take more than a turn. What does not even promise
-        to come within doubt of an objective that is reached already is given up before.
+        most of the gain of the best one, because a large effect may take more than a turn.
 
         Args:
             models: What is added, and what gives the point where its fit starts.
@@ -95,20 +95,21 @@ class CandidateFits:
             base: Objective of the model to which these add; none if they add to no common one.
             afresh: Whether their noise is sought from far away: it is that of a model that lacks what they add. What
                 begins at the noise of a model with more in it begins low enough.
+            needed: Objective without which they are of no use: what does not promise it is given up.
         """
 
         def further(added: Added, found: Fitted) -> Fitted:
             return self.fit(added, found.point, afresh=False) if best - found.objective < far else found
 
-        share, needed = self.augmented.share, least - max(self.doubt, MOST * (least - base))
+        share = self.augmented.share
         found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh, least=needed), models)
         best = max([least, *(f.objective for f in found)])
         far = max(BIC_NEEDED, MOST * (best - base))
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
 
-    def fit_near(self, added: Added, start: Point, objective: float) -> Fitted:
-        """Fit to the end only what comes near an objective."""
-        return self.fit_all([(added, lambda: start)], objective)[0]
+    def fit_near(self, added: Added, start: Point, objective: float, needed: float) -> Fitted:
+        """Fit to the end only what comes near an objective, and give up what does not promise another."""
+        return self.fit_all([(added, lambda: start)], objective, needed=needed)[0]
 
     def judge(self, added: Added, point: Point) -> Judgement:
         """Judge a model on the held-out drives; the same one once."""

@@ -88,7 +88,7 @@ def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fi
         if new:
             fits.say(f"still needed? {listed([h.name.replace('_', ' ') for h in new])}")
             starts = [(rest, partial(_without, fits, best.point, h, rest)) for h, rest in new.items()]
-            fits.fit_all(starts, best.objective, afresh=False)
+            fits.fit_all(starts, best.objective, afresh=False, needed=best.objective - fits.doubt)
         left = ()
         for h, rest in rests.items():
             kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
@@ -258,7 +258,7 @@ def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added
     new = [model for key, model in open_.items() if key not in fits.models]
     if new:
         fits.say("fitting what may stand in the place of what was found")
-        fits.fit_all(new, best.objective, afresh=False)
+        fits.fit_all(new, best.objective, afresh=False, needed=best.objective - fits.doubt)
 
 
 def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added, lost: float) -> list[list[Candidate]]:

@@ -245,7 +245,8 @@ class SelectionRound:
         """
         h, winner = max(self.fits.items(), key=lambda item: item[1].objective)
         self.say("fitting the model without it again")
-        again = self.candidate_fits.fit_near(self.added, self.taken_back(h, winner), winner.objective)
+        start, best = self.taken_back(h, winner), self.best.objective
+        again = self.candidate_fits.fit_near(self.added, start, winner.objective, best)
         fitting = self.candidate_fits.fitting
         lost = fitting.admits(self.best.point) and not fitting.admits(again.point)
-        return again if again.objective > self.best.objective and not lost else self.best
+        return again if again.objective > best and not lost else self.best
