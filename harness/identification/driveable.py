@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from harness.common.arrays import Floats
+from harness.common.last_used import LastUsed
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
 from harness.identification.filtered_model import FilteredModel
@@ -41,7 +42,7 @@ class Driveable:
         self.model, self.drives = model, tuple(fitted)
         self.speeds = self._speeds(driven or fitted)
         self._samples = max(len(d.time) for d in driven or fitted)
-        self._known: dict[tuple[bytes, ...], bool] = {}  # of those asked for last
+        self._known = LastUsed[bool](_REMEMBERED)
 
     def _speeds(self, drives: Sequence[Drive]) -> Floats:
         if _SPEED not in self.model.model.inputs:
@@ -101,9 +102,8 @@ class Driveable:
     def admits(self, values: Sequence[Floats]) -> bool:
         """Whether a model with parameters ``(np,)`` for each fitted drive is a candidate."""
         key = tuple(v.tobytes() for v in values)
-        known = self._known.get(key)
+        (known,) = self._known.of([key])
         if known is None:
-            self._known[key] = known = math.isinf(self.unstable_from(values[0])) and self.stays(values)
-            for old in list(self._known)[:-_REMEMBERED]:
-                self._known.pop(old, None)  # candidates are fitted in threads
+            known = math.isinf(self.unstable_from(values[0])) and self.stays(values)
+            self._known.keep([key], [known])
         return known

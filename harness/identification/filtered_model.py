@@ -14,7 +14,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from threading import Lock
 from typing import TypeVar
 
 import numpy as np
@@ -22,6 +21,7 @@ import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.last_used import LastUsed
 from harness.common.registry import closest
 from harness.config import InputSignal, ModelSpec
 from harness.engine.compile import compile_model, load_source, paste
@@ -36,7 +36,7 @@ _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
 
 _STEP_TOLERANCE = 1e-3
-_REMEMBERED = 24
+REMEMBERED = 24
 """Runs that are kept: of some points over some fitted drives and the drives that judge them."""
 
 
@@ -172,8 +172,7 @@ class FilteredModel(ABC):
         late = {self.row(p.name): [i for i, s in enumerate(sources) if s == p.late] for p in model.parameters if p.late}
         self._late = {row: columns for row, columns in late.items() if columns}
         self._effects = InputEffects(self.duals)
-        self._remembered: dict[tuple[object, ...], tuple[Drive, FilterRun]] = {}
-        self._remembering = Lock()  # candidates are fitted in threads
+        self._remembered = LastUsed[tuple[Drive, FilterRun]](REMEMBERED)
 
     @abstractmethod
     def _filter(self, drive: Drive, candidates: Candidates, total: Floats, notes: tuple[Floats, ...]) -> None:
@@ -274,7 +273,7 @@ class FilteredModel(ABC):
                 return self._likelihoods(drive, held.take(columns), self._notes(0))
             notes = self._notes(len(drive.inputs))
             values = self._likelihoods(drive, held.take(columns), notes)
-            self._remember([drive], [held.take([0])], [FilterRun(float(values[0]), *notes)])
+            self._remembered.keep([_key(drive, held.take([0]))], [(drive, FilterRun(float(values[0]), *notes))])
             return values
 
         found = self.share(of, tasks)
@@ -342,24 +341,13 @@ class FilteredModel(ABC):
 
     def runs(self, drives: Sequence[Drive], points: Each) -> list[FilterRun]:
         """Run the filter over every recording, which must not change meanwhile: the last few runs are remembered."""
-        each = for_each(points, drives)
-        with self._remembering:
-            known = [self._remembered.get(_key(d, p)) for d, p in zip(drives, each, strict=True)]
-        open_ = [i for i, pair in enumerate(known) if pair is None]
-        found = dict(zip(open_, self.share(lambda i: self.run(drives[i], each[i]), open_), strict=True))
-        runs = [found[i] if pair is None else pair[1] for i, pair in enumerate(known)]
-        self._remember(drives, each, runs)
+        pairs = list(zip(drives, for_each(points, drives), strict=True))
+        keys = [_key(*pair) for pair in pairs]
+        known = self._remembered.of(keys)
+        new = iter(self.share(lambda i: self.run(*pairs[i]), [i for i, kept in enumerate(known) if kept is None]))
+        runs = [next(new) if kept is None else kept[1] for kept in known]
+        self._remembered.keep(keys, list(zip(drives, runs, strict=True)))
         return runs
-
-    def _remember(self, drives: Sequence[Drive], points: Sequence[Candidates], runs: Sequence[FilterRun]) -> None:
-        """Keep runs, the last used last, and forget those that were not used for longest."""
-        with self._remembering:
-            for drive, point, run in zip(drives, points, runs, strict=True):
-                key = _key(drive, point)
-                self._remembered.pop(key, None)
-                self._remembered[key] = drive, run  # beside the drive, whose id is its own as long as it is kept
-            for key in list(self._remembered)[: -max(_REMEMBERED, len(runs))]:
-                del self._remembered[key]
 
     def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
@@ -449,8 +437,8 @@ class FilteredModel(ABC):
             return list(pool.map(work, tasks))
 
 
-def _key(drive: Drive, point: Candidates) -> tuple[object, ...]:
-    """Return what tells a run from others."""
+def _key(drive: Drive, point: Candidates) -> tuple[int, bytes, bytes, bytes]:
+    """Return what tells a run from others, beside which the drive is kept, so that its id stays its own."""
     return id(drive), point.values.tobytes(), point.process.tobytes(), point.measurement.tobytes()
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from harness.common.last_used import LastUsed
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.hypotheses import hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
@@ -9,6 +10,7 @@ from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import HeldOut
+from harness.identification.filtered_model import REMEMBERED
 from support.driven_car import FREE, driven
 
 NAMES = ("steering_offset", "sensor_bias@yaw_rate", "steering_lag")
@@ -22,7 +24,7 @@ def drives(augmented):
 def fitted(augmented, drives, jobs, monkeypatch):
     """Return what a round makes of three hypotheses, with a number of threads, and nothing remembered."""
     monkeypatch.setattr(augmented, "jobs", jobs)
-    monkeypatch.setattr(augmented, "_remembered", {})
+    monkeypatch.setattr(augmented, "_remembered", LastUsed(REMEMBERED))
     variances = first_variances(augmented, drives)
     fitting = Fitting(augmented, drives[:1], variances, driven=drives)
     fits = CandidateFits(fitting, HeldOut(augmented, drives[1:], variances), FREE, lambda _: None)

@@ -159,7 +159,11 @@ class _Comparison:
     def posterior(self) -> Posterior:
         """Return how likely every model is that was fitted and is in doubt."""
         self.fits.say("how likely is each model?")
-        weighed = self._weighed(self._in_doubt([*self.fits.models.values()]))
+        compared = self._in_doubt([*self.fits.models.values()])
+        nominal = self.fits.models.get(frozenset())
+        if nominal is not None and nominal not in compared:
+            compared.append(nominal)  # which users know: how much likelier is what was found?
+        weighed = self._weighed(compared)
         priors, densities = weighed.priors, weighed.densities
         shares = probabilities(priors, densities)
         order = np.argsort(-shares, kind="stable")
