@@ -96,6 +96,17 @@ def test_the_noise_of_a_fit_does_not_depend_on_where_it_started(augmented, gusty
     assert again.point.measurement == pytest.approx(fitted.point.measurement, abs=0.02)
 
 
+def test_a_fit_is_given_up_where_what_it_promises_does_not_count(gusty):
+    """From noise fifty times too large thousands are to be gained; what is out of reach is not sought."""
+    fitting, fitted = gusty
+    point = dataclasses.replace(fitted.point, measurement=fitted.point.measurement - np.log(50.0))
+    reached = fitting.fit(fitted.coordinates, point, 10, afresh=False, least=fitted.objective - 1.0)
+    assert reached.objective == pytest.approx(fitted.objective, abs=2.0)
+    given_up = fitting.fit(fitted.coordinates, point, 10, afresh=False, least=fitted.objective + 1e9)
+    assert given_up.objective < fitted.objective - 1000
+    assert np.array_equal(given_up.point.measurement, point.measurement)
+
+
 def test_variances_climb_to_those_of_the_samples():
     """The likelihood of independent normal samples is largest at their mean squares."""
     squares = np.array([4.0, 1e-3, 50.0])

@@ -81,6 +81,9 @@ def test_a_curved_valley_is_left_where_a_step_gains_little():
     left = maximise(valley(), start, both, 60, enough=0.01, slow=0.3)
     assert whole.value > left.value > whole.value - 3.0
     assert not left.converged
+    by_share = maximise(valley(), start, both, 60, enough=0.01, share=0.1)  # of what all before gained
+    assert whole.value > by_share.value > whole.value - 5.0
+    assert by_share.value > float(valley().values(start[:, None])[0])
 
 
 def test_white_noise_passes_and_coloured_noise_fails():
