@@ -109,7 +109,7 @@ def maximise(
             candidates[moved] += np.column_stack(steps)
             values = objective.values(candidates, keep_first=True)
             best = int(np.argmax(values))
-            if values[0] > values[best] - enough:
+            if values[0] > max(value, values[best] - enough):
                 best = 0  # the full step, where no other is better by what counts
             if values[best] > value:
                 better, damping = candidates[:, best], max(strengths[best], 1e-6)
