@@ -50,8 +50,9 @@ that of a poor fit; what takes over this share of another's gain is tried in its
 it of its own signal's error, where other signals mask its share."""
 
 ERROR_NEEDED = 0.2
-"""Share of the simulation error on held-out drives, beyond the noise of sensors and inputs, that an addition must take:
-what gains likelihood and no prediction is mostly noise that was fitted."""
+"""Share of the simulation error on held-out drives, beyond the noise of sensors and inputs and what is uncertain of
+that (``EXCESS``), that an addition must take: what gains likelihood and no prediction is mostly noise that was fitted.
+"""
 
 EXCESS = 0.05
 """Mean square of the simulation error over its floor, less one, below which nothing is left to explain: the variance of

@@ -14,13 +14,14 @@ from harness.diagnosis.selection.acceptance import (
     Candidate,
     decide,
     lookalikes,
+    objections,
     passes_except_error,
     preferred,
     with_further,
     with_sensor,
 )
 from harness.diagnosis.selection.selection_round import SelectionRound
-from harness.diagnosis.selection.validation import Judgement, leaves_nothing
+from harness.diagnosis.selection.validation import Judgement, leaves_nothing, predicts_better
 
 
 def passing(name, normalised_excess_mse, random=False):
@@ -113,6 +114,35 @@ def test_an_effect_that_leaves_the_error_to_another_one_is_hopeful():
     assert decide((passing,), delay.held_out, room=0).added is None
     for other in (("lag", 400.0, 25.6), ("lag", 15400.0, 27.7), ("lag", 15400.0, 25.6, 900.0), ("lag", 15400.0, 0.04)):
         assert not passes_except_error(candidate(*other), before)
+
+
+@pytest.mark.parametrize(
+    ("before", "most"),
+    [
+        (10.0, 8.01),
+        (1.05, 0.85),  # a fifth of what exceeds the floor by more than that is uncertain
+        (0.06, 0.058),
+        (0.05, 0.05),
+        (0.02, 0.02),
+        (0.0, 0.0),
+        (np.inf, 1e300),
+    ],
+)
+def test_of_an_error_within_its_floor_no_fall_is_asked(before, most):
+    def candidate(left, bic=60.0, likelihood=2.0):
+        score = SimpleNamespace(hypothesis=Hypothesis("compliance", "effect", ("compliance",)))
+        return Candidate(score, SimpleNamespace(coordinates=()), bic, judged(left, likelihood))
+
+    def judged(left, likelihood=1.0):
+        return Judgement(likelihood, np.zeros(1), np.array([left]), (), None)
+
+    assert predicts_better(judged(most), judged(before))
+    assert objections(candidate(most), judged(before)) == []
+    assert "the gain in BIC is 49, less than 50" in objections(candidate(most, bic=49.0), judged(before))
+    assert objections(candidate(most, likelihood=0.9), judged(before)) != []
+    more = 1.001 * most + 1e-6
+    assert predicts_better(judged(more), judged(before)) == (before == np.inf)
+    assert not predicts_better(judged(np.inf), judged(min(before, 1e6)))
 
 
 def test_a_fault_of_one_sensor_is_judged_by_its_own_signal_where_nothing_else_passes():

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 from harness.diagnosis.criteria import (
     BIC_NEEDED,
-    ERROR_NEEDED,
     EXCESS,
     HOPEFUL,
     MOST,
@@ -18,7 +17,7 @@ from harness.diagnosis.criteria import (
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.score_test import Score, cosine
-from harness.diagnosis.selection.validation import Judgement
+from harness.diagnosis.selection.validation import Judgement, predicts_better
 from harness.study.results import words
 
 
@@ -139,8 +138,7 @@ def objections(c: Candidate, before: Judgement) -> list[str]:
         found.append(f"the gain in BIC is {c.bic:.0f}, less than {BIC_NEEDED:.0f}")
     if c.held_out.log_likelihood <= before.log_likelihood:
         found.append("the likelihood of the held-out drives does not rise")
-    left = (1 - ERROR_NEEDED) * before.normalised_excess_mse
-    if not c.hypothesis.random and c.held_out.normalised_excess_mse > left:  # which no simulation predicts
+    if not c.hypothesis.random and not predicts_better(c.held_out, before):  # which no simulation predicts
         found.append("the simulation error on the held-out drives does not fall by a fifth")
     return found
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness.diagnosis.criteria import BIC_NEEDED, ERROR_NEEDED
+from harness.diagnosis.criteria import BIC_NEEDED
 from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.diagnosis.selection.validation import HeldOut, Judgement, predicts_better
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import Drive
 from harness.models.contracts import Parameter
@@ -69,7 +69,7 @@ class Changes:
         passes = (
             best.bic >= BIC_NEEDED
             and best.held_out.log_likelihood > self.before.log_likelihood
-            and best.held_out.normalised_excess_mse <= (1 - ERROR_NEEDED) * self.before.normalised_excess_mse
+            and predicts_better(best.held_out, self.before)
         )
         return best if passes else None
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import EXCESS, LITTLE
+from harness.diagnosis.criteria import ERROR_NEEDED, EXCESS, LITTLE
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -49,6 +49,16 @@ def leaves_nothing(after: Judgement, before: Judgement) -> bool:
     """
     little = LITTLE * before.normalised_excess_mse if np.isfinite(before.normalised_excess_mse) else 0.0
     return after.normalised_excess_mse <= max(EXCESS, little)
+
+
+def predicts_better(after: Judgement, before: Judgement) -> bool:
+    """Whether the simulation error of a model is less than another's by enough of what can be explained.
+
+    That is what exceeds the floor by more than the floor itself is uncertain. Where nothing does, no fall can be asked
+    of an error that is that of a perfect model as far as anybody knows: it must not grow, and the likelihood decides.
+    """
+    uncertain = min(before.normalised_excess_mse, EXCESS)
+    return after.normalised_excess_mse <= (1 - ERROR_NEEDED) * before.normalised_excess_mse + ERROR_NEEDED * uncertain
 
 
 class HeldOut:
