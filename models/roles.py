@@ -6,6 +6,7 @@ Packages are named here and nowhere else, not imported: files of most roles use 
 from __future__ import annotations
 
 from harness.common.registry import Role
+from harness.models.sensor_sets import SensorRole
 
 VEHICLES = Role(
     f"{__package__}.vehicles",
@@ -15,7 +16,7 @@ VEHICLES = Role(
 )
 TYRES = Role(f"{__package__}.tyres", "tyre", ("PARAMETERS", "lateral_force"), word="tyres")
 EFFECTS = Role(f"{__package__}.effects", "effect", ("PORT", "READS", "PARAMETERS", "STATES", "apply"), word="effects")
-SENSORS = Role(f"{__package__}.sensors", "sensor", ("OUTPUTS",), word="sensors")
+SENSORS = SensorRole(f"{__package__}.sensors", "sensor", ("OUTPUTS",), word="sensors")
 PARAMETERS = Role(
     f"{__package__}.parameters",
     "parameter",

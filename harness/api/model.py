@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from harness.api import _show
-from harness.config import ModelSpec, complete, fitting_sensors, resolve_single
+from harness.config import ModelSpec, complete, largest_sensors, resolve_single
 from harness.config.parameter_set import set_text
 from harness.config.unknown_parameters import KEYS as UNCERTAIN
-from harness.models.roles import SENSORS
 from harness.models.signals import SIGNALS
 
 if TYPE_CHECKING:
@@ -60,15 +59,16 @@ def model(
     """Return a model: a vehicle, its tyre, effects, sensors, parameters and noise.
 
     Arguments are the keys of ``[plant]`` in a study file and mean the same. What is left out follows from the parameter
-    set; a tyre is ``magic_formula`` where one is needed; sensors are those that use most of the recordings the model is
-    run on, or else the series ones. A note on stderr says where a choice was made that may surprise.
+    set; a tyre is ``magic_formula`` where one is needed; sensors are all signals of the recordings the model is run on
+    that a set measures and whose noise is known, or else the series ones. A note on stderr says where a choice was made
+    that may surprise.
 
     Args:
         vehicle: Name of a vehicle (``harness list vehicles``).
         parameters: Name of a parameter set or path of a TOML parameter file; the vehicle's only set by default.
         tyre: Name of a tyre.
         effects: Names of effects in the order they act; ``effect@place`` acts at one place.
-        sensors: Name of a set of sensors.
+        sensors: Name of a set of sensors, or the signals with commas between them.
         values: Parameters that differ from the set: a number in SI units, or text with a unit such as ``"1.6 t"``.
         noise: Variances that differ from the set: ``{"process": {state: variance per step}, "measurement": {output:
             variance per sample}, "input": {signal: variance per sample}, "process_scale": factor,
@@ -121,8 +121,7 @@ class Model:
         if (
             "sensors" not in table
         ):  # which of them is decided later, by recordings perhaps; the rest is checked with most
-            fit = fitting_sensors(table["vehicle"], table.get("tyre"))
-            table["sensors"] = max(fit, key=lambda name: len(SENSORS.load(name).OUTPUTS))
+            table["sensors"] = largest_sensors(table)
         self._checked = self._resolve(table)
 
     @property

@@ -42,11 +42,17 @@ EffectOption = Annotated[
 ]
 SensorsOption = Annotated[
     str | None,
-    typer.Option("--sensors", help="Sensors; those of the parameter file, or the usual or only ones of the vehicle."),
+    typer.Option(
+        "--sensors",
+        help="Sensors, or signals with commas between; those of the parameter file, or the usual ones of the vehicle.",
+    ),
 ]
 RecordedSensorsOption = Annotated[
     str | None,
-    typer.Option("--sensors", help="Sensors; those of the parameter file, or those that use most of the recordings."),
+    typer.Option(
+        "--sensors",
+        help="Sensors, or signals with commas between them; those of the parameter file, or all that recordings hold.",
+    ),
 ]
 DriveOption = Annotated[
     list[str] | None,

@@ -6,7 +6,7 @@ together; ``specs`` is what all later stages read.
 
 from harness.config.load import build_study, load_drives, load_study
 from harness.config.model import resolve_single
-from harness.config.model_choice import complete, fitting_sensors
+from harness.config.model_choice import complete, fitting_sensors, largest_sensors
 from harness.config.schema import StudyFile, study_schema, write_schema
 from harness.config.single import single_drive, single_estimator
 from harness.config.specs import (
@@ -37,6 +37,7 @@ __all__ = [
     "build_study",
     "complete",
     "fitting_sensors",
+    "largest_sensors",
     "load_drives",
     "load_study",
     "resolve_single",

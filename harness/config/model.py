@@ -274,9 +274,12 @@ def _with_set(table: Stated, found: ParameterSet, problems: Problems) -> Stated:
 
 def _measured(effects: tuple[str, ...], sensors: str | None) -> tuple[str, ...]:
     """Return the effects of a set without those of sensors that this model does not have."""
-    if sensors not in SENSORS.names():
+    if sensors is None:
         return effects
-    outputs = SENSORS.load(sensors).OUTPUTS
+    try:
+        outputs = SENSORS.load(sensors).OUTPUTS
+    except ModelError:  # which is said where sensors are looked up
+        return effects
     return tuple(e for e in effects if place_of(load_effect(e)) != "output" or split(e)[1] in (None, *outputs))
 
 

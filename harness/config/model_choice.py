@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.common.errors import ModelError, UserError
-from harness.config.parameter_set import load_set
+from harness.config.parameter_set import ParameterSet, load_set
 from harness.models.roles import PARAMETERS, SENSORS, VEHICLES
 
 _TYRE = "magic_formula"
@@ -59,8 +59,8 @@ def complete(
     if stated.get("sensors") and found.sensors and sensors != found.sensors:
         notes.append(f"sensors: {sensors}, in place of {found.sensors} of {found.source}")
     if sensors is None and choose_sensors and recordings is not None:
-        sensors, lacking = _most_sensors(vehicle, tyre, recordings)
-        notes += lacking
+        sensors, about = _most_sensors(vehicle, tyre, recordings, _noise_known(stated, found))
+        notes += about
     elif sensors is None and choose_sensors:
         sensors = _usual_sensors(vehicle, tyre)
     chosen_keys = {"vehicle": vehicle, "parameters": name, "tyre": tyre, "sensors": sensors}
@@ -92,6 +92,11 @@ def _usual(vehicle: str, what: str, fit: Sequence[str]) -> str | None:
     return named if named in fit else fit[0] if len(fit) == 1 else None
 
 
+def _noise_known(stated: Mapping[str, Any], found: ParameterSet) -> set[str]:
+    """Return the outputs whose noise a model's table or its parameter set states."""
+    return {*found.measurement, *((stated.get("noise") or {}).get("measurement") or {})}
+
+
 def fitting_sensors(vehicle: str, tyre: str | None) -> list[str]:
     """Return the sets of sensors whose outputs a vehicle publishes."""
     return [n for n in SENSORS.names() if _fits(vehicle, tyre, n)]
@@ -105,29 +110,68 @@ def _usual_sensors(vehicle: str, tyre: str | None) -> str:
     raise UserError(f"sensors: which of '{vehicle}'? There are {', '.join(fit) or 'none that fit'}")
 
 
+def largest_sensors(table: Mapping[str, Any]) -> str:
+    """Return the sensors that measure all that any set for a vehicle does and whose noise is known.
+
+    Args:
+        table: A model as ``complete`` returns it, without sensors.
+    """
+    sets = _outputs(table["vehicle"], table.get("tyre"))
+    known = _noise_known(table, load_set(str(table["parameters"]), Path(), "parameters"))
+    return _named(sets, [o for o in _every(sets) if o in known]) or next(iter(sets))
+
+
 def _most_sensors(
-    vehicle: str, tyre: str | None, recordings: Sequence[Iterable[Hashable]]
+    vehicle: str, tyre: str | None, recordings: Sequence[Iterable[Hashable]], known: set[str]
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the set of sensors that uses most signals of the recordings, and what a larger one would need.
+    """Return the sensors that use all signals of the recordings whose noise is known, and what further ones would need.
 
     Raises:
-        UserError: If there is none; with the signals that each lacks.
+        UserError: If there are none.
     """
     there = set.intersection(*({str(v) for v in r} for r in recordings))
-    names = fitting_sensors(vehicle, tyre)
-    needs = {n: set(SENSORS.load(n).OUTPUTS) for n in names}
-    whole = [n for n in names if needs[n] <= there]
-    if not whole:
-        lacking = "; ".join(f"'{n}' also needs {', '.join(sorted(needs[n] - there))}" for n in names)
-        raise UserError(f"sensors: the recordings contain no complete set of sensors of '{vehicle}': {lacking}")
-    best, largest = (max(some, key=lambda n: len(needs[n])) for some in (whole, names))
-    if len(needs[best]) == len(needs[largest]):
-        return best, ()
-    note = (
-        f"the recordings lack {', '.join(sorted(needs[largest] - there))}, so sensors '{best}' are used "
-        f"({', '.join(sorted(needs[best]))}), and what only '{largest}' would show cannot be found"
-    )
-    return best, (note,)
+    sets = _outputs(vehicle, tyre)
+    every = _every(sets)
+    recorded = [o for o in every if o in there]
+    if not recorded:
+        raise UserError(f"sensors: the recordings hold nothing that sensors of '{vehicle}' measure: {', '.join(every)}")
+    chosen = _named(sets, [o for o in recorded if o in known])
+    unknown, lacking = [o for o in recorded if o not in known], [o for o in every if o not in there]
+    if chosen is None:
+        raise UserError(
+            f"sensors: nobody knows the noise of {', '.join(recorded)}; state the variance, by the key "
+            f"noise.measurement.{recorded[0]} of the model or in [measurement_noise] of a parameter file"
+        )
+    notes = []
+    if unknown:
+        notes.append(
+            f"sensors: {', '.join(unknown)} of the recordings is not used, because nobody knows the noise; state the "
+            "variance in [measurement_noise] of a parameter file"
+        )
+    if lacking:
+        used = "" if "," in chosen else f" ({', '.join(sorted(known.intersection(recorded)))})"
+        notes.append(
+            f"sensors: {chosen}{used}; the recordings lack {', '.join(lacking)}, and what only that would show "
+            "cannot be found"
+        )
+    return chosen, tuple(notes)
+
+
+def _outputs(vehicle: str, tyre: str | None) -> dict[str, list[str]]:
+    """Return what each set of sensors measures of a vehicle, the largest first."""
+    found = {n: list(SENSORS.load(n).OUTPUTS) for n in fitting_sensors(vehicle, tyre)}
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+
+
+def _every(sets: Mapping[str, list[str]]) -> list[str]:
+    """Return what sets of sensors measure, each output once, those of the first set first."""
+    return list(dict.fromkeys(o for outputs in sets.values() for o in outputs))
+
+
+def _named(sets: Mapping[str, list[str]], wanted: Sequence[str]) -> str | None:
+    """Return sensors that measure some outputs: the set that does, or the outputs themselves; none of nothing."""
+    found = next((n for n, outputs in sets.items() if set(outputs) == set(wanted)), ", ".join(wanted))
+    return found if wanted else None
 
 
 def _fits(vehicle: str, tyre: str | None, sensors: str) -> bool:

@@ -116,7 +116,9 @@ class ModelTable(Table):
         default=None,
         description="files in models/effects, in the order they act; `effect@place` acts at one place; none if absent",
     )
-    sensors: Name | None = Field(default=None, description="file in models/sensors")
+    sensors: Name | None = Field(
+        default=None, description="file in models/sensors, or signals with commas between them"
+    )
     integrator: Literal["euler", "heun", "rk4"] | None = Field(
         default=None, description="scheme of one substep (default euler)"
     )
@@ -319,7 +321,9 @@ class ParameterFile(Table):
     effects: list[Name] = Field(
         default_factory=list, description="files in models/effects that are in force with these values"
     )
-    sensors: Name | None = Field(default=None, description="file in models/sensors, unless others are named")
+    sensors: Name | None = Field(
+        default=None, description="file in models/sensors, or signals with commas between them, unless others are named"
+    )
     source: StrictStr = Field(default="", description="where the values come from")
     noise_step: Quantity = Field(default=0.01, description="step in s to which the process noise belongs")
     values: dict[str, Quantity] = Field(description="parameters of vehicle and tyre")

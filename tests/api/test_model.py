@@ -41,8 +41,36 @@ def test_sensors_that_are_not_stated_follow_from_recordings():
     open_ = h.model("car", "govindarajan_2018")
     assert open_.states == ("lateral_velocity", "yaw_rate")
     assert open_.table([{"yaw_rate", "lateral_acceleration", "speed"}])["sensors"] == "car_series"
-    with pytest.raises(h.UserError, match="sensors: the recordings contain no complete set of sensors of 'car'"):
+    with pytest.raises(h.UserError, match="the recordings hold nothing that sensors of 'car' measure: yaw_rate, lat"):
         open_.table([{"speed"}])
+
+
+def test_every_recorded_signal_is_measured_whose_noise_is_known(capsys):
+    """No set of sensors is just that of the logger: its signals are the set."""
+    truck = h.model("semitrailer", "ziaukas_2023")
+    there = {"speed", "yaw_rate_tractor", "yaw_rate_trailer", "articulation_angle", "lateral_acceleration_tractor"}
+    chosen = truck.table([there])["sensors"]
+    assert chosen == "yaw_rate_tractor, yaw_rate_trailer, articulation_angle, lateral_acceleration_tractor"
+    assert f"sensors: {chosen}; the recordings lack lateral_force_axle_21, and what only" in capsys.readouterr().err
+    assert h.model("semitrailer", "ziaukas_2023", sensors=chosen).outputs == tuple(chosen.split(", "))
+    assert truck.table([there - {"articulation_angle"}])["sensors"] == "stability_control"
+    assert "sensors: stability_control (lateral_acceleration_tractor, yaw_rate" in capsys.readouterr().err
+
+
+def test_a_recorded_signal_of_unknown_noise_is_not_measured_and_a_set_with_one_does_no_harm(tmp_path, capsys):
+    h.model("semitrailer", "ziaukas_2023", sensors="test_vehicle_inertial").write(tmp_path / "truck.toml", "me")
+    head, noise = (tmp_path / "truck.toml").read_text().split("[measurement_noise]\n")
+    yaw_rate = next(line for line in noise.splitlines() if line.startswith("yaw_rate_tractor"))
+    head = "\n".join(line for line in head.splitlines() if not line.startswith("sensors"))
+    (tmp_path / "truck.toml").write_text(f"{head}\n[measurement_noise]\n{yaw_rate}\n")
+    truck = h.model("semitrailer", tmp_path / "truck.toml")  # the largest set has a force of axle 21
+    there = {"speed", "yaw_rate_tractor", "articulation_angle"}
+    assert truck.table([there])["sensors"] == "yaw_rate_tractor"
+    assert "articulation_angle of the recordings is not used, because nobody knows" in capsys.readouterr().err
+    with pytest.raises(h.UserError, match=r"nobody knows the noise of articulation_angle; state .*measurement_noise"):
+        truck.table([{"articulation_angle"}])
+    stated = h.model("semitrailer", tmp_path / "truck.toml", noise={"measurement": {"articulation_angle": 1e-6}})
+    assert stated.table([there])["sensors"] == "yaw_rate_tractor, articulation_angle"
 
 
 def test_a_model_is_written_as_a_parameter_file_that_loads(tmp_path):
