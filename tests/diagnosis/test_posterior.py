@@ -174,6 +174,28 @@ def test_the_evidence_is_that_of_exponential_ordinates():
     assert p.coloured([loud], [quiet]) == pytest.approx(exact.sum())
 
 
+def test_what_is_missing_far_ahead_is_likelier_by_the_density_of_wider_predictions():
+    def by_block(scale, seed):
+        errors = scale * np.random.default_rng(seed).standard_normal((6, 50, 2))  # blocks, samples, outputs
+        return errors, (errors**2).sum(axis=(1, 2))
+
+    (_, narrow), (_, wide), (errors, there) = by_block(1.0, 1), by_block(2.0, 2), by_block(1.8, 3)
+    seen = np.full(6, 100.0)
+    fitted, held_out = (np.column_stack([narrow, narrow, far, seen]) for far in (wide, there))
+    factor = np.sqrt(wide.sum() / seen.sum())
+    exact = (stats.norm(scale=factor).logpdf(errors) - stats.norm.logpdf(errors)).sum(axis=(1, 2))
+    assert p.farther(fitted, held_out) == pytest.approx(exact / 3)  # of three horizons the last one shows it
+    assert (exact > 0).all()
+    assert (p.farther(held_out, np.column_stack([narrow, narrow, narrow, seen])) < 0).all()
+    right = np.column_stack([narrow, narrow, narrow, seen])
+    assert p.farther(right, held_out) == pytest.approx(np.zeros(6))  # the fitted drives do not show it
+    first = np.column_stack([wide, narrow, narrow, seen])
+    assert p.farther(first, first) == pytest.approx(np.zeros(6))  # the spectrum of the innovations judges that
+    lost = held_out.copy()
+    lost[2, 2] = np.inf  # a prediction that left its range
+    assert p.farther(fitted, lost) == pytest.approx(np.zeros(6))
+
+
 def test_coverage_is_that_of_the_chi_square_region():
     found = p.coverage([ahead((1.0, 4.0), 20_000)])
     assert found == pytest.approx([0.95, chi2.cdf(chi2.ppf(0.95, 1) / 4.0, 1)], abs=0.01)

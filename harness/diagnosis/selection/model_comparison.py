@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
-from harness.diagnosis.fitting.fit import Fitted, Point
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
 from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike, same
@@ -30,6 +30,7 @@ from harness.diagnosis.selection.posterior import (
     by_block,
     coloured,
     coverage,
+    farther,
     interval,
     probabilities,
     shared_horizons,
@@ -168,7 +169,7 @@ class _Comparison:
         shares = probabilities(priors, densities)
         order = np.argsort(-shares, kind="stable")
         first = weighed.predicted[order[0]]
-        none = densities[order[0]] + self._colour(first) / densities.shape[1]
+        none = densities[order[0]] + self._lacking(first)
         with_none = np.append(priors, priors[order[0]] + math.log(PRIORS.odds["none"]))
         joint = probabilities(with_none, np.vstack([densities, none]))
         found = tuple(
@@ -199,22 +200,33 @@ class _Comparison:
     def _predicted(self, added: Added, fitted: Fitted) -> _Predicted:
         held_out = self.fits.held_out
         judged = self.fits.judge(added, fitted.point)
-        each = zip(held_out.drives, held_out.fitting.candidates([judged.point]), strict=True)
-        step = self.fits.augmented.spec.step
-        samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
-        aheads = tuple(self._prediction.of(drive, held, samples) for drive, held in each)
+        aheads = self._aheads(held_out.fitting, judged.point)
         penalty = sum(d.log_likelihood for d in judged.drives) - judged.log_likelihood
         penalty = penalty if math.isfinite(penalty) else 0.0
         blocks = by_block([a.densities for a in aheads], held_out.drives, penalty)
         return _Predicted(added, fitted, aheads, penalty, blocks)
 
-    def _colour(self, p: _Predicted) -> float:
-        """Return how much likelier the held-out drives are if something lacking adds to the innovations."""
-        fits = self.fits
-        judged = fits.judge(p.added, p.fitted.point).point
-        each = (fits.fitting.runs(p.fitted.point), fits.held_out.fitting.runs(judged))
-        here, there = ([run.whitened[1:] for run in runs] for runs in each)
-        return coloured(here, there)
+    def _aheads(self, fitting: Fitting, point: Point) -> tuple[Ahead, ...]:
+        """Return how a model predicts drives at all horizons."""
+        step = self.fits.augmented.spec.step
+        samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
+        each = zip(fitting.drives, fitting.candidates([point]), strict=True)
+        return tuple(self._prediction.of(drive, held, samples) for drive, held in each)
+
+    def _lacking(self, p: _Predicted) -> Floats:
+        """Return by block how much likelier the held-out drives are if a model lacks something ``(blocks,)``."""
+        fits, point = self.fits, p.fitted.point
+        judged = fits.judge(p.added, point).point
+        runs = (fits.fitting.runs(point), fits.held_out.fitting.runs(judged))
+        here, there = ([run.whitened[1:] for run in each] for each in runs)
+        squares = [
+            by_block([np.column_stack([a.squares, a.seen]) for a in aheads], drives)
+            for aheads, drives in (
+                (self._aheads(fits.fitting, point), fits.fitting.drives),
+                (p.aheads, fits.held_out.drives),
+            )
+        ]
+        return coloured(here, there) / len(p.blocks) + farther(*squares)
 
 
 def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, str], float]) -> float:

@@ -207,6 +207,30 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats]) -> float:
     return float(np.concatenate(count) @ (np.concatenate(mean) * (1.0 - 1.0 / factors) - np.log(factors)))
 
 
+def farther(fitted: Floats, held_out: Floats) -> Floats:
+    """Return by block how much likelier the held-out drives are if something unmodelled adds to what is to come.
+
+    It multiplies the covariance of a prediction by what the fitted drives show at that horizon, where that is the
+    factor ``PRIORS.misfit`` or more. The mean is over all horizons, but the first one says nothing: there the
+    spectrum of the innovations is looked at (``coloured``).
+
+    Args:
+        fitted: Squared distances of the fitted drives from the prediction over its covariance, by block and horizon,
+            and how many numbers were measured ``(blocks, horizons + 1)``.
+        held_out: The same of the held-out ones.
+
+    Returns:
+        Log densities ``(blocks,)``.
+    """
+    factors = fitted[:, 1:-1].sum(axis=0) / fitted[:, -1].sum()
+    shown = np.flatnonzero(
+        np.isfinite(factors) & np.isfinite(held_out[:, 1:-1]).all(axis=0) & (factors >= PRIORS.misfit)
+    )
+    squares, seen, factors = held_out[:, 1 + shown], held_out[:, -1:], factors[shown]
+    gain = 0.5 * (squares * (1.0 - 1.0 / factors) - seen * np.log(factors))
+    return np.asarray(gain.sum(axis=1) / (held_out.shape[1] - 1))
+
+
 def coverage(held_out: Sequence[Ahead]) -> Floats:
     """Return the share of the samples within the 95 % region that a model predicts ``(horizons,)``."""
     within = [a.squares <= chi2.ppf(0.95, np.maximum(a.seen, 1))[:, None] for a in held_out]
