@@ -115,6 +115,7 @@ def recording_of(
         "warnings": [
             *clock.warnings,
             *(w for r in raws for w in _warnings(r, start)),
+            *_removed_spikes(raws, start),
             *_unknown_points(mapping),
         ],
     }
@@ -294,13 +295,25 @@ def _warnings(raw: Raw, start: float) -> list[str]:
             f"{where}: gaps longer than {raw.largest_gap:.3g} s: {len(raw.gaps)}, the longest of {b - a:.3g} s from "
             f"t = {a - start:.2f} s; they stay missing"
         )
-    if len(raw.spikes):
-        done = "treated as missing" if channel.remove_spikes else "kept; remove_spikes = true treats them as missing"
-        times = ", ".join(f"{t - start:.2f}" for t in raw.spikes[:3])
-        found.append(f"{where}: single-sample spikes: {len(raw.spikes)} (t = {times} s); {done}")
+    if len(raw.spikes) and not channel.remove_spikes:
+        found.append(
+            f"{where}: single-sample spikes: {_spikes(raw, start)}; kept; remove_spikes = true treats them as missing"
+        )
     if raw.held > 1:
         found.append(f"{where}: {raw.held} rows repeat each sample; only the first of them counts as measured")
     return found
+
+
+def _removed_spikes(raws: Sequence[Raw], start: float) -> list[str]:
+    """Say in one sentence which samples of all channels are treated as missing because the map wants it."""
+    each = [f"{r.channel.signal} {_spikes(r, start)}" for r in raws if len(r.spikes) and r.channel.remove_spikes]
+    return [f"single-sample spikes, treated as missing: {'; '.join(each)}"] if each else []
+
+
+def _spikes(raw: Raw, start: float) -> str:
+    """Return the number of the spikes of a channel and when the first of them are."""
+    times = ", ".join(f"{t - start:.2f}" for t in raw.spikes[:3])
+    return f"{len(raw.spikes)} (t = {times}{', ...' if len(raw.spikes) > 3 else ''} s)"
 
 
 def _unknown_points(mapping: ChannelMap) -> list[str]:

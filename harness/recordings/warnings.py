@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from harness.models.quantities import listed
 from harness.recordings.examine import examine
 
 SLOW = 1.5
@@ -19,14 +20,15 @@ _BACKWARDS = -0.2
 def recording_warnings(recordings: Sequence[xr.Dataset]) -> tuple[str, ...]:
     """Return the irregularities found in reading and comparing the signals of recordings, each with the evidence.
 
-    What was found in reading a file of which there are several parts is said once.
+    What is the same of several recordings is said once, of all of them.
     """
-    found = []
+    found: dict[str, list[str]] = {}
     for recording in recordings:
         findings = [str(f) for f in examine(recording).findings]
-        slow = _slow(recording)
-        found += [f"{recording.attrs['name']}: {w}" for w in (*recording.attrs.get("warnings", ()), *findings, *slow)]
-    return tuple(dict.fromkeys(found))
+        for warning in (*recording.attrs.get("warnings", ()), *findings, *_slow(recording)):
+            names = found.setdefault(warning, [])
+            names += [recording.attrs["name"]] if recording.attrs["name"] not in names else []
+    return tuple(f"{listed(names)}: {warning}" for warning, names in found.items())
 
 
 def _slow(recording: xr.Dataset) -> list[str]:

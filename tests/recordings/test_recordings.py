@@ -12,6 +12,7 @@ from harness.recordings.channel_map import load_map
 from harness.recordings.clock import check_clock, spikes, updates
 from harness.recordings.consistency import check
 from harness.recordings.resample import onto_grid
+from harness.recordings.warnings import recording_warnings
 from support.weaving_car import CLOCK, STEP, TIME, drive, stored
 
 MEASURED = Path(__file__).parents[3] / "shared" / "measured"
@@ -317,8 +318,13 @@ def test_spikes_are_found_reported_and_removed_on_request(tmp_path):
     assert "single-sample spikes: 2 (t = 7.00, 30.00 s); kept" in kept.attrs["warnings"][0]
     assert kept["yaw_rate"].values[700] == pytest.approx(values[700])
     channels.write_text(channels.read_text().replace('"rad/s"', '"rad/s", remove_spikes = true'))
-    removed = load_recording(path, channels)["yaw_rate"].values
-    assert abs(removed[700] - truth["yaw_rate"][700]) < 0.02
+    removed = load_recording(path, channels)
+    assert abs(removed["yaw_rate"].values[700] - truth["yaw_rate"][700]) < 0.02
+    said = "single-sample spikes, treated as missing: yaw_rate 2 (t = 7.00, 30.00 s)"
+    assert removed.attrs["warnings"] == [said]
+    both = recording_warnings([removed.assign_attrs(name=name) for name in ("first", "second")])
+    assert both == (f"first and second: {said}",)
+    assert recording_warnings([removed.assign_attrs(name="part")] * 2) == (f"part: {said}",)
 
 
 @pytest.mark.parametrize("path", sorted(MAPS.glob("*.toml")), ids=lambda p: p.stem)
