@@ -321,10 +321,10 @@ def test_a_recording_that_is_too_short_says_what_to_drive(tmp_path):
 
 
 def test_missing_signals_are_named(tmp_path):
-    drives = [driven(i, duration=25.0).drop_vars(["yaw_rate", "lateral_acceleration"]) for i in (43, 44)]
-    result = traced(tmp_path, drives)
+    measured = ["yaw_rate", "lateral_acceleration", "lateral_velocity"]
+    result = traced(tmp_path, [driven(i, duration=25.0).drop_vars(measured) for i in (43, 44)])
     assert result.exit_code == 2
-    assert "yaw_rate" in result.output
+    assert f"hold nothing that sensors of 'car' measure: {', '.join(measured)}" in " ".join(result.output.split())
 
 
 def test_a_parameter_that_the_model_does_not_have_is_refused_before_anything_is_compiled(tmp_path):
