@@ -20,34 +20,8 @@ from harness.common.files import toml_text
 from harness.common.units import scale
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings import readers
+from harness.recordings.column_names import NAMES, TIME, TRAILER, in_words, stated_unit
 
-_NAMES: tuple[tuple[str, str], ...] = (
-    ("articulation_angle", r"articulation|hitch (angle|ang)|knickwinkel"),
-    ("steering_wheel_angle", r"steer|swa|lenk|lws|\blrw\b|handwheel|^delta( h| sw)?$"),
-    ("yaw_acceleration", r"yaw (ang(ular)? )?acc|psi pp|yaw ddot"),
-    (
-        "yaw_rate",
-        r"yaw (rate|vel|speed)|yawrate|gier|psi (p|dot)$|^(r|wz|w z|omega z|gyro z|gz)$|(ang(ular)? )?rate z|yaw dot",
-    ),
-    ("roll_rate", r"roll (rate|vel)|^(wx|omega x|gyro x|gx)$|rate x"),
-    ("lateral_acceleration", r"lat(eral)? ?acc|querbeschl|acc(el(eration)?)? ?(y|lat)|^a ?y( ?cg)?$"),
-    (
-        "longitudinal_acceleration",
-        r"long(itudinal)? ?acc|laengsbeschl|längsbeschl|acc(el(eration)?)? ?(x|long)|^a ?x( ?cg)?$",
-    ),
-    ("lateral_velocity", r"lat(eral)? ?(vel|speed)|vel(ocity)? (y|lat)|quer ?gesch|^v ?(y|quer|lat)$"),
-    ("speed", r"speed|geschw|veloc|^v( ?x| veh| fzg)?$|vel (x|long)|kmh|kph"),
-    ("sideslip_angle", r"side ?slip|schwimm|^beta$"),
-    ("heading", r"heading|course|kurs|azimuth|^(psi|yaw)( angle)?$"),
-    ("roll_angle", r"^(roll|phi)( angle)?$|wank"),
-    ("latitude", r"^(gps |gnss )?lat(itude)?$|breitengrad"),
-    ("longitude", r"^(gps |gnss )?(lon|lng|long|longitude)$|laengengrad|längengrad"),
-    ("position_x", r"^(pos(ition)? )?x( pos)?$|east(ing)?$"),
-    ("position_y", r"^(pos(ition)? )?y( pos)?$|north(ing)?$"),
-)
-"""Signals by what the names of their columns look like, the first that matches."""
-
-_TIME = re.compile(r"^(t|time|timestamp|zeit|clock|stamp)\b|\btime$|^timestamps?$")
 _TAKEN_TWICE = {"speed": "longitudinal_velocity"}
 _DISTANCES = ("position_x", "position_y")
 
@@ -63,23 +37,6 @@ _UNITS: dict[str, tuple[str, ...]] = {
 
 _LIMITS = {"rad": 12.5, "rad/s": 3.0, "rad/s^2": 30.0, "m/s": 75.0, "m/s^2": 1e9, "m": 1e9}
 """Largest magnitude that is taken to be in SI units; a heading may have turned further."""
-
-_WRITTEN = {
-    "rad/s": r"rad ?/ ?s(ec)?|rad ?s ?-1|radps|rads",
-    "deg/s": r"(deg|°|grad) ?/ ?s(ec)?|degps|dps|deg ?s ?-1|degs",
-    "km/h": r"km ?/ ?h|kmh|kph",
-    "m/s^2": r"m ?/ ?s ?(2|²|\^2|\*\*2)|mps2|ms2|m ?s ?-2",
-    "m/s": r"m ?/ ?s|mps|m ?s ?-1",
-    "g_0": r"g|g0",
-    "deg": r"deg(rees?)?|°|grad",
-    "rad": r"rad(ians?)?",
-    "ms": r"ms|msec|millis(econds)?",
-    "us": r"us|µs|micros(econds)?",
-    "ns": r"ns|nanos(econds)?",
-    "s": r"s|sec(onds)?",
-    "m": r"m|met(er|re)s?",
-}
-"""How units are written in files and names."""
 
 _ENOUGH = 50
 """Samples that a comparison of signals needs."""
@@ -174,56 +131,36 @@ def propose(path: Path) -> Proposal:
         if not any(g.signal == signal for g in guesses):
             guesses += _by_unit_and_motion(signal, tables, left, guesses)
             left = [column for column in left if column not in [g.column for g in guesses]]
-    guesses, doubled = _one_each(guesses)
-    if not guesses:
+    behind = [g for g in guesses if TRAILER.search(g.column.lower()) and f"{g.signal}_trailer" in SIGNALS]
+    guesses, doubled = _one_each([g for g in guesses if g not in behind])
+    behind, more = _one_each(behind)
+    doubled += more
+    if not guesses and not behind:
         columns = ", ".join(f"'{c}'" for table in tables for c in table.columns)
         raise UserError(
             f"{path}: no column looks like a signal of a vehicle: {columns}; write the map by hand "
             "(docs/measured-data.md)"
         )
-    first = [g for g in guesses if len(g.values) == len(next(iter(tables[0].columns.values())))]
-    found, notes = _consistent({g.signal: g for g in first})
-    guesses = [found.get(g.signal, g) for g in guesses]
-    guesses += [
-        replace(g, signal=_TAKEN_TWICE[g.signal], why=("the same column serves both",))
-        for g in guesses
-        if g.signal in _TAKEN_TWICE and not any(o.signal == _TAKEN_TWICE[g.signal] for o in guesses)
-    ]
+    guesses, notes = _settled(guesses, tables)
+    if behind or any(g.signal == "articulation_angle" for g in guesses):
+        speed = [g for g in guesses if g.signal == "speed"]
+        behind, further = _settled([*speed, *behind], tables)
+        both = [*_of_body(guesses, "tractor"), *_of_body([g for g in behind if g.signal != "speed"], "trailer")]
+        guesses = _articulated(both, tables, clocks)
+        notes = list(dict.fromkeys([*notes, *further]))
+    else:
+        guesses += [
+            replace(g, signal=_TAKEN_TWICE[g.signal], why=("the same column serves both",))
+            for g in guesses
+            if g.signal in _TAKEN_TWICE and not any(o.signal == _TAKEN_TWICE[g.signal] for o in guesses)
+        ]
     notes += _further_notes(guesses, clocks, doubled)
     result = Proposal(tuple(guesses), tuple(clocks), (*left, *doubled), tuple(notes))
     return replace(result, text=_text(result, path))
 
 
-def _words(name: str) -> str:
-    """Return a column's name in small words, without unit, group and module: ``EBS11.YawRate [deg/s]`` is yaw rate."""
-    name = re.sub(r"[\[(].*?[\])]", " ", name)
-    name = re.split(r"[./\\:]", name.strip())[-1] if not re.search(r"\w/\w$", name) else name
-    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    words = re.sub(r"[^a-z0-9äöüß]+", " ", name.lower()).split()
-    while len(words) > 1 and _unit_of(words[-1]) is not None and words[-1] != "g":
-        words.pop()
-    return " ".join(words)
-
-
-def _unit_of(text: str) -> str | None:
-    """Return a unit by how it is written; ``None`` if it is none of those known."""
-    text = text.strip().lower()
-    return next((unit for unit, pattern in _WRITTEN.items() if re.fullmatch(pattern, text)), None)
-
-
-def _stated_unit(column: str, by_file: str) -> tuple[str, str] | None:
-    """Return the unit that file or name state, and which of them."""
-    found = _unit_of(by_file) if by_file else None
-    if found is not None:
-        return found, "unit by the file"
-    for written in (*re.findall(r"[\[(](.*?)[\])]", column), re.split(r"[_ ]", column)[-1] if "_" in column else ""):
-        if (found := _unit_of(written)) is not None:
-            return found, "unit by the name"
-    return None
-
-
 def _clock(table: readers.Table) -> tuple[str, str, str] | None:
-    named = [c for c in table.columns if _TIME.search(_words(c))]
+    named = [c for c in table.columns if TIME.search(in_words(c))]
     native = [table.clock] if table.clock is not None and table.clock in table.columns else []
     for column in [*native, *named]:
         steps = np.diff(table.columns[column])
@@ -232,7 +169,7 @@ def _clock(table: readers.Table) -> tuple[str, str, str] | None:
             continue
         if column == table.clock:
             return column, "s", "the format says so"
-        stated, step = _stated_unit(column, table.units.get(column, "")), float(np.median(steps))
+        stated, step = stated_unit(column, table.units.get(column, "")), float(np.median(steps))
         if stated is not None and stated[0] in ("s", "ms", "us", "ns"):
             return column, stated[0], stated[1]
         for unit, largest in (("s", 0.5), ("ms", 500.0), ("us", 5e5), ("ns", 5e8)):
@@ -250,19 +187,19 @@ def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
     """Return which signal a column may be, by its name, and its unit."""
     if column.startswith(TRUTH):
         return None
-    words = _words(column)
+    words = in_words(column)
     exact = "_".join(words.split()).removeprefix("measured_")
     signal = exact if exact in SIGNALS and exact != "time" else None
     why = "name of the signal"
     if signal is None:
-        signal = next((s for s, pattern in _NAMES if re.search(pattern, words)), None)
+        signal = next((s for s, pattern in NAMES if re.search(pattern, words)), None)
         why = f"name reads “{words}”"
     finite = values[np.isfinite(values)]
     if signal is None or len(finite) < 2:
         return None
     unit = SIGNALS[signal].unit
     possible = _UNITS.get(unit, (unit,))
-    stated = _stated_unit(column, by_file)
+    stated = stated_unit(column, by_file)
     if stated is not None and stated[0] in possible:
         return Guess(signal, column, stated[0], values, True, (why, stated[1]))
     if stated is not None and stated[0] not in ("g_0", "s", "m"):  # a speed in degrees is none
@@ -288,7 +225,7 @@ def _by_unit_and_motion(
     found = []
     for table in tables:
         for column in (c for c in left if c in table.columns):
-            stated = _stated_unit(column, table.units.get(column, ""))
+            stated = stated_unit(column, table.units.get(column, ""))
             if stated is not None and stated[0] in _UNITS[SIGNALS[signal].unit]:
                 found.append(Guess(signal, column, stated[0], table.columns[column], True, (stated[1],)))
     moves = [g for g in found if _moves_alike(g, {k.signal: k for k in known})]
@@ -322,6 +259,47 @@ def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
         else:
             left.append(g.column)
     return list(kept.values()), left
+
+
+def _settled(guesses: Sequence[Guess], tables: Sequence[readers.Table]) -> tuple[list[Guess], list[str]]:
+    """Return guesses of one body with units and signs as its signals agree, and what there is to say about them."""
+    first = [g for g in guesses if len(g.values) == len(next(iter(tables[0].columns.values())))]
+    found, notes = _consistent({g.signal: g for g in first})
+    return [found.get(g.signal, g) for g in guesses], notes
+
+
+def _of_body(guesses: Sequence[Guess], body: str) -> list[Guess]:
+    """Return guesses of a vehicle combination: what either body has is that of one of them."""
+    named = ((g, f"{g.signal}_{body}") for g in guesses)
+    return [replace(g, signal=name) if name in SIGNALS and g.signal != "speed" else g for g, name in named]
+
+
+def _articulated(
+    guesses: Sequence[Guess], tables: Sequence[readers.Table], clocks: Sequence[tuple[str, str, str]]
+) -> list[Guess]:
+    """Settle unit and sign of the articulation angle: in a second it changes by what the yaw rates differ."""
+    known = {g.signal: g for g in guesses}
+    names = ("articulation_angle", "yaw_rate_tractor", "yaw_rate_trailer")
+    if not set(names) <= set(known) or not clocks:
+        return list(guesses)
+    angle, front, rear = (known[n] for n in names)
+    time = next(t.columns[clocks[0][0]] for t in tables if clocks[0][0] in t.columns) * scale(clocks[0][1], "s", "time")
+    if len({len(values) for values in (time, angle.values, front.values, rear.values)}) > 1:
+        return list(guesses)
+    step = float(np.nanmedian(np.diff(time)))
+    second = max(1, round(1.0 / step))
+    turned = np.cumsum(np.nan_to_num(rear.si - front.si)) * step
+    units = (angle.unit,) if angle.stated else _UNITS["rad"]
+    choices = [replace(angle, unit=unit) for unit in units]
+    changes = [(g.si[second:] - g.si[:-second], turned[second:] - turned[:-second]) for g in choices]
+    if not abs(_correlation(*changes[0])) > _ALIKE:
+        return list(guesses)
+    ratios = [float(np.nanstd(change) / np.std(by)) for change, by in changes]
+    best = int(np.argmin(np.abs(np.log(ratios))))
+    sign = -1 if _correlation(*changes[best]) < 0 else 1
+    reason = f"its change in a second over that by the yaw rates: {sign * ratios[best]:.2f}"
+    settled = replace(choices[best], sign=sign, why=(angle.why[0], reason))
+    return [settled if g is angle else g for g in guesses]
 
 
 def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:

@@ -140,3 +140,50 @@ def test_what_does_not_belong_together_is_said(recording):
 def test_a_file_without_signals_is_refused(recording):
     with pytest.raises(UserError, match="no column looks like a signal of a vehicle: 'a', 'b'"):
         propose(recording(a=TIME, b=RATE))
+
+
+def truck(**columns):
+    """Return what a logger of a truck with trailer writes, the articulation angle in degrees."""
+    behind = 0.3 * np.sin(0.5 * (TIME - 0.6))
+    angle = -np.cumsum(RATE - behind) * 0.02
+    return {
+        "t_s": TIME,
+        "EBS_TrailerSpeed_kmh": 3.6 * SPEED,
+        "LWS_Angle": np.degrees(STEER),
+        "ESC_YawRate": np.degrees(RATE),
+        "TEBS_YawRate": np.degrees(behind),
+        "ESC_LatAcc": noisy(SPEED * RATE, 0.1),
+        "Auflieger.Querbeschleunigung": noisy(SPEED * behind, 0.1, 2),
+    } | {name: scale * noisy(angle, 1e-4, 3) for name, scale in columns.items()}
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "sign"),
+    [
+        ("ARTIC_Angle", "deg", 1),
+        ("Knickwinkel", "deg", -1),
+        ("articulation", "rad", -1),
+        ("hitch angle [deg]", "deg", 1),
+    ],
+)
+def test_a_truck_with_trailer_has_signals_of_two_bodies(recording, column, unit, sign):
+    scale = sign * (180 / np.pi if unit == "deg" else 1.0)
+    found = guessed(recording(**truck(**{column.replace(" ", "__"): scale})))
+    assert found == {
+        "speed": ("EBS_TrailerSpeed_kmh", "km/h", 1),
+        "steering_wheel_angle": ("LWS_Angle", "deg", 1),
+        "yaw_rate_tractor": ("ESC_YawRate", "deg/s", 1),
+        "yaw_rate_trailer": ("TEBS_YawRate", "deg/s", 1),
+        "articulation_angle": (column, unit, sign),
+        "lateral_acceleration_tractor": ("ESC_LatAcc", "m/s^2", 1),
+        "lateral_acceleration_trailer": ("Auflieger.Querbeschleunigung", "m/s^2", 1),
+    }
+
+
+def test_an_angle_that_does_not_turn_as_the_yaw_rates_do_is_left_as_its_values_say(recording):
+    found = propose(recording(**(truck() | {"artic": noisy(0 * TIME, 0.05)})))
+    angle = next(g for g in found.guesses if g.signal == "articulation_angle")
+    assert (angle.unit, angle.sign) == ("rad", 1)
+    assert "unit by its values" in angle.why[1]
+    alone = guessed(recording(t=TIME, artic=RATE, yaw_rate=RATE))  # of one body the yaw rate is known: the tractor's
+    assert set(alone) == {"articulation_angle", "yaw_rate_tractor"}
