@@ -136,7 +136,7 @@ class _Search:
             )
             instead = set(kept) - set(added)
             added = kept
-            if not instead or frozenset(added) in seen or len(self.rounds) > self.most:
+            if not instead or frozenset(added) in seen:
                 break
         return Trace(
             fits.fitting,
@@ -156,7 +156,7 @@ class _Search:
     def _forward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
         """Return a model with what round after round adds, until nothing is accepted, and its fit."""
         fits = self.candidate_fits
-        while len(self.rounds) <= self.most:
+        while True:
             number = len(self.rounds) + 1
             tried, passed = self.failures.attempt(
                 f"round {number} of the search", partial(self._round, added, best, number), self._lost
@@ -167,12 +167,11 @@ class _Search:
                     self.nominal = min(tried.without, key=lambda f: fits.judge((), f.point).normalised_excess_mse)
             self.rounds += passed or [Round((), fits.judge(added, best.point), None, self.cut_short, "")]
             if self.rounds[-1].added is None:
-                break
+                return added, best
             for r in passed:
                 assert r.added is not None
                 assert r.added.fitted is not None
                 added, best = (*added, *r.added.hypothesis.single), r.added.fitted
-        return added, best
 
     def _round(self, added: Added, best: Fitted, number: int) -> tuple[SelectionRound | None, list[Round]]:
         """Try everything once; return what was tried and the round, or two."""
@@ -190,7 +189,7 @@ class _Search:
         Of two effects one may cause the simulation error and the other most of the innovations: then neither passes
         alone.
         """
-        room = self.most + 1 - tried.number
+        room = self.most - _size(tried.added)
         found = tried.decided(room)
         if found.hopeful is not None:
             assert found.hopeful.fitted is not None
@@ -201,6 +200,11 @@ class _Search:
             if further.added is not None:
                 return [with_further(found, further), further]
         return [found if found.added is not None else tried.decided_by_sensor(room)]
+
+
+def _size(added: Added) -> int:
+    """Return the number of additions; channels that are late are one, as they are added at once."""
+    return sum(not h.clock for h in added) + any(h.clock for h in added)
 
 
 def _as_added(added: Added, best: Fitted, _: str) -> tuple[Added, Fitted, Posterior | None]:
