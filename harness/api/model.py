@@ -50,7 +50,7 @@ def model(
     *,
     tyre: str | None = None,
     effects: Sequence[str] | None = None,
-    sensors: str | None = None,
+    sensors: str | Sequence[str] | None = None,
     values: Mapping[str, float | str] | None = None,
     noise: Mapping[str, Any] | None = None,
     unknown_inputs: Sequence[str] | None = None,
@@ -68,7 +68,7 @@ def model(
         parameters: Name of a parameter set or path of a TOML parameter file; the vehicle's only set by default.
         tyre: Name of a tyre.
         effects: Names of effects in the order they act; ``effect@place`` acts at one place.
-        sensors: Name of a set of sensors, or the signals with commas between them.
+        sensors: Name of a set of sensors, or the signals that are measured.
         values: Parameters that differ from the set: a number in SI units, or text with a unit such as ``"1.6 t"``.
         noise: Variances that differ from the set: ``{"process": {state: variance per step}, "measurement": {output:
             variance per sample}, "input": {signal: variance per sample}, "process_scale": factor,
@@ -98,7 +98,7 @@ def model(
         "parameters": None if parameters is None else str(parameters),
         "tyre": tyre,
         "effects": _list(effects),
-        "sensors": sensors,
+        "sensors": _list(sensors),
         "values": values,
         "noise": noise,
         "unknown_inputs": _list(unknown_inputs),
@@ -116,6 +116,8 @@ class Model:
 
     def __init__(self, stated: Mapping[str, Any]) -> None:
         self.stated: dict[str, Any] = dict(stated)
+        if isinstance(sensors := self.stated.get("sensors"), list):
+            self.stated["sensors"] = ", ".join(sensors)
         self._spec: ModelSpec | None = None
         table, _ = complete(self.stated, choose_sensors=False)
         if (
@@ -142,7 +144,8 @@ class Model:
             recordings: Recordings that it is for (their signals count); sensors follow from them if none are stated.
 
         Raises:
-            UserError: If there are several sets of sensors to choose from, or the recordings contain no complete one.
+            UserError: If there are several sets of sensors to choose from, or the recordings hold
+                nothing that any of them measures.
         """
         table, notes = self.completed(recordings)
         for each in notes:

@@ -38,7 +38,7 @@ def complete(
 
     Raises:
         UserError: If the vehicle has several parameter sets or sensors to choose from and no usual one, or the
-            recordings contain no complete set of sensors.
+            recordings hold nothing that its sensors measure, or nothing whose noise is known.
         ModelError: If there is no such vehicle or parameter set.
     """
     stated = {key: value for key, value in table.items() if value is not None}

@@ -52,7 +52,10 @@ def test_every_recorded_signal_is_measured_whose_noise_is_known(capsys):
     chosen = truck.table([there])["sensors"]
     assert chosen == "yaw_rate_tractor, yaw_rate_trailer, articulation_angle, lateral_acceleration_tractor"
     assert f"sensors: {chosen}; the recordings lack lateral_force_axle_21, and what only" in capsys.readouterr().err
-    assert h.model("semitrailer", "ziaukas_2023", sensors=chosen).outputs == tuple(chosen.split(", "))
+    listed = tuple(chosen.split(", "))
+    assert h.model("semitrailer", "ziaukas_2023", sensors=chosen).outputs == listed
+    assert h.model("semitrailer", "ziaukas_2023", sensors=listed).outputs == listed
+    assert truck.replace(sensors=listed[:2]).outputs == listed[:2]
     assert truck.table([there - {"articulation_angle"}])["sensors"] == "stability_control"
     assert "sensors: stability_control (lateral_acceleration_tractor, yaw_rate" in capsys.readouterr().err
 
