@@ -150,7 +150,7 @@ def _rounds(outcome: Outcome) -> list[Block]:
                 "parameters. An addition "
                 f"needs {BIC_NEEDED:.0f} units of BIC on the fitted drives, a higher likelihood of the held-out "
                 f"drives, and {style.percent(ERROR_NEEDED)} less simulation error there beyond the noise of "
-                "sensors and inputs; where the error is within that noise already, no more of it."
+                "sensors and inputs; an error within that noise has to stay there."
             )
         ),
     ]

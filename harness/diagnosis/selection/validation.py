@@ -55,10 +55,10 @@ def predicts_better(after: Judgement, before: Judgement) -> bool:
     """Whether the simulation error of a model is less than another's by enough of what can be explained.
 
     That is what exceeds the floor by more than the floor itself is uncertain. Where nothing does, no fall can be asked
-    of an error that is that of a perfect model as far as anybody knows: it must not grow, and the likelihood decides.
+    of an error that is that of a perfect model as far as anybody knows: it must stay so, and the likelihood decides.
     """
-    uncertain = min(before.normalised_excess_mse, EXCESS)
-    return after.normalised_excess_mse <= (1 - ERROR_NEEDED) * before.normalised_excess_mse + ERROR_NEEDED * uncertain
+    explicable = max(before.normalised_excess_mse - EXCESS, 0.0)
+    return after.normalised_excess_mse <= EXCESS + (1 - ERROR_NEEDED) * explicable
 
 
 class HeldOut:
