@@ -12,7 +12,7 @@ STUDIES := $(patsubst studies/%.toml,study-%,$(wildcard studies/*.toml))
 RECORDED := $(patsubst studies/%.toml,study-%,$(shell grep -ls 'kind *= *"from_file"' studies/*.toml))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs sensitivity check-proof tuning-proof fuzz faults audit endurance scale short-runs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
+.PHONY: help setup studies loop $(LOOPS) report test test-view proof wheel lint attribution attribution-docs foreign sensitivity check-proof tuning-proof fuzz faults audit endurance scale short-runs bench lock clean study-narx-architecture study-realtime study-identify-swarm study-identify-em reproduce-box reproduce-nearest reproduce notebooks docs $(IDENTIFY) $(STUDIES)
 
 help:            ## show the targets
 	@echo "study-<name>              run studies/<name>.toml, write results/<name>/report.html and .pdf;"
@@ -123,6 +123,9 @@ attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what w
 
 attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
 	$(BIN)/python -m bench.attribution.renew results/attribution$(if $(QUALITY),-$(QUALITY))/attribution.json
+
+foreign: $(VENV)/dev.stamp ## trace twelve cases of a second plant, which shares no code with the first, and score them (hours; CASES="a h", JOBS)
+	$(BIN)/python -m bench.foreign $(if $(CASES),--cases $(CASES)) $(if $(JOBS),--jobs $(JOBS))
 
 sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped; PAGE=1: tables into docs/attribution.md)
 	$(BIN)/python -m bench.attribution.sensitivity$(if $(PAGE), --page) $(if $(CASES),--cases $(CASES)) $(if $(NUMBERS),--numbers $(NUMBERS)) $(if $(FIRST),--first $(FIRST)) $(if $(QUALITY),--quality $(QUALITY))
