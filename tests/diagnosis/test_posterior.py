@@ -392,3 +392,23 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     assert found({frozenset([gain, mass]): 0.1, frozenset([many]): 0.3}, mass, gain) == {many}
     rounds[:] = [tried(mass, many), tried(late)]
     assert found({frozenset([late, mass]): 0.1, frozenset([many]): 0.3}, mass, late) == {late, mass}
+
+
+def test_what_was_fitted_beside_all_parameters_at_once_may_stand_in_their_place(monkeypatch):
+    """They take up what later additions explain as well, so what they gained more says nothing."""
+    monkeypatch.setattr(comparison, "cosine", lambda one, other: 0.3)
+    monkeypatch.setattr(acceptance, "cosine", lambda one, other: 0.3)
+
+    def candidate(name, bic, fitted=True, kind="effect"):
+        score = SimpleNamespace(excited=True)
+        return SimpleNamespace(hypothesis=Hypothesis(name, kind, (name,)), bic=bic, fitted=fitted, score=score)
+
+    many, lift = candidate(ALL_PARAMETERS, 6562.0, kind="parameter"), candidate("lifted_axle@21", 4196.0)
+    further, unfitted = (
+        candidate("axle_21_from_rear", 4138.0, kind="parameter"),
+        candidate("trailer_mass", 900.0, False),
+    )
+    tried = SimpleNamespace(candidates=[many, lift, further, unfitted])
+    assert comparison._like(tried, many, (), 1e4) == [lift, further]
+    assert comparison._like(tried, lift, (), 1e4) == [many, further]  # 58 units behind
+    assert comparison._like(tried, further, (lift.hypothesis,), 1e4) == [many]

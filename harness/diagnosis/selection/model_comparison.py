@@ -314,6 +314,8 @@ def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Cand
     found = [c for c in others if c.fitted or (c in told_apart and acts_alike(c.score, own.score))]
 
     def behind(c: Candidate) -> float:
+        if c.fitted and own.hypothesis.name == ALL_PARAMETERS:
+            return 0.0  # all of them at once took up what later additions explain, too
         linear = (1.0 - angles[id(c)] ** 2) * lost
         return min(linear, own.bic - c.bic) if c.fitted else linear  # what was fitted nearly as well may be right
 
