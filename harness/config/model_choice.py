@@ -115,8 +115,13 @@ def largest_sensors(table: Mapping[str, Any]) -> str:
 
     Args:
         table: A model as ``complete`` returns it, without sensors.
+
+    Raises:
+        UserError: If no set fits the vehicle.
     """
     sets = _outputs(table["vehicle"], table.get("tyre"))
+    if not sets:
+        raise UserError(f"sensors: no set measures what '{table['vehicle']}' publishes; list what is measured")
     known = _noise_known(table, load_set(str(table["parameters"]), Path(), "parameters"))
     return _named(sets, [o for o in _every(sets) if o in known]) or next(iter(sets))
 

@@ -125,3 +125,10 @@ def test_objects_show_themselves(shown):
     assert html.count("<div>") == html.count("</div>") == 1
     assert "<weave>" not in html
     assert len(repr(shown).splitlines()) > 1
+
+
+def test_a_vehicle_that_no_set_of_sensors_fits_is_refused_in_one_line(monkeypatch):
+    monkeypatch.setattr("harness.config.model_choice.fitting_sensors", lambda vehicle, tyre: [])
+    with pytest.raises(h.UserError, match="sensors: no set measures what 'car' publishes; list what is measured"):
+        h.model("car", "govindarajan_2018")
+    assert h.model("car", "govindarajan_2018", sensors="yaw_rate").outputs == ("yaw_rate",)
