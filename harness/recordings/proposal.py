@@ -131,9 +131,9 @@ def propose(path: Path) -> Proposal:
         if not any(g.signal == signal for g in guesses):
             guesses += _by_unit_and_motion(signal, tables, left, guesses)
             left = [column for column in left if column not in [g.column for g in guesses]]
-    behind = [g for g in guesses if TRAILER.search(g.column.lower()) and f"{g.signal}_trailer" in SIGNALS]
-    guesses, doubled = _one_each([g for g in guesses if g not in behind])
-    behind, more = _one_each(behind)
+    every = guesses
+    guesses, doubled = _one_each([g for g in every if not _on_trailer(g)])
+    behind, more = _one_each([g for g in every if _on_trailer(g)])
     doubled += more
     if not guesses and not behind:
         columns = ", ".join(f"'{c}'" for table in tables for c in table.columns)
@@ -259,6 +259,11 @@ def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
         else:
             left.append(g.column)
     return list(kept.values()), left
+
+
+def _on_trailer(g: Guess) -> bool:
+    """Whether the name of a column says that it is the trailer's, of a signal that both bodies have."""
+    return TRAILER.search(g.column.lower()) is not None and f"{g.signal}_trailer" in SIGNALS
 
 
 def _settled(guesses: Sequence[Guess], tables: Sequence[readers.Table]) -> tuple[list[Guess], list[str]]:
