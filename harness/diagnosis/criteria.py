@@ -20,7 +20,7 @@ class Priors:
 
     Attributes:
         odds: Against the same model without it, that something of a kind is there; all hypotheses of a kind share them.
-        stated: Standard deviation of the logarithm of a parameter about its stated value, where all are fitted at once.
+        stated: Standard deviation of the logarithm of a parameter about its stated value, where its set states none.
         implausible: How many of these one of many parameters may be off at most.
         beside_curves: The most that it may be for the step of a parameter beside curves.
         misfit: Factor on the spectrum of the innovations in an octave that something unmodelled adds at least.

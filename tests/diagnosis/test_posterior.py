@@ -11,12 +11,13 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, multivariate_normal
 
 from harness.diagnosis.criteria import HOPEFUL, PRIORS
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coordinates, hypotheses
 from harness.diagnosis.selection import acceptance
 from harness.diagnosis.selection import model_comparison as comparison
 from harness.diagnosis.selection import posterior as p
+from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import first_variances
 from harness.diagnosis.selection.priors import kind_of, log_odds, log_size
 from harness.identification.coordinates import Coordinate
@@ -231,10 +232,28 @@ def test_the_odds_of_a_kind_are_shared_and_places_share_those_of_their_effect(au
 
 def test_a_stated_value_off_by_a_factor_costs_by_its_prior():
     mass = Hypothesis("mass", "parameter", ("mass",))
-    c = Coordinate("mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg")
+    c = Coordinate("mass", "parameter", (0,), math.log(1000.0), math.log(10.0), math.log(1e5), True, "kg", known=0.2)
     fitted = SimpleNamespace(coordinates=(c,), point=SimpleNamespace(value=lambda _: 1800.0))
-    assert log_size(fitted, (mass,)) == pytest.approx(-0.5 * (math.log(1.8) / PRIORS.stated) ** 2)
+    assert log_size(fitted, (mass,)) == pytest.approx(-0.5 * (math.log(1.8) / 0.2) ** 2)
     assert log_size(fitted, (Hypothesis("lag", "effect", ("mass",)),)) == 0.0
+
+
+def test_what_the_parameter_set_states_is_how_far_a_value_may_be_off(augmented, monkeypatch):
+    """A wheelbase that is known to a percent is not off by five, alone or with many others."""
+    tried = {h.name: h for h in hypotheses(augmented, FREE)}
+    one, many = tried["cog_to_rear_axle"], tried[ALL_PARAMETERS]
+    stated, row = augmented.spec.values["cog_to_rear_axle"], augmented.row("cog_to_rear_axle")
+    usual = {c.name: c for c in coordinates(augmented, FREE, (many,), 1)}
+    assert usual["cog_to_rear_axle"].prior == usual["yaw_inertia"].prior == pytest.approx(PRIORS.stated)
+    monkeypatch.setattr(augmented, "_stated_std", {"cog_to_rear_axle": 0.01 * stated})
+    values = augmented.stated()[:, None]
+    values[row] *= math.exp(0.05)
+    for added, prior in ((one, math.inf), (many, 0.01)):
+        moved = coordinates(augmented, FREE, (added,), 1)
+        fitted = Fitted(moved, Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+        assert {c.name: c.prior for c in moved}["cog_to_rear_axle"] == pytest.approx(prior)
+        assert log_size(fitted, (added,)) == pytest.approx(-0.5 * 5.0**2)
+        assert bool(beyond_belief(fitted, (added,))) == (added is many)
 
 
 @pytest.fixture(scope="module")

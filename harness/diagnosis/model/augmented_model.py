@@ -7,6 +7,7 @@ its likelihood one run of one compiled filter, and trying an effect compiles not
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from threading import Lock
@@ -17,6 +18,8 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
 from harness.config import InputSignal, ModelSpec
+from harness.config.parameter_set import set_std
+from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.model import time_loops
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
@@ -60,6 +63,7 @@ class AugmentedModel(FilteredModel):
         files = tuple(dict.fromkeys(split(name)[0] for name in self.placements))
         drifting = assembled(spec.vehicle, spec.tyre, (*spec.effects, *self.drifts), spec.sensors)
         super().__init__(spec, _first(_assembled(spec, (*self.drifts, *files)), drifting.states), jobs, jacobians=False)
+        self._stated_std = set_std(spec)
         self._limited = np.flatnonzero(np.isfinite(self._limits))
         self._wander = {
             list(drifting.outputs).index(split(name)[1] or ""): (
@@ -115,6 +119,17 @@ class AugmentedModel(FilteredModel):
             else:
                 values[i] = p.grid[0] if p.grid else p.upper if p.per_drive else p.lower
         return values
+
+    def stated_std(self, name: str) -> float:
+        """Return the standard deviation by which a stated value may be off where it is in question, in its unit.
+
+        It is the one that the parameter set states; else the share ``PRIORS.stated`` of a positive value. Infinite for
+        what is not stated.
+        """
+        if name not in self.spec.values:
+            return math.inf
+        usual = PRIORS.stated * self.spec.values[name] if self.model.parameters[self.row(name)].lower > 0 else math.inf
+        return self._stated_std.get(name, usual)
 
     def drive(
         self, recording: xr.Dataset, name: str, between: Between = "joined", signal: InputSignal | None = None

@@ -8,7 +8,6 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import Coordinate, intensity_coordinate, parameter_coordinate
 from harness.models.assembly.placement import (
@@ -170,7 +169,7 @@ def coordinates(
     change_times = dict.fromkeys(n for h in added for n in h.change_times)
     return (
         *(_coordinate(model, name, std=known.get(name, math.inf) if name in free else math.inf) for name in alone),
-        *(_coordinate(model, name, PRIORS.stated) for name in many),
+        *(_in_question(model, name) for name in many),
         *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
         *(_intensity(model, n) for h in added if h.random for n in h.shared),
     )
@@ -181,15 +180,15 @@ def _intensity(model: AugmentedModel, name: str) -> Coordinate:
     return intensity_coordinate(model.model.parameters[row], row, 0.0)
 
 
-def _coordinate(
-    model: AugmentedModel,
-    name: str,
-    prior: float = math.inf,
-    drives: tuple[int, ...] = (),
-    std: float = math.inf,
-) -> Coordinate:
+def _in_question(model: AugmentedModel, name: str) -> Coordinate:
+    c = _coordinate(model, name)
+    return replace(c, prior=c.known)
+
+
+def _coordinate(model: AugmentedModel, name: str, drives: tuple[int, ...] = (), std: float = math.inf) -> Coordinate:
     row = model.row(name)
     p = model.model.parameters[row]
     value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
-    c = parameter_coordinate(p, row, value, prior, scale, drives)
-    return c if math.isinf(std) else c.known_to(std)
+    c = parameter_coordinate(p, row, value, math.inf, scale, drives)
+    known = c.known_to(model.stated_std(name)).prior
+    return replace(c if math.isinf(std) else c.known_to(std), known=known)

@@ -40,9 +40,10 @@ def log_odds(tried: Sequence[Hypothesis]) -> dict[tuple[str, str], float]:
 def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
     """Return the logarithm of how plausible the errors of stated values are, over no error.
 
-    A positive parameter is off by a factor whose logarithm is normal with the standard deviation ``PRIORS.stated``, so
-    that a factor of 1.8 costs four units and one of ten more than sixty.
+    A parameter is off by what its set states, in its coordinate. Where that says nothing, a positive one is off by a
+    factor whose logarithm is normal with the standard deviation ``PRIORS.stated``, so that a factor of 1.8 costs four
+    units and one of ten more than sixty.
     """
     stated = {n for h in added if h.kind == "parameter" for n in h.amplitudes}
-    moved = [c for c in fitted.coordinates if c.name in stated and c.logarithmic]
-    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / PRIORS.stated) ** 2 for c in moved)
+    moved = [c for c in fitted.coordinates if c.name in stated]
+    return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / c.known) ** 2 for c in moved)

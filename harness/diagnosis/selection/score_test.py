@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.fitting.fit import Fitted, Fitting, in_rows
 from harness.diagnosis.innovations.innovation_model import Linearisation
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
@@ -187,9 +186,7 @@ class ScoreTest:
         b = weights.T @ self._pull - sums.pull
         freedom = float(h.count(len(self.drives)))
         if h.name == ALL_PARAMETERS:  # stated values count as measured, once, within the prior
-            prior = np.diag(
-                (PRIORS.stated * self.point.values[[self.augmented.row(n) for n in h.amplitudes], 0]) ** -2.0
-            )
+            prior = np.diag([self.augmented.stated_std(n) ** -2.0 for n in h.amplitudes])
             freedom, G = float(np.trace(np.linalg.solve(G + prior, G))), G + prior
         # A column whose power the fit's own columns explain but for 1e-9 is not there.
         seen = np.diagonal(G) > np.maximum(1e-9 * np.diagonal(sums.square), 1e-300)
