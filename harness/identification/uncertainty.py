@@ -97,6 +97,21 @@ def covariance_of(information: Floats, singular: float = _SINGULAR, dropped: boo
     return Covariance(parts @ vectors.T, scale, (vectors[:, empty] ** 2).sum(axis=1) > 1e-6)
 
 
+def marginal(information: Floats, rows: Sequence[int]) -> Floats:
+    """Return the information on some coordinates where all others are open as well ``(rows, rows)``.
+
+    Args:
+        information: Fisher information, with that of the priors ``(n, n)``.
+        rows: The coordinates.
+    """
+    own = np.asarray(rows, dtype=int)
+    others = np.setdiff1d(np.arange(len(information)), own)
+    cross = information[np.ix_(others, own)]
+    open_ = covariance_of(information[np.ix_(others, others)], dropped=True).matrix
+    found: Floats = information[np.ix_(own, own)] - cross.T @ open_ @ cross
+    return found
+
+
 @dataclass(frozen=True)
 class Knowledge:
     """What the Fisher information says about the coordinates of a fit.

@@ -19,7 +19,7 @@ from harness.diagnosis.selection import model_comparison as comparison
 from harness.diagnosis.selection import posterior as p
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.priors import kind_of, log_odds, log_size
+from harness.diagnosis.selection.priors import kind_of, log_odds, log_size, log_stand_in
 from harness.identification.coordinates import Coordinate
 from support.driven_car import FREE, driven
 
@@ -254,6 +254,30 @@ def test_what_the_parameter_set_states_is_how_far_a_value_may_be_off(augmented, 
         assert {c.name: c.prior for c in moved}["cog_to_rear_axle"] == pytest.approx(prior)
         assert log_size(fitted, (added,)) == pytest.approx(-0.5 * 5.0**2)
         assert bool(beyond_belief(fitted, (added,))) == (added is many)
+
+
+def test_many_implausible_values_stand_for_something_unlisted():
+    """The odds are the ratio of two integrals over all values, here by quadrature; what is open says nothing."""
+    many = Hypothesis(ALL_PARAMETERS, "parameter", ("mass", "length"))
+    grip = Coordinate("grip", "parameter", (0,), 0.0, -9.0, 9.0, True, "")
+    mass = Coordinate("mass", "parameter", (1,), 0.0, -9.0, 9.0, True, "kg", prior=0.2, known=0.2)
+    length = Coordinate("length", "parameter", (2,), 0.0, -9.0, 9.0, True, "m", prior=0.01, known=0.01)
+    data = np.array([[400.0, 90.0, 0.0], [90.0, 150.0, 0.0], [0.0, 0.0, 0.0]])
+    information = data + np.diag([0.0, 0.2**-2, 0.01**-2])
+
+    def odds(likeliest):
+        """Return those of a likelihood whose maximum over the mass is there, the grip at zero."""
+        of_mass = 150.0 - 90.0**2 / 400.0
+        z = {"grip": 0.0, "mass": of_mass * likeliest / (of_mass + 0.2**-2), "length": 0.0}
+        point = SimpleNamespace(value=lambda c: math.exp(z[c.name]))
+        found = log_stand_in(SimpleNamespace(coordinates=(grip, mass, length), point=point), (many,), information)
+        at = np.linspace(-9.0, 9.0, 200_001)
+        likelihood = np.exp(-0.5 * of_mass * (at - likeliest) ** 2)
+        wide, narrow = (likelihood @ stats.norm.pdf(at, scale=0.2 * k) for k in (PRIORS.implausible, 1.0))
+        assert found == pytest.approx(math.log(wide / narrow), abs=1e-6)
+        return found
+
+    assert odds(0.1) < odds(0.3) < 0.0 < odds(0.8) < odds(2.0)
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ from harness.diagnosis.selection.posterior import (
     probabilities,
     shared_horizons,
 )
-from harness.diagnosis.selection.priors import log_odds, log_size
+from harness.diagnosis.selection.priors import log_odds, log_size, log_stand_in
 from harness.diagnosis.selection.score_test import cosine
 from harness.diagnosis.selection.wald import losses
 from harness.models.quantities import listed
@@ -169,9 +169,10 @@ class _Comparison:
         shares = probabilities(priors, densities)
         order = np.argsort(-shares, kind="stable")
         first = weighed.predicted[order[0]]
-        none = densities[order[0]] + self._lacking(first)
-        with_none = np.append(priors, priors[order[0]] + math.log(PRIORS.odds["none"]))
-        joint = probabilities(with_none, np.vstack([densities, none]))
+        # What is unlisted acts beside it, or is what its many parameters stand for; then it predicts as well.
+        unlisted = densities[order[0]] + np.vstack([self._lacking(first), np.zeros(densities.shape[1])])
+        odds = np.array([0.0, self._stand_in(first)]) + math.log(PRIORS.odds["none"])
+        joint = probabilities(np.append(priors, priors[order[0]] + odds), np.vstack([densities, unlisted]))
         found = tuple(
             Model(
                 tuple(weighed.classes[i]),
@@ -184,7 +185,7 @@ class _Comparison:
             )
             for i in order
         )
-        return Posterior(found, float(joint[-1]), coverage(first.aheads))
+        return Posterior(found, float(joint[len(order) :].sum()), coverage(first.aheads))
 
     def _weighed(self, models: Sequence[tuple[Added, Fitted]]) -> _Weighed:
         """Return models with what is compared of them."""
@@ -227,6 +228,12 @@ class _Comparison:
             )
         ]
         return coloured(here, there) / len(p.blocks) + farther(*squares)
+
+    def _stand_in(self, p: _Predicted) -> float:
+        """Return the log odds by which the many parameters of a model stand for something unlisted."""
+        if not any(h.name == ALL_PARAMETERS for h in p.added):
+            return -math.inf
+        return log_stand_in(p.fitted, p.added, self.fits.fitting.information(p.fitted))
 
 
 def _log_prior(p: _Predicted, classes: Sequence[Alike], odds: dict[tuple[str, str], float]) -> float:

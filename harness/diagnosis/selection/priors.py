@@ -6,9 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+import numpy as np
+
+from harness.common.arrays import Floats
 from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
+from harness.identification.uncertainty import marginal
 from harness.models.assembly.placement import split
 
 
@@ -47,3 +51,33 @@ def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
     stated = {n for h in added if h.kind == "parameter" for n in h.amplitudes}
     moved = [c for c in fitted.coordinates if c.name in stated]
     return -0.5 * sum(((c.coordinate(fitted.point.value(c)) - c.centre) / c.known) ** 2 for c in moved)
+
+
+def log_stand_in(fitted: Fitted, added: Sequence[Hypothesis], information: Floats) -> float:
+    """Return the log odds by which the values of many parameters at once rather stand for something unlisted.
+
+    Values that are only stated wrongly scatter as they are known to. Many that a fit moves to take up what no
+    hypothesis holds scatter ``PRIORS.implausible`` times as widely, the width at which a single one is not believed.
+    Both are normal, and the likelihood too (Laplace's approximation about the fit), so the integral over all values
+    is known. A single one that is added alone is free to be off by any factor.
+
+    Args:
+        fitted: A fit.
+        added: What it holds, all parameters at once among it.
+        information: Fisher information, with that of the priors, on what the fit moved ``(n, n)``.
+    """
+    many = {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes}
+    rows = [i for i, c in enumerate(fitted.coordinates) if c.name in many]
+    moved = [fitted.coordinates[i] for i in rows]
+    known = np.array([c.known for c in moved])
+    z = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
+    left = marginal(information, rows) * np.outer(known, known)
+    values, vectors = np.linalg.eigh(left - np.eye(len(rows)))  # the drives' own
+    values = np.maximum(values, 0.0)
+    pull = (1.0 + values) * (vectors.T @ (z / known))  # where the prior's holds it in balance
+
+    def evidence(width: float) -> float:
+        total = values + width**-2.0
+        return float(0.5 * (pull**2 / total - np.log(width**2 * total)).sum())
+
+    return evidence(PRIORS.implausible) - evidence(1.0)

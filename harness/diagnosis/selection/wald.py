@@ -16,18 +16,18 @@ import numpy as np
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
-from harness.identification.uncertainty import covariance_of
+from harness.identification.uncertainty import marginal
 
 
 def losses(fits: CandidateFits, added: Added, fitted: Fitted) -> dict[Hypothesis, float]:
     """Return the loss in BIC that is predicted of a fit without each of its additions; none of a random process."""
     moved = [c for c in fitted.coordinates if c.kind == "parameter"]
-    covariance = covariance_of(fits.fitting.information(fitted)).matrix
+    information = fits.fitting.information(fitted)
     stated, found = fits.augmented.stated(), {}
     for h in added:
         rows = [] if h.random else [i for i, c in enumerate(moved) if c.name in h.amplitudes]
         own = [moved[i] for i in rows]
         away = np.array([c.coordinate(fitted.point.value(c)) - c.coordinate(float(stated[c.rows[0]])) for c in own])
-        gain = 0.5 * float(away @ np.linalg.pinv(covariance[np.ix_(rows, rows)]) @ away) if rows else 0.0
+        gain = 0.5 * float(away @ marginal(information, rows) @ away) if rows else 0.0
         found[h] = fits.bic(gain, h.count(len(fits.fitting.drives))) if math.isfinite(gain) else 0.0
     return found
