@@ -1,9 +1,13 @@
-"""Candidates that are fitted and judged at once end in the same bits, whatever the number of threads."""
+"""Candidates that are fitted and judged at once: in the same bits whatever the number of threads, and no further than
+they lead."""
+
+from types import SimpleNamespace
 
 import pytest
 
 from harness.common.last_used import LastUsed
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.criteria import BIC_NEEDED
+from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.hypotheses import hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
@@ -45,3 +49,22 @@ def test_candidates_end_in_the_same_bits_whatever_the_number_of_threads(augmente
     assert max(bic for bic, *_ in alone[1]) > 100  # the one that is there
     for jobs in (2, 5):
         assert fitted(augmented, drives, jobs, monkeypatch) == alone
+
+
+@pytest.mark.parametrize(
+    ("behind", "ended", "fitted_on"),
+    [(0.0, False, True), (0.0, True, False), (0.9 * BIC_NEEDED, False, True), (1.1 * BIC_NEEDED, False, False)],
+)
+def test_what_is_far_behind_or_has_ended_is_not_fitted_on(monkeypatch, behind, ended, fitted_on):
+    asked = []
+
+    def fit(self, added, start, turns=3, afresh=True, least=0.0):
+        asked.append((added, start, turns, afresh))
+        return Fitted((), "end", 0.0, -behind if added == ("one",) else 0.0, added != ("one",) or ended)
+
+    monkeypatch.setattr(CandidateFits, "fit", fit)
+    fits = CandidateFits.__new__(CandidateFits)
+    fits.augmented = SimpleNamespace(share=lambda do, what: [do(x) for x in what])
+    fits.fit_all([(("one",), lambda: "start"), (("best",), lambda: "start")])
+    assert asked[:2] == [(("one",), "start", 1, True), (("best",), "start", 1, True)]
+    assert asked[2:] == [(("one",), "end", 3, False)] * fitted_on

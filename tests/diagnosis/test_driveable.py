@@ -61,7 +61,7 @@ def test_no_fit_leads_from_a_model_that_can_be_driven_to_one_that_cannot(augment
         spun = z.copy()
         spun[1] += math.log(0.2)
         looked_at.append(bool(np.isneginf(objective.values(spun[:, None])[0])))
-        return Maximum(z if looked_at[-1] else spun, 0.0, np.eye(2), 0.0)
+        return Maximum(z if looked_at[-1] else spun, 0.0, np.eye(2), 0.0), True
 
     fitted = fitting._driveable(moved, fitting.first(), search)
     assert looked_at == [False, True]

@@ -28,7 +28,7 @@ def test_a_fit_is_taken_where_everything_is_the_same_and_only_there(augmented, f
 
     def counted(self, moved, start, *turns):
         done.append(turns)
-        return Fitted(moved, dataclasses.replace(start, process=start.process + 1.0), 5.0, 4.0)
+        return Fitted(moved, dataclasses.replace(start, process=start.process + 1.0), 5.0, 4.0, ended=True)
 
     monkeypatch.setattr(Fitting, "fit", counted)
     moved, start = coordinates(augmented, FREE, (), 1), fitting.first()
@@ -37,7 +37,9 @@ def test_a_fit_is_taken_where_everything_is_the_same_and_only_there(augmented, f
     again = kept.fit(fitting, moved, start, (8, 3))
     assert (len(done), kept.taken, kept.written) == (1, 1, 0)
     np.testing.assert_array_equal(again.point.process, first.point.process)
-    assert (again.coordinates, again.log_likelihood, again.objective) == (moved, 5.0, 4.0)
+    assert (again.coordinates, again.log_likelihood, again.objective, again.ended) == (moved, 5.0, 4.0, True)
+    kept.fit(fitting, moved, start, (8, 3))
+    assert (len(done), kept.taken, kept.written) == (1, 1, 0)  # the same way again is no other fit
     elsewhere = dataclasses.replace(start, measurement=start.measurement + 1e-12)
     other = dataclasses.replace(fitting.drives[0], measurements=fitting.drives[0].measurements * (1 + 1e-15))
     for what in (
@@ -47,8 +49,10 @@ def test_a_fit_is_taken_where_everything_is_the_same_and_only_there(augmented, f
         (Fitting(augmented, [other], np.ones(3)), moved, start, (8, 3)),
     ):
         kept.fit(*what)
-    assert kept.taken == 1
+    assert (kept.taken, kept.written) == (1, 4)
     assert len(done) == 5
+    kept.fit(fitting, moved, start, (9, 3))
+    assert (kept.taken, kept.written) == (1, 4)  # written by itself
 
 
 def test_what_was_cut_off_is_fitted_again(augmented, fitting, tmp_path, monkeypatch):

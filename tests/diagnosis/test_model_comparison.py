@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from harness.diagnosis.criteria import HOPEFUL
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, SENSOR_DRIFTS, Hypothesis, hypotheses
 from harness.diagnosis.selection import acceptance
 from harness.diagnosis.selection import model_comparison as comparison
 from support.driven_car import FREE
@@ -118,3 +118,34 @@ def test_what_was_fitted_beside_all_parameters_at_once_may_stand_in_their_place(
     assert comparison._like(tried, many, (), 1e4) == [lift, further]
     assert comparison._like(tried, lift, (), 1e4) == [many, further]  # 58 units behind
     assert comparison._like(tried, further, (lift.hypothesis,), 1e4) == [many]
+
+
+def test_parameters_stand_in_the_place_of_what_may_resemble_them(monkeypatch):
+    """Not of a late channel, which nothing replaces, and not of a random process; beside one its rivals count."""
+    for module in (comparison, acceptance):
+        monkeypatch.setattr(module, "cosine", lambda one, other: 0.95)
+    drift, late, lag, bias, mass, length = (
+        Hypothesis(n, kind, (n,), random=n.startswith("sensor_drift"))
+        for n, kind in (
+            ("sensor_drift@yaw_rate", "effect"),
+            ("steering_delay", "effect"),
+            ("lag", "effect"),
+            ("bias", "effect"),
+            *((p, "parameter") for p in ("mass", "length")),
+        )
+    )
+    both = Hypothesis(SENSOR_DRIFTS, "effect", drift.amplitudes, random=True, parts=(drift,))
+
+    def tried(*fitted, beside=()):
+        each = [(h, h) for h in fitted] + [(h, None) for h in beside]
+        score = SimpleNamespace(excited=True)
+        return SimpleNamespace(
+            candidates=[SimpleNamespace(hypothesis=h, fitted=f, bic=0.0, score=score) for h, f in each]
+        )
+
+    rounds = [tried(mass, length), tried(late), tried(lag), tried(both, bias, beside=[drift])]
+    instead = {
+        h.name: {c.hypothesis.name for likes in comparison._stand_ins(rounds, h, (mass,), 0.0) for c in likes}
+        for h in (lag, late, drift)
+    }
+    assert instead == {"lag": {"length"}, "steering_delay": set(), "sensor_drift@yaw_rate": {"bias"}}

@@ -76,12 +76,18 @@ class Fitted:
         point: Where the fit ended.
         log_likelihood: Of all drives there.
         objective: The same with the priors.
+        ended: Whether it ended because nothing more was to be gained, not with its turns.
     """
 
     coordinates: tuple[Coordinate, ...]
     point: Point
     log_likelihood: float
     objective: float
+    ended: bool = False
+
+
+_Search = Callable[[LogPosterior, Floats, Mask], tuple[Maximum, bool]]
+"""From a point, with the parameters that move: where it ended, and whether nothing more was to be gained."""
 
 
 class Fitting:
@@ -164,14 +170,14 @@ class Fitting:
             return self.only(coordinates, start, iterations, _SLOW if turns == 1 else 0.0)
         n = len(coordinates)
 
-        def search(objective: LogPosterior, z: Floats, parameters: Mask) -> Maximum:
+        def search(objective: LogPosterior, z: Floats, parameters: Mask) -> tuple[Maximum, bool]:
             first, groups = int(parameters.sum()), list(range(n, n + self._groups))
             if afresh:
                 z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH).z
                 for together in (groups, *([j] for j in (*range(first, n), *groups))):
                     z = along(objective, z, together, _COARSE)
             found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH)
-            curvature = None
+            curvature, ended = None, False
             for _ in range(turns):
                 before = found.value
                 needed = least - 2.0 * found.predicted  # what a quadratic predicts may be half of what there is
@@ -180,40 +186,42 @@ class Fitting:
                     break
                 curvature = climbed.curvature
                 found = maximise(objective, climbed.z, parameters, iterations, ENOUGH, ENOUGH)
-                if found.value - before < 10 * ENOUGH:
+                ended = found.value - before < 10 * ENOUGH
+                if ended:
                     break
-            return found
+            return found, ended
 
         return self._driveable(coordinates, start, search)
 
     def only(self, coordinates: tuple[Coordinate, ...], start: Point, iterations: int, share: float = 0.0) -> Fitted:
         """Fit some parameters and leave the noise as it is; to where a step gains but a share of all before it."""
-        return self._driveable(
-            coordinates,
-            start,
-            lambda o, z, parameters: maximise(o, z, parameters, iterations, ENOUGH, ENOUGH, share),
-        )
 
-    def _driveable(
-        self, coordinates: tuple[Coordinate, ...], start: Point, search: Callable[[LogPosterior, Floats, Mask], Maximum]
-    ) -> Fitted:
+        def search(objective: LogPosterior, z: Floats, parameters: Mask) -> tuple[Maximum, bool]:
+            found = maximise(objective, z, parameters, iterations, ENOUGH, ENOUGH, share)
+            return found, found.predicted < ENOUGH
+
+        return self._driveable(coordinates, start, search)
+
+    def _driveable(self, coordinates: tuple[Coordinate, ...], start: Point, search: _Search) -> Fitted:
         """Return where a search ends; from a model that can be driven none leads to one that cannot.
 
         Most never come near one, so that is looked at where the search ends, and at every step only if it has to be.
         """
         objective, z, parameters = self._objective(coordinates, start)
-        found = self._fitted(coordinates, objective, search(objective, z, parameters))
+        found = self._fitted(coordinates, objective, *search(objective, z, parameters))
         if self.admits(found.point) or not self.admits(start):
             return found
         objective.driveable = self.driveable
-        return self._fitted(coordinates, objective, search(objective, z, parameters))
+        return self._fitted(coordinates, objective, *search(objective, z, parameters))
 
-    def _fitted(self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Maximum) -> Fitted:
+    def _fitted(
+        self, coordinates: tuple[Coordinate, ...], objective: LogPosterior, found: Maximum, ended: bool
+    ) -> Fitted:
         space, n = objective.coordinates, len(coordinates)
         values = np.column_stack([space.candidates(found.z, i).values for i in self._range])
         process, measurement = np.split(found.z[n:].copy(), [self._groups])
         likelihood = found.value + float(space.penalty(found.z))
-        return Fitted(coordinates, Point(values, process, measurement), likelihood, found.value)
+        return Fitted(coordinates, Point(values, process, measurement), likelihood, found.value, ended)
 
     def log_likelihood(self, point: Point) -> float:
         """Return the log-likelihood of all drives at a point."""

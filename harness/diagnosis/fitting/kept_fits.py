@@ -32,13 +32,14 @@ class KeptFits:
         folder: Where they are; nothing is kept without one.
 
     Attributes:
-        taken: Number of fits that were there already.
+        taken: Number of fits that were there before this trace began.
         written: Number of fits that were written.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder, self.taken, self.written = folder, 0, 0
         self._basis: dict[int, bytes] = {}
+        self._met: set[str] = set()  # a search that comes by the same way again asks for the same fits
         self._counting = Lock()  # candidates are fitted in threads
 
     def fit(self, fitting: Fitting, moved: tuple[Coordinate, ...], start: Point, how: How) -> Fitted:
@@ -55,14 +56,16 @@ class KeptFits:
         """
         if self.folder is None:
             return fitting.fit(moved, start, *how)
-        file = self.folder / f"{self._key(fitting, moved, start, how)}.npz"
-        found = _read(file, moved)
-        if found is not None:
-            with self._counting:
-                self.taken += 1
-            return found
-        found = fitting.fit(moved, start, *how)
-        self._write(file, found)
+        key = self._key(fitting, moved, start, how)
+        file = self.folder / f"{key}.npz"
+        kept = _read(file, moved)
+        found = kept or fitting.fit(moved, start, *how)
+        if kept is None:
+            self._write(file, found)
+        with self._counting:
+            self.taken += kept is not None and key not in self._met
+            self.written += kept is None
+            self._met.add(key)
         return found
 
     def _key(self, fitting: Fitting, moved: Sequence[Coordinate], start: Point, how: How) -> str:
@@ -81,7 +84,7 @@ class KeptFits:
         return total.hexdigest()[:32]
 
     def _write(self, file: Path, found: Fitted) -> None:
-        numbers = np.array([found.log_likelihood, found.objective])
+        numbers = np.array([found.log_likelihood, found.objective, found.ended])
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             unfinished = file.with_suffix(".part")
@@ -91,8 +94,6 @@ class KeptFits:
             unfinished.replace(file)
         except OSError as error:
             raise UserError(f"{file.parent}: cannot be written: {error.strerror or error}") from None
-        with self._counting:
-            self.written += 1
 
     def remove(self) -> None:
         """Remove what is kept: the trace is finished."""
@@ -107,4 +108,4 @@ def _read(file: Path, moved: tuple[Coordinate, ...]) -> Fitted | None:
             values, process, measurement, numbers = (kept[f"arr_{i}"] for i in range(4))
     except (OSError, UserError):
         return None
-    return Fitted(moved, Point(values, process, measurement), float(numbers[0]), float(numbers[1]))
+    return Fitted(moved, Point(values, process, measurement), float(numbers[0]), float(numbers[1]), bool(numbers[2]))

@@ -25,6 +25,9 @@ ALL_PARAMETERS = "parameters"
 CHANNEL_DELAYS = "channel_delays"
 """Name of the hypothesis that the channels of the recording have clocks of their own."""
 
+SENSOR_DRIFTS = "sensor_drifts"
+"""Name of the hypothesis that the biases of all gyroscopes wander."""
+
 _LATE = ("steering_delay", "speed_delay", "sensor_delay")
 """Effects that say so of one channel each."""
 
@@ -88,7 +91,8 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
 
     An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at
     once are those that cannot be negative: each moves by a share of its value. The delays of all channels are tried at
-    once as well: of four clocks that differ none alone explains much, and other effects resemble their sum.
+    once as well: of four clocks that differ none alone explains much, and other effects resemble their sum. Gyroscopes
+    of one logger drift together or not at all.
     """
     fixed = [p for p in augmented.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
     found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
@@ -99,11 +103,14 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
         found.append(one)
         if place_of(load_effect(name)) in ("tyre", "body"):
             everywhere.setdefault(split(name)[0], []).append(one)
-    found += [replace(_effect(augmented, name), random=True) for name in augmented.drifts]
+    drifts = [replace(_effect(augmented, name), random=True) for name in augmented.drifts]
+    found += drifts
     found += [_together(file, parts) for file, parts in everywhere.items() if len(parts) > 1]
-    late = [h for h in found if split(h.name)[0] in _LATE]
+    late = [h for h in found if h.clock]
     if len(late) > 1:
         found.append(replace(_together(CHANNEL_DELAYS, late), parts=tuple(late)))
+    if len(drifts) > 1:
+        found.append(replace(_together(SENSOR_DRIFTS, drifts), parts=tuple(drifts), random=True))
     return tuple(found)
 
 

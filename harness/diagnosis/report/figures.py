@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from harness.diagnosis.criteria import BIC_NEEDED
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, CHANNEL_DELAYS
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, CHANNEL_DELAYS, SENSOR_DRIFTS
 from harness.diagnosis.selection.acceptance import Round
 from harness.models.quantities import words
 from harness.reporting import style
@@ -18,10 +18,13 @@ SHOWN = 15
 
 def called(name: str) -> str:
     """Return a hypothesis in words."""
-    if name == ALL_PARAMETERS:
-        return "many parameters at once"
-    if name == CHANNEL_DELAYS:
-        return "delays of the channels"
+    several = {
+        ALL_PARAMETERS: "many parameters at once",
+        CHANNEL_DELAYS: "delays of the channels",
+        SENSOR_DRIFTS: "drifts of the gyroscopes",
+    }
+    if name in several:
+        return several[name]
     effect, _, place = name.partition("@")
     return f"{words(effect)}, {words(place)}" if place else words(effect)
 

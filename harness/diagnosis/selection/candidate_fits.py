@@ -87,7 +87,8 @@ class CandidateFits:
         """Fit models at once, and to the end only those that come near the best of them.
 
         After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
-        most of the gain of the best one, because a large effect may take more than a turn.
+        most of the gain of the best one, because a large effect may take more than a turn. One that has ended there
+        already is not fitted on.
 
         Args:
             models: What is added, and what gives the point where its fit starts.
@@ -99,7 +100,8 @@ class CandidateFits:
         """
 
         def further(added: Added, found: Fitted) -> Fitted:
-            return self.fit(added, found.point, afresh=False) if best - found.objective < far else found
+            near = best - found.objective < far and not found.ended
+            return self.fit(added, found.point, afresh=False) if near else found
 
         share = self.augmented.share
         found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh, least=needed), models)
@@ -108,8 +110,8 @@ class CandidateFits:
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
 
     def fit_near(self, added: Added, start: Point, objective: float, needed: float) -> Fitted:
-        """Fit to the end only what comes near an objective, and give up what does not promise another."""
-        return self.fit_all([(added, lambda: start)], objective, needed=needed)[0]
+        """Fit on from a point, to the end only what comes near an objective; give up what does not promise another."""
+        return self.fit_all([(added, lambda: start)], objective, afresh=False, needed=needed)[0]
 
     def judge(self, added: Added, point: Point) -> Judgement:
         """Judge a model on the held-out drives; the same one once."""

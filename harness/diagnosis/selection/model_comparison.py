@@ -258,8 +258,13 @@ def _alike(h: Hypothesis, rounds: Sequence[Round], odds: dict[tuple[str, str], f
 
 
 def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | None:
-    """Return the first round in which a hypothesis was fitted."""
-    return next(((r, c) for r in rounds for c in r.candidates if c.hypothesis == h and c.fitted is not None), None)
+    """Return the first round in which a hypothesis was fitted; a random process also where several were at once."""
+
+    def fitted(r: Round, c: Candidate) -> bool:
+        at_once = (o for o in r.candidates if h.random and h in o.hypothesis.parts)
+        return any(o.fitted is not None for o in (c, *at_once))
+
+    return next(((r, c) for r in rounds for c in r.candidates if c.hypothesis == h and fitted(r, c)), None)
 
 
 def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted) -> None:
@@ -288,10 +293,11 @@ def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added, lost: float)
     """Return what may stand in the place of an addition: what acts like it, and like another that is wrong beside it.
 
     Of several wrong parameters none alone reaches an effect that resembles their sum, and what that leaves is then
-    taken for one of them: so what acts like that one may stand in the place of the effect.
+    taken for one of them: so what acts like that one may stand in the place of the effect. A late channel is not
+    replaced, and a random process resembles no parameters.
     """
     found = [] if (own := _tried(h, rounds)) is None else [_like(*own, rest, lost)]
-    for p in rest if h.kind == "effect" else ():
+    for p in rest if h.kind == "effect" and not (h.clock or h.random) else ():
         if p.kind == "parameter" and (its := _tried(p, rounds)) is not None:
             found.append([c for c in _like(*its, rest) if c.hypothesis.kind == "parameter"])
     return found

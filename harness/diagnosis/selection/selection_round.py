@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, MOST, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
@@ -29,6 +27,7 @@ from harness.diagnosis.selection.acceptance import (
 )
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.priors import log_odds
+from harness.diagnosis.selection.random_scores import random_scores
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 from harness.models.quantities import listed
@@ -46,18 +45,6 @@ def selection_round(candidate_fits: CandidateFits, added: Added, without: list[F
     tried = SelectionRound(candidate_fits, added, without, number)
     again = tried.run()
     return tried if again is None else selection_round(candidate_fits, added, [*without, again], number)
-
-
-def random_score(fits: CandidateFits, point: Point, h: Hypothesis) -> Score:
-    """Return what a random process gains in likelihood at the best intensity of its grid, in place of a score test."""
-    points = fits.on_grids(point, h.amplitudes)
-    values = fits.augmented.log_likelihoods(fits.fitting.drives, fits.fitting.candidates(points))
-    best = int(np.argmax(values))
-    size = points[best].values[[fits.augmented.row(n) for n in h.amplitudes], 0]
-    drives = fits.fitting.drives
-    nothing = tuple(np.zeros_like(d.measurements) for d in drives)
-    gain, unknown = float(values[best] - values[0]), np.full(len(size), np.inf)
-    return Score(h, gain, size, unknown, 1.0, np.zeros(0), np.zeros((len(drives), 0)), nothing, True)
 
 
 class SelectionRound:
@@ -116,7 +103,8 @@ class SelectionRound:
         self.say("score test of every effect and every fixed parameter")
         fits, open_ = self.candidate_fits, self.open()
         scores = ScoreTest(fits.fitting, self.best).of([h for h in open_ if not h.random])
-        scores += [random_score(fits, self.best.point, h) for h in open_ if h.random and not fits.fitting.noise_held]
+        processes = [] if fits.fitting.noise_held else [h for h in open_ if h.random]
+        scores += random_scores(fits, self.best.point, processes)
         odds = log_odds(hypotheses(fits.augmented, fits.free))
 
         def promise(s: Score) -> float:
@@ -129,6 +117,8 @@ class SelectionRound:
         alone = [self.predicted_bic_gain(s) for s in plain if not s.hypothesis.many]
         enough = MOST * max([BIC_NEEDED, *alone])
         self.shortlist = [s for s in (*distinct(plain), *random) if self.predicted_bic_gain(s) > enough]
+        several = [s for s in self.shortlist if s.hypothesis.random and s.hypothesis.parts]
+        self.shortlist = [s for s in self.shortlist if s not in several or self.leads_its_parts(s)]
 
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet."""
@@ -137,12 +127,24 @@ class SelectionRound:
         found = (still_open(h, taken) for h in hypotheses(self.candidate_fits.augmented, free))
         return [h for h in found if h is not None]
 
+    def leads_its_parts(self, several: Score) -> bool:
+        """Whether random processes at once promise more than each of them alone."""
+        parts = [self.predicted_bic_gain(s) for s in self.promised if s.hypothesis in several.hypothesis.parts]
+        return self.predicted_bic_gain(several) - max(parts) > BIC_NEEDED
+
     def fit_worthy(self) -> None:
         """Fit the shortlist, and many parameters at once where they may reach more.
 
         Large effects act nonlinearly: what a score predicts may be half of what a hypothesis reaches, or twice.
+        Processes act on sensors of their own, so what leads as several at once is fitted as that alone, unless it
+        is refused.
         """
-        self.fit([s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS])
+        worthy = [s for s in self.shortlist if s.hypothesis.name != ALL_PARAMETERS]
+        several = [s for s in worthy if s.hypothesis.random and s.hypothesis.parts]
+        parts = {p for s in several for p in s.hypothesis.parts}
+        self.fit([s for s in worthy if s.hypothesis not in parts])
+        if any(objections(self.judged(s), self.before) for s in several):
+            self.fit([s for s in worthy if s.hypothesis in parts])
         gains = [(self.judged(s).bic, self.predicted_bic_gain(s)) for s in self.tried()]
         reached, predicted = max(gains, default=(0.0, 1.0))
         short = max(1.0, reached / predicted)
@@ -246,6 +248,7 @@ class SelectionRound:
         h, winner = max(self.fits.items(), key=lambda item: item[1].objective)
         self.say("fitting the model without it again")
         start, best = self.taken_back(h, winner), self.best.objective
+        start = replace(self.best.point, values=start.values)  # the noise is that of a model without it already
         again = self.candidate_fits.fit_near(self.added, start, winner.objective, best)
         fitting = self.candidate_fits.fitting
         lost = fitting.admits(self.best.point) and not fitting.admits(again.point)

@@ -1,0 +1,101 @@
+"""Random processes in a round: what they promise, alone and several at once, and which of them are fitted."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from harness.config import resolve_single
+from harness.diagnosis.fitting.fit import Point
+from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.hypotheses import SENSOR_DRIFTS, Hypothesis, hypotheses, still_open
+from harness.diagnosis.selection import selection_round as rounds
+from harness.diagnosis.selection.random_scores import random_scores
+from harness.models.signals import SIGNALS
+
+NAMES = ("drift_front", "drift_rear")
+FRONT, REAR = (Hypothesis(n, "effect", (n,), random=True) for n in NAMES)
+BOTH = Hypothesis(SENSOR_DRIFTS, "effect", NAMES, random=True, parts=(FRONT, REAR))
+LAG = Hypothesis("lag", "effect", ("lag",))
+
+
+def fits_of(likeliest):
+    """Return a stand-in for the fits whose log-likelihood is a parabola about a size of each drift, over a grid."""
+
+    def on_grids(point, names):
+        found = [point]
+        for name in names:
+            for size in (1.0, 2.0, 4.0):
+                values = point.values.copy()
+                values[NAMES.index(name)] = size
+                found.append(dataclasses.replace(point, values=values))
+        return found
+
+    def log_likelihoods(drives, points):
+        return np.array([7.0 - sum((p.values[i, 0] - likeliest[i]) ** 2 for i in range(2)) for p in points])
+
+    return SimpleNamespace(
+        augmented=SimpleNamespace(row=NAMES.index, log_likelihoods=log_likelihoods),
+        fitting=SimpleNamespace(drives=[SimpleNamespace(measurements=np.zeros((9, 1)))], candidates=list),
+        on_grids=on_grids,
+    )
+
+
+@pytest.mark.parametrize(
+    ("likeliest", "sizes"), [((2.1, 3.7), (2.0, 4.0)), ((1.2, 0.1), (1.0, 0.0)), ((0.0, 0.0), (0.0, 0.0))]
+)
+def test_each_intensity_is_the_likeliest_of_its_grid_also_where_there_are_several(likeliest, sizes):
+    point = Point(np.zeros((2, 1)), np.zeros(0), np.zeros(0))
+    front, rear, both = random_scores(fits_of(likeliest), point, [FRONT, REAR, BOTH])
+    gains = [x**2 - (size - x) ** 2 for x, size in zip(likeliest, sizes, strict=True)]
+    assert [front.gain, rear.gain, both.gain] == pytest.approx([*gains, sum(gains)])
+    assert [*both.amplitudes] == [*front.amplitudes, *rear.amplitudes] == [*sizes]
+    assert [front.freedom, both.freedom] == [1.0, 2.0]
+
+
+def test_no_process_needs_no_likelihood():
+    assert random_scores(None, None, []) == []
+
+
+@pytest.mark.parametrize(
+    ("gains", "refused", "fitted"),
+    [
+        ((100, 300, 400), False, {"lag", SENSOR_DRIFTS}),
+        ((100, 300, 400), True, {"lag", SENSOR_DRIFTS, *NAMES}),  # and then each of them by itself
+        ((10, 300, 320), False, {"lag", *NAMES[1:]}),  # no lead, so one of them drifts alone
+        ((200, 200, 210), False, {"lag", *NAMES}),
+    ],
+)
+def test_several_processes_are_fitted_in_place_of_each_where_they_lead(monkeypatch, gains, refused, fitted):
+    asked = []
+    tried = [SimpleNamespace(hypothesis=h, gain=g) for h, g in zip((LAG, FRONT, REAR, BOTH), (90, *gains), strict=True)]
+    odds = {(h.kind, h.name): 0.0 for h in (LAG, FRONT, REAR)}
+    monkeypatch.setattr(rounds, "ScoreTest", lambda *_: SimpleNamespace(of=lambda _: tried[:1]))
+    monkeypatch.setattr(rounds, "random_scores", lambda *_: tried[1:])
+    monkeypatch.setattr(rounds, "hypotheses", lambda *_: [LAG, FRONT, REAR, BOTH])
+    monkeypatch.setattr(rounds, "log_odds", lambda _: odds)
+    monkeypatch.setattr(rounds, "objections", lambda c, before: ["worse"] if refused else [])
+    fitting = SimpleNamespace(noise_held=False)
+    candidate_fits = SimpleNamespace(fitting=fitting, augmented=None, free=(), say=lambda _: None)
+    one = rounds.SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
+    monkeypatch.setattr(one, "fit", lambda scores: asked.extend(s.hypothesis.name for s in scores))
+    for name, value in {"predicted_bic_gain": lambda s: s.gain, "judged": lambda s: s, "tried": list}.items():
+        monkeypatch.setattr(one, name, value)
+    monkeypatch.setattr(rounds.SelectionRound, "before", None)
+    monkeypatch.setattr(one, "settled", lambda: True)
+    one.rank()
+    one.fit_worthy()
+    assert sorted(asked) == sorted(fitted)
+
+
+def test_a_truck_with_two_gyroscopes_has_one_hypothesis_that_both_drift():
+    truck = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula"}
+    spec = resolve_single({**truck, "sensors": "test_vehicle_inertial", "integrator": "rk4"}, "test")
+    tried = hypotheses(AugmentedModel(spec, set(SIGNALS), jobs=1), ())
+    (both,) = (h for h in tried if h.name == SENSOR_DRIFTS)
+    assert [h.name for h in both.single] == ["sensor_drift@yaw_rate_tractor", "sensor_drift@yaw_rate_trailer"]
+    assert all(h in tried for h in both.parts)
+    assert both.random
+    assert both.many
+    assert still_open(both, set(both.amplitudes[:1])) is None  # the other one is a hypothesis of its own
