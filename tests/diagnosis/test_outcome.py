@@ -36,6 +36,7 @@ from harness.diagnosis.selection.score_test import Score
 from harness.diagnosis.selection.validation import HeldOut, Judgement
 from harness.identification.whiteness import whiteness
 from harness.models.assembly.plan import Planner
+from harness.models.quantities import words
 from harness.models.roles import VEHICLES
 from harness.reporting.document import write
 from support.driven_car import FREE, driven, fitted
@@ -81,6 +82,15 @@ def test_a_trace_that_found_nothing_has_a_report(outcome, tmp_path):
     assert record["schema_version"] == 2
     assert record["verdict"] == "unresolved"
     assert record["not_made"] == []
+    fitted, stated = outcome.trace.final, outcome.trace.fitting.augmented.spec.values
+    errors = outcome.trace.fitting.standard_errors(fitted)
+    assert [*record["refitted"]] == [*FREE]
+    for c, error in zip(fitted.coordinates, errors, strict=True):
+        said = record["refitted"][c.name]
+        assert (said["value"], said["std"]) == pytest.approx((fitted.point.value(c), error))
+        assert (said["stated"], said["unit"]) == (stated[c.name], "N/rad")
+        assert f"{words(c.name)} " in text
+    assert text.count(", stated ") == len(FREE)
     assert not (tmp_path / FILE).exists()
     assert "drive_$x_{$ 91" in text
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -12,6 +12,7 @@ from harness.diagnosis.report.figures import called
 from harness.diagnosis.report.how_likely import likely, scaled, size
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import StudyGain
+from harness.diagnosis.result.value import Value
 from harness.diagnosis.result.wording import unmodelled_words
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.models.quantities import listed, quantity
@@ -69,6 +70,7 @@ def _table(outcome: Outcome) -> Sheet:
     if outcome.where.unmodelled is not None:
         rows += [["what", f"not in the library: {text}"] for text in unmodelled_words(outcome.where.unmodelled)]
     rows += [["how large", line] for line in _sizes(outcome)]
+    rows += [["refitted", _instead(outcome, v)] for v in outcome.refitted]
     rows += [["how likely", line] for line in likely(outcome)]
     rows += [["how sure", line] for line in _certainty(outcome)]
     rows += [["how much better", line] for line in _improvements(outcome)]
@@ -85,12 +87,16 @@ def _sizes(outcome: Outcome) -> list[str]:
         values = outcome.values[h.name]
         if h.name == ALL_PARAMETERS:
             moved = sorted(values, key=lambda v: -abs(v.value - stated[v.name]) / v.std if v.std else 0.0)[:3]
-            found += [f"{size(v)}, stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" for v in moved]
+            found += [_instead(outcome, v) for v in moved]
             continue
-        for v in values:
-            was = f", stated {style.number(scaled(v.name, stated[v.name], v.unit)[0])}" if v.name in stated else ""
-            found.append(f"{size(v)}{was}")
+        found += [_instead(outcome, v) if v.name in stated else size(v) for v in values]
     return found
+
+
+def _instead(outcome: Outcome, v: Value) -> str:
+    """Return what a stated parameter was found to be."""
+    stated = outcome.trace.fitting.augmented.spec.values[v.name]
+    return f"{size(v)}, stated {style.number(scaled(v.name, stated, v.unit)[0])}"
 
 
 def _certainty(outcome: Outcome) -> list[str]:

@@ -44,6 +44,7 @@ class Outcome:
         words.
         notes: Irregularities of the recordings, with the evidence.
         failures: What could not be made after the search.
+        refitted: What the final model has for the parameters that are fitted in any case.
     """
 
     trace: Trace
@@ -58,6 +59,7 @@ class Outcome:
     study_gain: StudyGain | str | None = None
     notes: tuple[str, ...] = ()
     failures: Failures = RAISED
+    refitted: tuple[Value, ...] = ()
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -108,22 +110,28 @@ def outcome_of(trace: Trace, say: Say = lambda _: None, failures: Failures = RAI
         lambda: answer(trace, verdict, found, values),
         lambda _: f"The verdict is: {verdict}.",
     )
-    return Outcome(trace, verdict, said, values, judged, nominal, amended, found, failures=failures)
+    refitted = tuple(_value(trace, errors, name) for name in trace.free)
+    return Outcome(trace, verdict, said, values, judged, nominal, amended, found, failures=failures, refitted=refitted)
 
 
 def _values(trace: Trace, errors: Mapping[tuple[str, int], float]) -> dict[str, tuple[Value, ...]]:
     """Return the parameters of every addition with their standard errors, NaN where there is none."""
-    model, found = trace.fitting.augmented, {}
-    for h in trace.added:
-        rows = []
-        for name in (*h.shared, *h.change_times):
-            row = model.row(name)
-            for i in range(len(trace.fitting.drives)) if name in h.change_times else (0,):
-                label = f"{name}@{trace.fitting.drives[i].name}" if name in h.change_times else name
-                value = float(trace.final.point.values[row, i])
-                rows.append(Value(label, model.model.parameters[row].unit, value, errors.get((name, i), math.nan)))
-        found[h.name] = tuple(rows)
-    return found
+    drives = trace.fitting.drives
+    return {
+        h.name: (
+            *(_value(trace, errors, name) for name in h.shared),
+            *(_value(trace, errors, name, i, f"@{d.name}") for name in h.change_times for i, d in enumerate(drives)),
+        )
+        for h in trace.added
+    }
+
+
+def _value(trace: Trace, errors: Mapping[tuple[str, int], float], name: str, drive: int = 0, of: str = "") -> Value:
+    """Return a parameter of the final model with its standard error, NaN where there is none."""
+    model = trace.fitting.augmented
+    row = model.row(name)
+    value = float(trace.final.point.values[row, drive])
+    return Value(f"{name}{of}", model.model.parameters[row].unit, value, errors.get((name, drive), math.nan))
 
 
 def _of_process(process: RandomProcess) -> dict[str, tuple[Value, ...]]:

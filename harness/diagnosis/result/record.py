@@ -57,6 +57,7 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "candidates": lambda: [_candidate(c, n, outputs) for n, r in enumerate(trace.rounds, 1) for c in r.candidates],
         "added": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
         "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
+        "refitted": lambda: _refitted(outcome),
         "unnamed": lambda: unmodelled_record(outcome.where.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
         "posterior": lambda: _posterior(trace.posterior),
@@ -211,6 +212,13 @@ def _candidate(c: Candidate, number: int, outputs: list[str]) -> dict[str, Any]:
 
 def _by_output(judged: Judgement, outputs: list[str]) -> dict[str, float]:
     return dict(zip(outputs, judged.normalised_excess_mses, strict=True))
+
+
+def _refitted(outcome: Outcome) -> dict[str, dict[str, Any]]:
+    stated = outcome.trace.fitting.augmented.spec.values
+    return {
+        v.name: {"value": v.value, "std": v.std, "unit": v.unit, "stated": stated[v.name]} for v in outcome.refitted
+    }
 
 
 def _added(h: Hypothesis, outcome: Outcome) -> dict[str, Any]:
