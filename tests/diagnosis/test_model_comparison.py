@@ -100,6 +100,39 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     assert found({frozenset([late, mass]): 0.1, frozenset([many]): 0.3}, mass, late) == {late, mass}
 
 
+def test_what_is_beyond_doubt_beside_more_is_not_tried_without_it_again(monkeypatch):
+    """A model with less in it is less likely still; unless what it is compared with has become so much less likely."""
+    odd, drift, bank = (Hypothesis(n, "effect", (n,)) for n in ("odd", "drift", "bank"))
+    monkeypatch.setattr(comparison, "losses", lambda fits, added, best: dict.fromkeys(added, 0.0))
+    monkeypatch.setattr(comparison, "_without", lambda fits, point, h, rest: point)
+    most = {(odd, drift, bank): 0.0, (odd, bank): -1.1, (odd, drift): -0.9, (drift,): -1.0, (bank,): -1.15, (): -9.0}
+
+    def asked(of_rest):
+        """Return what is fitted where the first addition goes, which costs so much, in units of a doubt."""
+        doubt, tried = 0.5 * HOPEFUL, []
+        objectives = {frozenset(a): doubt * x for a, x in {**most, (drift, bank): of_rest}.items()}
+
+        def fit_all(choices, *_, **__):
+            tried.extend(tuple(a) for a, _ in choices)
+            models.update({frozenset(a): (a, fitted(a)) for a, _ in choices})
+
+        def fitted(added):
+            return SimpleNamespace(point=None, objective=objectives[frozenset(added)])
+
+        models = {frozenset(a): (a, fitted(a)) for a in [(odd, drift, bank)]}
+        fits = SimpleNamespace(models=models, doubt=doubt, fit_all=fit_all, say=print)
+        likelier = SimpleNamespace(likeliest=lambda pair: next((m for m in pair if odd not in m[0]), pair[0]))
+        added, _, needed = comparison._lessened(fits, likelier, *models[frozenset((odd, drift, bank))])
+        assert added == (drift, bank)
+        assert needed == ({drift} if of_rest > -0.1 else set())
+        comparison._fit_alternatives(fits, [], added, fitted(added), needed)
+        return tried
+
+    first = [(drift, bank), (odd, bank), (odd, drift)]
+    assert asked(-0.05) == [*first, (drift,)]
+    assert asked(-0.2) == [*first, (bank,), (drift,)]
+
+
 def test_what_was_fitted_beside_all_parameters_at_once_may_stand_in_their_place(monkeypatch):
     """They take up what later additions explain as well, so what they gained more says nothing."""
     monkeypatch.setattr(comparison, "cosine", lambda one, other: 0.3)

@@ -203,9 +203,8 @@ class _Search:
 
 
 def _size(added: Added) -> int:
-    """Return the number of additions; channels that are late are one, as they are added at once, and so are drifts."""
-    at_once = [h.clock or h.random for h in added]
-    return at_once.count(False) + any(h.clock for h in added) + any(h.random for h in added)
+    """Return the number of additions; channels that are late are one, as they are added at once."""
+    return sum(not h.clock for h in added) + any(h.clock for h in added)
 
 
 def _as_added(added: Added, best: Fitted, _: str) -> tuple[Added, Fitted, Posterior | None]:

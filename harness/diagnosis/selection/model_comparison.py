@@ -9,7 +9,7 @@ thereafter: a search goes on from the likeliest model so far, until none is like
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -69,34 +69,45 @@ def likeliest(
     compared = _Comparison(fits, rounds)
     seen: set[frozenset[Hypothesis]] = set()
     while True:
-        added, best = _lessened(fits, compared, added, best)
+        added, best, needed = _lessened(fits, compared, added, best)
         seen.add(frozenset(added))
-        _fit_alternatives(fits, rounds, added, best)
+        _fit_alternatives(fits, rounds, added, best, needed)
         kept, fitted = compared.likeliest([m for m in fits.models.values() if _may_follow(m[0], added)])
         if frozenset(kept) in seen:
             return added, best, compared.posterior()
         added, best = kept, fitted
 
 
-def _lessened(fits: CandidateFits, compared: _Comparison, added: Added, best: Fitted) -> tuple[Added, Fitted]:
-    """Return a model without those of its additions, one after the other, without which it is likelier."""
+def _lessened(
+    fits: CandidateFits, compared: _Comparison, added: Added, best: Fitted
+) -> tuple[Added, Fitted, set[Hypothesis]]:
+    """Return a model without those of its additions, one after the other, without which it is likelier, and its fit.
+
+    And the additions without which it is out of the question, because with more in it it was so already.
+    """
     left = added
+    reached: dict[Hypothesis, float] = {}  # without it, with as much in the model or more
+
+    def needed() -> set[Hypothesis]:
+        return {h for h, objective in reached.items() if objective < best.objective - fits.doubt}
+
     while left:
         lost = losses(fits, added, best)
-        open_ = [h for h in left if lost[h] < HOPEFUL]
+        open_ = [h for h in left if lost[h] < HOPEFUL and h not in needed()]
         rests = {h: tuple(k for k in added if k != h) for h in open_}
         new = {h: rest for h, rest in rests.items() if frozenset(rest) not in fits.models}
         if new:
             fits.say(f"still needed? {listed([h.name.replace('_', ' ') for h in new])}")
             starts = [(rest, partial(_without, fits, best.point, h, rest)) for h, rest in new.items()]
             fits.fit_all(starts, best.objective, afresh=False, needed=best.objective - fits.doubt)
+            reached |= {h: fits.models[frozenset(rest)][1].objective for h, rest in new.items()}
         left = ()
         for h, rest in rests.items():
             kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
             if set(kept) == set(rest):
                 added, best, left = kept, fitted, tuple(open_[open_.index(h) + 1 :])
                 break
-    return added, best
+    return added, best, needed()
 
 
 def _may_follow(one: Added, added: Added) -> bool:
@@ -202,8 +213,8 @@ class _Comparison:
         held_out = self.fits.held_out
         judged = self.fits.judge(added, fitted.point)
         aheads = self._aheads(held_out.fitting, judged.point)
-        penalty = sum(d.log_likelihood for d in judged.drives) - judged.log_likelihood
-        penalty = penalty if math.isfinite(penalty) else 0.0
+        each = sum(d.log_likelihood for d in judged.drives)  # neither has one where a free run leaves the model's range
+        penalty = each - judged.log_likelihood if math.isfinite(each) else 0.0
         blocks = by_block([a.densities for a in aheads], held_out.drives, penalty)
         return _Predicted(added, fitted, aheads, penalty, blocks)
 
@@ -267,14 +278,24 @@ def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | 
     return next(((r, c) for r in rounds for c in r.candidates if c.hypothesis == h and fitted(r, c)), None)
 
 
-def _fit_alternatives(fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted) -> None:
-    """Fit what may stand in the place of each addition, and the model without it, if that was not fitted yet."""
+def _fit_alternatives(
+    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted, needed: Container[Hypothesis]
+) -> None:
+    """Fit what may stand in the place of each addition, and the model without it, if that was not fitted yet.
+
+    Args:
+        fits: Of the same drives.
+        rounds: Of the selection.
+        added: What the model has.
+        best: Its fit.
+        needed: Without which it is out of the question.
+    """
     lost = losses(fits, added, best)
     open_: dict[frozenset[Hypothesis], tuple[Added, Callable[[], Point]]] = {}
     for h in added:
         rest = tuple(k for k in added if k != h)
         base = _without(fits, best.point, h, rest)
-        if lost[h] < HOPEFUL:
+        if lost[h] < HOPEFUL and h not in needed:
             open_[frozenset(rest)] = rest, partial(replace, base)
         for likes in _stand_ins(rounds, h, rest, lost[h]):
             for c in [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models][:TRIED]:
