@@ -21,6 +21,7 @@ class Priors:
     Attributes:
         odds: Against the same model without it, that something of a kind is there; all hypotheses of a kind share them.
         stated: Standard deviation of the logarithm of a parameter about its stated value, where its set states none.
+        length: The same of a length that says where an axle, a coupling or the CoG is.
         implausible: How many of these one of many parameters may be off at most.
         beside_curves: The most that it may be for the step of a parameter beside curves.
         misfit: Factor on the spectrum of the innovations in an octave that something unmodelled adds at least.
@@ -28,6 +29,7 @@ class Priors:
 
     odds: Mapping[str, float]
     stated: float
+    length: float
     implausible: float
     beside_curves: float
     misfit: float
@@ -90,6 +92,7 @@ PRIORS = Priors(
         "none": 0.1,  # something that the library does not hold; it has thirty effects because they are what is met
     },
     stated=0.2,  # most stated values are right to a fifth
+    length=0.05,  # axles are measured with a tape, and the CoG by weighing them
     implausible=3.0,  # a factor of 1.8; beyond it many parameters fit whatever is missing and are not believed
     beside_curves=0.03,  # further from the fit the linear response of a parameter that is hardly excited does not hold
     misfit=1.5,  # a noise variance that was estimated, and parameters that were, leave some percent

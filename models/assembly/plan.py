@@ -93,9 +93,13 @@ class Planner:
     Args:
         model: The equations.
         vehicle: The vehicle's file, for ``BODIES`` and ``outline``.
+
+    Attributes:
+        lengths: Names of the parameters on which it depends where axles and coupling are; none if nothing says where.
     """
 
     def __init__(self, model: Model, vehicle: ModuleType) -> None:
+        self.lengths: frozenset[str] = frozenset()
         self._vehicle, self._layout = vehicle, Layout.of(vehicle)
         self._axles: dict[str, _AxleSlopes] | None = None
         self._coupling: list[sp.Expr] = []
@@ -112,6 +116,8 @@ class Planner:
             self._axles = {axle: at for axle, at in found.items() if at is not None}
             self._coupling = [at for at in coupling if at is not None]
             wanted = [part for at in self._axles.values() for part in (at.x, at.y, at.steered)] + self._coupling
+            places = [part for at in self._axles.values() for part in (at.x, at.y)] + self._coupling
+            self.lengths = frozenset(str(s) for e in places for s in e.free_symbols)
             self._symbols = sorted({s for e in wanted for s in e.free_symbols}, key=str)
             self._numbers = sp.lambdify(self._symbols, wanted, "math")
 

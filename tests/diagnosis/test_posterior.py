@@ -242,7 +242,8 @@ def test_what_the_parameter_set_states_is_how_far_a_value_may_be_off(augmented, 
     one, many = tried["cog_to_rear_axle"], tried[ALL_PARAMETERS]
     stated, row = augmented.spec.values["cog_to_rear_axle"], augmented.row("cog_to_rear_axle")
     usual = {c.name: c for c in coordinates(augmented, FREE, (many,), 1)}
-    assert usual["cog_to_rear_axle"].prior == usual["yaw_inertia"].prior == pytest.approx(PRIORS.stated)
+    assert usual["cog_to_rear_axle"].prior == pytest.approx(PRIORS.length)
+    assert usual["yaw_inertia"].prior == pytest.approx(PRIORS.stated)
     monkeypatch.setattr(augmented, "_stated_std", {"cog_to_rear_axle": 0.01 * stated})
     values = augmented.stated()[:, None]
     values[row] *= math.exp(0.05)

@@ -82,3 +82,23 @@ def test_of_a_vehicle_that_the_library_does_not_have():
 def test_what_has_no_axles_has_no_plan():
     assert plan("scalar_example")[0] is None
     assert plan("vehicle_heading")[0] is None
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "lengths"),
+    [
+        ("car", {"cog_to_front_axle", "cog_to_rear_axle"}),
+        (
+            "semitrailer",
+            {
+                *(f"tractor_cog_to_{n}" for n in ("front_axle", "rear_axle", "kingpin")),
+                *("kingpin_from_rear", "trailer_cog_from_rear"),
+                *(f"axle_{n}_from_rear" for n in (21, 22, 23)),
+            },
+        ),
+    ],
+)
+def test_what_says_where_axles_and_coupling_are_is_a_length(vehicle, lengths):
+    file = VEHICLES.load(vehicle)
+    model = assemble(file, "linear" if vehicle == "car" else "magic_formula")
+    assert Planner(model, file).lengths == lengths

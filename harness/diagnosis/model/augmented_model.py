@@ -7,6 +7,7 @@ its likelihood one run of one compiled filter, and trying an effect compiles not
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -29,6 +30,7 @@ from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
+from harness.models.assembly.plan import planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
 
@@ -123,13 +125,18 @@ class AugmentedModel(FilteredModel):
     def stated_std(self, name: str) -> float:
         """Return the standard deviation by which a stated value may be off where it is in question, in its unit.
 
-        It is the one that the parameter set states; else the share ``PRIORS.stated`` of a positive value. Infinite for
-        what is not stated.
+        It is the one that the parameter set states; else the share ``PRIORS.stated`` of a positive value, and
+        ``PRIORS.length`` of one that says where something is on the vehicle. Infinite for what is not stated.
         """
         if name not in self.spec.values:
             return math.inf
-        usual = PRIORS.stated * self.spec.values[name] if self.model.parameters[self.row(name)].lower > 0 else math.inf
+        share = PRIORS.length if name in self._lengths else PRIORS.stated
+        usual = share * self.spec.values[name] if self.model.parameters[self.row(name)].lower > 0 else math.inf
         return self._stated_std.get(name, usual)
+
+    @functools.cached_property
+    def _lengths(self) -> frozenset[str]:
+        return planner(self.nominal, VEHICLES.load(self.spec.vehicle)).lengths
 
     def drive(
         self, recording: xr.Dataset, name: str, between: Between = "joined", signal: InputSignal | None = None

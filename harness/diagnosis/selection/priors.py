@@ -46,7 +46,7 @@ def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
 
     A parameter is off by what its set states, in its coordinate. Where that says nothing, a positive one is off by a
     factor whose logarithm is normal with the standard deviation ``PRIORS.stated``, so that a factor of 1.8 costs four
-    units and one of ten more than sixty.
+    units and one of ten more than sixty; that of a length on the vehicle has ``PRIORS.length``.
     """
     stated = {n for h in added if h.kind == "parameter" for n in h.amplitudes}
     moved = [c for c in fitted.coordinates if c.name in stated]
