@@ -126,6 +126,11 @@ def test_variances_climb_to_those_of_the_samples():
     given_up = climb(objective, start, first, 1, 20, 1e-6, least=first + 1e9)
     assert given_up.hopeless
     assert np.array_equal(given_up.z, start)
+    pinned = SimpleNamespace(
+        values=lambda many: np.where(many[1] < start[1], -np.inf, values(many)), lower=start - 20.0, upper=start + 20.0
+    )
+    found = climb(pinned, start, first, 1, 20, 1e-6)  # no slope where a difference leaves the model's range
+    assert np.exp(found.z[2:]) == pytest.approx(squares[1:], rel=3e-3)
 
 
 def test_a_fault_of_one_sensor_knows_its_signal(augmented):

@@ -103,7 +103,8 @@ def climb(
         gained = float(values[best]) - value
         if not gained > 0:
             break
-        active &= ~(0.5 * np.abs(slope * step) < _QUIET * enough)
+        with np.errstate(invalid="ignore"):  # a slope that is not finite has no step, and stays active
+            active &= ~(0.5 * np.abs(slope * step) < _QUIET * enough)
         curvature = Curvature(curvature.values, curvature.away + np.abs(many[first:, best] - z[first:]))
         z, value = many[:, best], float(values[best])
         if gained < enough or not active.any():
