@@ -9,6 +9,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -20,7 +21,7 @@ from typing import Any
 from rich.console import Console
 
 from bench.attribution.oracle import FILE, write_oracle
-from bench.attribution.score import FAILED
+from bench.attribution.score import FAILED, SECONDS
 from harness.common.errors import ModelError, UserError
 from harness.common.files import write_files
 from harness.diagnosis.model.augmented_model import AugmentedModel
@@ -83,7 +84,7 @@ class Tracer:
         try:
             task, augmented = self.model(folder)
             if not traced:
-                run_trace(task, folder / "trace", Console(quiet=True), augmented)
+                self._trace(task, folder, augmented)
             if not oracle:
                 write_oracle(folder, task, augmented)
         except Exception as error:  # one broken case must not end the run of hundreds
@@ -92,6 +93,13 @@ class Tracer:
             return str(error)
         (folder / FAILED).unlink(missing_ok=True)
         return ""
+
+    def _trace(self, task: Task, folder: Path, augmented: AugmentedModel) -> None:
+        """Trace a case, and note how long that took where it was begun here and had all cores."""
+        begun, whole = time.perf_counter(), not (folder / "trace").exists() and self._threads is None
+        run_trace(task, folder / "trace", Console(quiet=True), augmented)
+        if whole:
+            write_files(folder, {SECONDS: f"{time.perf_counter() - begun:.1f}\n"})
 
     def model(self, folder: Path) -> tuple[Task, AugmentedModel]:
         """Return what is to be traced in a folder, and its model, compiled."""

@@ -18,6 +18,9 @@ MAGNITUDES = ("small", "medium", "large")
 FAILED = "failed.txt"
 """In a case's folder: why it could not be traced, which counts as a wrong answer."""
 
+SECONDS = "seconds.txt"
+"""In a case's folder: how long its trace took on all cores, without compilation."""
+
 NOTHING, UNRESOLVED, PARAMETER, CURVE = "nothing", "unresolved", "a parameter", "a curve"
 """First claims of a trace that names no effect."""
 
@@ -65,6 +68,7 @@ class Scored:
         covered: Whether one model of the confusable set has all true effects.
         in_set: Models in that set; 0 if there is none.
         wrong: Largest probability of an effect that is not there; NaN if there are no probabilities.
+        seconds: Of the trace; NaN if it did not have all cores from its beginning to its end.
     """
 
     case: str
@@ -92,6 +96,7 @@ class Scored:
     covered: bool = False
     in_set: int = 0
     wrong: float = math.nan
+    seconds: float = math.nan
 
 
 def score(folder: Path, traced_in: str = "trace") -> Scored:
@@ -136,6 +141,7 @@ def score(folder: Path, traced_in: str = "trace") -> Scored:
         any({accepted.get(n) for n in names} >= set(accepted.values()) for names in _sets(traced)),
         len(_sets(traced)),
         _wrong(traced, {*accepted, *(f["name"] for f in sealed.get("recording", []))}),
+        float((folder / SECONDS).read_text(encoding="utf-8")) if (folder / SECONDS).exists() else math.nan,
     )
 
 

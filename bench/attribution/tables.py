@@ -92,6 +92,12 @@ def _wrong(cases: Cases) -> list[float]:
     return [s.wrong for s in of(cases, "unlisted") if math.isfinite(s.wrong)]
 
 
+def _seconds(cases: Cases) -> str:
+    """Write median and maximum of the times that were taken, and how many."""
+    known = [s.seconds for s in of(cases, *KINDS) if math.isfinite(s.seconds)]
+    return f"{np.median(known):.0f} s, {max(known):.0f} s ({len(known)})" if known else "–"
+
+
 def _nearly(cases: Cases) -> str:
     return share(s.closed >= 0.9 for s in of(cases, "effect", "pair") if math.isfinite(s.closed))
 
@@ -114,6 +120,11 @@ _ASKED: tuple[tuple[str, dict[str, str], Callable[[Cases], str]], ...] = (
     ),
     ("unlisted effect: `unresolved`", {}, lambda c: _right(c, "unlisted")),
     ("gap closed, median", {"clean": "97 %", "field": "90 %"}, lambda c: median(s.closed for s in of(c, "effect"))),
+    (
+        "time of a trace on all cores, median and longest",
+        {"clean": "30 s, 90 s", "field": "30 s, 90 s"},
+        _seconds,
+    ),
     ("parameter error, median", {}, _errors),
     ("at least 90 % of the gap closed", {}, _nearly),
     ("unlisted effect: gap closed, median", {}, lambda c: median(s.closed for s in of(c, "unlisted"))),

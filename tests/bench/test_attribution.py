@@ -15,7 +15,7 @@ from bench.attribution.gate import BLOCK, SHARES, drawn
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
 from bench.attribution.renew import MARKS
 from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
-from bench.attribution.score import FAILED, load, score, text
+from bench.attribution.score import FAILED, SECONDS, load, score, text
 from bench.attribution.tables import (
     alarms,
     confusion,
@@ -263,6 +263,33 @@ def test_numbers_of_field_recordings_have_their_own_aim_and_are_pooled_over_vehi
     assert len(cells(numbers(field), "true effect named first")) == 2
     two = [*field, *(dataclasses.replace(s, vehicle="car") for s in field)]
     assert cells(numbers(two), "true effect named first")[3].startswith("18 of 20")
+
+
+def test_times_are_of_the_traces_that_had_all_cores(several, tmp_path):
+    timed = [replace(s, seconds=seconds) for s, seconds in zip(several, (20.0, 80.4, 31.0), strict=False)]
+    row = "| time of a trace on all cores, median and longest | 30 s, 90 s |"
+    assert f"{row} 31 s, 80 s (3) |" in numbers([replace(s, vehicle="car") for s in timed])
+    assert f"{row} – |" in numbers([replace(s, vehicle="car") for s in several])
+    assert math.isnan(several[0].seconds)
+    folder = tmp_path / f"{several[0].case}-{several[0].repeat}"
+    (folder / SECONDS).write_text("12.5\n")
+    assert score(folder).seconds == 12.5
+
+
+@pytest.mark.parametrize(("threads", "begun", "noted"), [(None, False, True), (1, False, False), (None, True, False)])
+def test_the_time_of_a_trace_is_noted_where_it_is_of_the_whole_trace(tmp_path, monkeypatch, threads, begun, noted):
+    def trace(task, folder, *_):
+        folder.mkdir(exist_ok=True)
+        (folder / "trace.json").write_text("{}")
+
+    monkeypatch.setattr("bench.attribution.run.run_trace", trace)
+    monkeypatch.setattr(Tracer, "model", lambda *_: (None, None))
+    for name in ("sealed.json", "oracle.json"):
+        (tmp_path / name).write_text("{}")
+    if begun:
+        (tmp_path / "trace").mkdir()
+    assert Tracer(threads).run(Case("car-none", 0, tmp_path)) == ""
+    assert (tmp_path / SECONDS).exists() == noted
 
 
 def test_shares_are_by_kind_and_magnitude(several):
