@@ -105,10 +105,9 @@ class SelectionRound:
         scores = ScoreTest(fits.fitting, self.best).of([h for h in open_ if not h.random])
         processes = [] if fits.fitting.noise_held else [h for h in open_ if h.random]
         scores += random_scores(fits, self.best.point, processes)
-        odds = log_odds(hypotheses(fits.augmented, fits.free))
 
         def promise(s: Score) -> float:
-            return self.predicted_bic_gain(s) + 2.0 * sum(odds[h.kind, h.name] for h in s.hypothesis.single)
+            return self.predicted_bic_gain(s) + 2.0 * self.belief(s)[0]
 
         self.promised = sorted(scores, key=promise, reverse=True)
         # The predicted gain of many things at once is large whatever is missing, and so is that of a process, which
@@ -119,6 +118,12 @@ class SelectionRound:
         self.shortlist = [s for s in (*distinct(plain), *random) if self.predicted_bic_gain(s) > enough]
         several = [s for s in self.shortlist if s.hypothesis.random and s.hypothesis.parts]
         self.shortlist = [s for s in self.shortlist if s not in several or self.leads_its_parts(s)]
+
+    def belief(self, s: Score) -> tuple[float, float]:
+        """Return what orders hypotheses that the drives do not tell apart: log odds, then with how few values."""
+        fits = self.candidate_fits
+        odds = log_odds(hypotheses(fits.augmented, fits.free))
+        return sum(odds[h.kind, h.name] for h in s.hypothesis.single), -s.freedom
 
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet."""
@@ -159,7 +164,11 @@ class SelectionRound:
         return any(c.held_out is not None and leaves_nothing(c.held_out, before) for c in passing)
 
     def fit_like_the_best(self) -> None:
-        """Fit also what is hardly distinguishable from the best of the fits, where it may explain more."""
+        """Fit also what is hardly distinguishable from the best of the fits, where it may explain more.
+
+        Of those that say the same the one stands for all that is likelier beforehand, unless something else would then
+        come before it.
+        """
         tried = [self.judged(s) for s in self.tried()]
         if not tried:
             return
@@ -168,11 +177,18 @@ class SelectionRound:
         start = self.taken_back(winner.hypothesis, winner.fitted)
         likes = lookalikes(winner, self.before, self.promised, self.fits)[:TRIED]
         self.fit(likes, start)
+        others = [c.bic for c in map(self.judged, self.tried()) if not same(c.score, winner.score)]
+
+        def stands(s: Score) -> tuple[bool, float, float]:
+            return self.judged(s).bic > max(others, default=-math.inf), *self.belief(s)
+
+        for_all = winner.score
         for s in likes:
-            between = 2.0 * abs(self.fits[s.hypothesis].objective - winner.fitted.objective)
+            between = 2.0 * abs(self.fits[s.hypothesis].objective - self.fits[for_all.hypothesis].objective)
             if same(s, winner.score) and between < BIC_NEEDED:  # what is left between them is where fits end
-                del self.fits[s.hypothesis]
-                self.candidate_fits.forget((*self.added, *s.hypothesis.single))
+                less, for_all = sorted((s, for_all), key=stands)
+                del self.fits[less.hypothesis]
+                self.candidate_fits.forget((*self.added, *less.hypothesis.single))
 
     def decided_by_sensor(self, room: int) -> Round:
         """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
