@@ -228,8 +228,20 @@ def test_many_parameters_are_not_fitted_where_something_alone_leaves_nothing():
     assert not settled()
 
 
-@pytest.mark.parametrize(("reached", "kept"), [(100.3, False), (76.0, False), (70.0, True), (130.0, True)])
-def test_of_two_that_say_the_same_one_stands_for_both_unless_their_fits_differ(reached, kept):
+@pytest.mark.parametrize(
+    ("reached", "likelier", "third", "left_out"),
+    [
+        (100.3, "ratio", 2.0, ["ratio_error"]),
+        (76.0, "ratio", 2.0, ["ratio_error"]),
+        (70.0, "ratio_error", 2.0, []),
+        (130.0, "ratio", 2.0, []),
+        (76.0, "ratio_error", 2.0, ["ratio"]),
+        (76.0, "ratio_error", 0.5, ["ratio_error"]),  # backlash would come before it
+    ],
+)
+def test_of_two_that_say_the_same_the_likelier_stands_for_both_unless_their_fits_differ(
+    reached, likelier, third, left_out
+):
     """A wrong ratio is a parameter and an effect, and where their fits end was what named one of them."""
 
     def score(name, kind, *response):
@@ -248,7 +260,7 @@ def test_of_two_that_say_the_same_one_stands_for_both_unless_their_fits_differ(r
     def judged(s):
         held_out = Judgement(60.0, np.zeros(1), np.array([left[s.hypothesis.name]]), (), None)
         return SimpleNamespace(
-            score=s, hypothesis=s.hypothesis, bic=1e4 - shortlist.index(s), held_out=held_out,
+            score=s, hypothesis=s.hypothesis, bic=1e4 - (0.0, 1.0, third)[shortlist.index(s)], held_out=held_out,
             fitted=selection_round.fits.get(s.hypothesis),
         )  # fmt: skip
 
@@ -256,11 +268,29 @@ def test_of_two_that_say_the_same_one_stands_for_both_unless_their_fits_differ(r
     selection_round.candidate_fits.forget = lambda added: forgotten.extend(h.name for h in added)
     selection_round.fit, selection_round.judged = fit, judged
     selection_round.taken_back = lambda hypothesis, fitted: None
+    selection_round.belief = lambda s: (float(s.hypothesis.name == likelier), 0.0)
     selection_round.fit([ratio])
     selection_round.fit_like_the_best()
-    assert forgotten == ([] if kept else ["ratio_error"])
-    assert (error.hypothesis in selection_round.fits) == kept
+    assert forgotten == left_out
+    assert {h.name for h in selection_round.fits} == {*left} - {*left_out}
     assert backlash.hypothesis in selection_round.fits  # acts alike, and these drives tell it apart
+
+
+def test_a_name_is_likelier_whose_places_do_not_share_its_odds_and_then_one_of_fewer_values(monkeypatch):
+    everywhere, front, steering = (
+        SimpleNamespace(hypothesis=Hypothesis(name, "effect", amplitudes), freedom=len(amplitudes))
+        for name, amplitudes in (
+            ("tyre_force_offset", ("offset_front", "offset_rear")),
+            ("tyre_force_offset@front", ("offset_front",)),
+            ("steering_offset", ("offset",)),
+        )
+    )
+    scores = [everywhere, front, steering]
+    monkeypatch.setattr(
+        "harness.diagnosis.selection.selection_round.hypotheses", lambda *_: [s.hypothesis for s in scores]
+    )
+    belief = SelectionRound(SimpleNamespace(augmented=None, free=()), (), [], 1).belief
+    assert sorted(scores, key=belief) == scores
 
 
 def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
