@@ -88,7 +88,7 @@ class CandidateFits:
 
         After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
         most of the gain of the best one, because a large effect may take more than a turn. One that has ended there
-        already is not fitted on.
+        already is not fitted on, and one that does not promise to come near enough to be in question is given up.
 
         Args:
             models: What is added, and what gives the point where its fit starts.
@@ -101,7 +101,7 @@ class CandidateFits:
 
         def further(added: Added, found: Fitted) -> Fitted:
             near = best - found.objective < far and not found.ended
-            return self.fit(added, found.point, afresh=False) if near else found
+            return self.fit(added, found.point, afresh=False, least=max(needed, best - self.doubt)) if near else found
 
         share = self.augmented.share
         found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh, least=needed), models)
