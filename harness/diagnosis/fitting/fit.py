@@ -76,7 +76,7 @@ class Fitted:
         point: Where the fit ended.
         log_likelihood: Of all drives there.
         objective: The same with the priors.
-        ended: Whether it ended because nothing more was to be gained, not with its turns.
+        ended: Whether it ended because nothing more was to be gained, or nothing that counts, and not with its turns.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -183,6 +183,7 @@ class Fitting:
                 needed = least - 2.0 * found.predicted  # what a quadratic predicts may be half of what there is
                 climbed = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature, needed)
                 if climbed.hopeless:
+                    ended = True
                     break
                 curvature = climbed.curvature
                 found = maximise(objective, climbed.z, parameters, iterations, ENOUGH, ENOUGH)

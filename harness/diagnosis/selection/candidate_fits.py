@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from harness.config.parameter_set import stated_std
-from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST
+from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST, TRIED
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -86,12 +87,14 @@ class CandidateFits:
     ) -> list[Fitted]:
         """Fit models at once, and to the end only those that come near the best of them.
 
+        The first few set what the others have to promise within their first turn.
+
         After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
         most of the gain of the best one, because a large effect may take more than a turn. One that has ended there
         already is not fitted on, and one that does not promise to come near enough to be in question is given up.
 
         Args:
-            models: What is added, and what gives the point where its fit starts.
+            models: What is added, and what gives the point where its fit starts; the most promising first.
             least: Objective that is reached already; none by default.
             base: Objective of the model to which these add; none if they add to no common one.
             afresh: Whether their noise is sought from far away: it is that of a model that lacks what they add. What
@@ -99,12 +102,18 @@ class CandidateFits:
             needed: Objective without which they are of no use: what does not promise it is given up.
         """
 
+        def first_turn(useful: float, model: tuple[Added, Callable[[], Point]]) -> Fitted:
+            return self.fit(model[0], model[1](), turns=1, afresh=afresh, least=useful)
+
         def further(added: Added, found: Fitted) -> Fitted:
             near = best - found.objective < far and not found.ended
             return self.fit(added, found.point, afresh=False, least=max(needed, best - self.doubt)) if near else found
 
         share = self.augmented.share
-        found = share(lambda model: self.fit(model[0], model[1](), turns=1, afresh=afresh, least=needed), models)
+        # Not as many first as there are threads, whose number must change nothing.
+        found = share(partial(first_turn, needed), models[:TRIED])
+        useful = max([needed, *(f.objective - self.doubt for f in found)])
+        found += share(partial(first_turn, useful), models[TRIED:])
         best = max([least, *(f.objective for f in found)])
         far = max(BIC_NEEDED, MOST * (best - base))
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
