@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from harness.common.last_used import LastUsed
-from harness.diagnosis.criteria import BIC_NEEDED
+from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.hypotheses import hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
@@ -64,7 +64,26 @@ def test_what_is_far_behind_or_has_ended_is_not_fitted_on(monkeypatch, behind, e
 
     monkeypatch.setattr(CandidateFits, "fit", fit)
     fits = CandidateFits.__new__(CandidateFits)
-    fits.augmented = SimpleNamespace(share=lambda do, what: [do(x) for x in what])
+    fits.augmented, fits.doubt = SimpleNamespace(share=lambda do, what: [do(x) for x in what]), 0.5 * HOPEFUL
     fits.fit_all([(("one",), lambda: "start"), (("best",), lambda: "start")])
     assert asked[:2] == [(("one",), "start", 1, True), (("best",), "start", 1, True)]
     assert asked[2:] == [(("one",), "end", 3, False)] * fitted_on
+
+
+def test_the_first_few_set_what_the_others_must_promise_and_the_best_what_is_fitted_on_must(monkeypatch):
+    """All have most of the best one's gain over a base far below, so all are fitted on."""
+    reached = {"a": 1000.0, "b": 3000.0, "c": 2000.0, "d": 2500.0, "e": 3600.0}
+    doubt, asked = 0.5 * HOPEFUL, {}
+
+    def fit(self, added, start, turns=3, afresh=True, least=0.0):
+        asked[added[0], turns] = least
+        return Fitted((), "end", 0.0, reached[added[0]])
+
+    monkeypatch.setattr(CandidateFits, "fit", fit)
+    fits = CandidateFits.__new__(CandidateFits)
+    fits.augmented, fits.doubt = SimpleNamespace(share=lambda do, what: [do(x) for x in what]), doubt
+    models = [((name,), lambda: "start") for name in reached]
+    fits.fit_all(models, base=-1e4, needed=-500.0)
+    names = [*reached]
+    assert [asked[name, 1] for name in names] == [-500.0] * TRIED + [3000.0 - doubt] * 2
+    assert [asked[name, 3] for name in names] == [3600.0 - doubt] * 5

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, MOST, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
@@ -107,7 +107,7 @@ class SelectionRound:
         scores += random_scores(fits, self.best.point, processes)
 
         def promise(s: Score) -> float:
-            return self.predicted_bic_gain(s) + 2.0 * self.belief(s)[0]
+            return self.predicted_bic_gain(s) + 2.0 * self.log_odds(s)
 
         self.promised = sorted(scores, key=promise, reverse=True)
         # The predicted gain of many things at once is large whatever is missing, and so is that of a process, which
@@ -119,11 +119,17 @@ class SelectionRound:
         several = [s for s in self.shortlist if s.hypothesis.random and s.hypothesis.parts]
         self.shortlist = [s for s in self.shortlist if s not in several or self.leads_its_parts(s)]
 
+    @cached_property
+    def _odds(self) -> dict[tuple[str, str], float]:
+        return log_odds(hypotheses(self.candidate_fits.augmented, self.candidate_fits.free))
+
+    def log_odds(self, s: Score) -> float:
+        """Return the logarithm of the odds of a hypothesis before the drives are seen."""
+        return sum(self._odds[h.kind, h.name] for h in s.hypothesis.single)
+
     def belief(self, s: Score) -> tuple[float, float]:
         """Return what orders hypotheses that the drives do not tell apart: log odds, then with how few values."""
-        fits = self.candidate_fits
-        odds = log_odds(hypotheses(fits.augmented, fits.free))
-        return sum(odds[h.kind, h.name] for h in s.hypothesis.single), -s.freedom
+        return self.log_odds(s), -s.freedom
 
     def open(self) -> list[Hypothesis]:
         """Return what is not in force yet."""
