@@ -72,7 +72,7 @@ def test_correlated_update_is_the_dense_solution(missing):
     row = np.zeros((4, LANES))
     info = Info(np.zeros((m, LANES)), np.zeros((m, m, LANES)), row[0:1], row[1:2], row[2:3], row[3:4])
     after, covariance = np.empty((n, LANES)), np.empty((n, n, LANES))
-    work = np.empty((m, n, LANES)), np.zeros((m, m, LANES))
+    work = np.empty((m, n, LANES)), np.zeros((m, m, LANES)), np.empty((m, count, LANES))
     before = in_lanes(x), P, in_lanes(predicted), in_lanes(H), seen
     update(before, in_lanes(y), in_lanes(r), errors, (after, covariance), work, info)
     kept = np.isfinite(y)

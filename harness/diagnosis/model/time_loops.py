@@ -66,7 +66,7 @@ def filter_whole(u, between, nominal, y, errors, constants, nominal_constants, Q
         Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
         (np.empty((nu, LANES)), np.empty((len(nominal), LANES)), np.empty((NY, LANES))),
         np.zeros((NX + NY, errors.shape[2], LANES)),
-        (np.zeros((NY, NX, LANES)), np.zeros((NY, NY, LANES))),
+        (np.zeros((NY, NX, LANES)), np.zeros((NY, NY, LANES)), np.empty((NY, errors.shape[2], LANES))),
     )
     (w, w_whole), means, covariances, outputs, info, inputs, errors_now, work = borrowed(owned)
     (x, x_prior, x_nominal), (P_prior, P, S, factor) = means, covariances

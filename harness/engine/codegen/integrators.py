@@ -116,25 +116,25 @@ def _sparse_covariances(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> tup
 _STAGED_STATE = """
 @jit
 def next_state(x, u, c, xn, w):
-    start, stage, slope = w[:NX], w[NX : 2 * NX], w[2 * NX : 3 * NX]
-    total = w[3 * NX : 4 * NX]
+    stage, slope, total = w[:NX], w[NX : 2 * NX], w[2 * NX : 3 * NX]
     for i in range(NX):
-        put(get(x, i), start, i)
+        put(get(x, i), xn, i)
     for _ in range(SUBSTEPS):
-        for i in range(NX):
-            put(get(start, i), stage, i)
-            put(0.0, total, i)
         for s in range(STAGES):
-            if s > 0:
-                for i in range(NX):
-                    put(get(start, i) + H * BEHIND[s] * get(slope, i), stage, i)
-            drift(stage, u, c, slope)
+            if s == 0:
+                drift(xn, u, c, slope)
+            else:
+                drift(stage, u, c, slope)
             for i in range(NX):
-                put(get(total, i) + WEIGHT[s] * get(slope, i), total, i)
-        for i in range(NX):
-            put(get(start, i) + H * get(total, i), start, i)
-    for i in range(NX):
-        put(get(start, i), xn, i)
+                k = get(slope, i)
+                r = WEIGHT[s] * k
+                if s > 0:
+                    r = get(total, i) + r
+                if s + 1 < STAGES:
+                    put(r, total, i)
+                    put(get(xn, i) + H * BEHIND[s + 1] * k, stage, i)
+                else:
+                    put(get(xn, i) + H * r, xn, i)
 """
 
 _STAGED_JACOBIAN = """

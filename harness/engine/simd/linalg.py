@@ -154,18 +154,24 @@ def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, 
         errors: As in ``add_input_errors``.
         x: Corrected state, written.
         P: Corrected covariance, written, symmetric.
-        work: Scratch ``(ny, nx, LANES)`` and ``(ny, ny, LANES)``.
+        work: Scratch ``(ny, nx, LANES)``, ``(ny, ny, LANES)`` and ``(ny, m, LANES)``.
         info: ``harness.engine.kernel_names.Info``, written but for ``repairs``.
     """
     n, m, count = x.shape[0], y.shape[0], errors.shape[1]
-    V, factor = work
+    V, factor, seen_errors = work
     S = info.innovation_covariance
     for a in range(m):
         put(get(y, a) - get(predicted, a), info.innovation, a)
+        measured = get(y, a) == get(y, a)
         _times_row(P_prior, H, seen, a, V[a])
-    for a in range(m):
+        for c in range(count):
+            put(get(errors, n + a, c) + _dot(H, seen, a, errors, c), seen_errors, a, c)
+        for i in range(n):
+            total = get(V, a, i)
+            for c in range(count):
+                total = total + get(errors, i, c) * get(errors, n + a, c)
+            put(select(measured, total, 0.0), V, a, i)
         for b in range(a + 1):
-            measured = (get(y, a) == get(y, a)) & (get(y, b) == get(y, b))
             total = get(r, a) if a == b else splat(0.0)
             for c in range(seen.shape[1]):
                 j = seen[b, c]
@@ -173,17 +179,10 @@ def correlated_update(x_prior, P_prior, predicted, H, seen, y, r, errors, x, P, 
                     break
                 total = total + get(V, a, j) * get(H, b, j)
             for c in range(count):
-                d, f = get(errors, n + a, c), get(errors, n + b, c)
-                total = total + d * f + d * _dot(H, seen, b, errors, c) + f * _dot(H, seen, a, errors, c)
-            total = select(measured, total, 1.0 if a == b else 0.0)
+                total = total + get(errors, n + b, c) * get(seen_errors, a, c)
+            total = select(measured & (get(y, b) == get(y, b)), total, 1.0 if a == b else 0.0)
             put(total, S, a, b)
             put(total, S, b, a)
-    for a in range(m):
-        for i in range(n):
-            total = get(V, a, i)
-            for c in range(count):
-                total = total + get(errors, i, c) * get(errors, n + a, c)
-            put(select(get(y, a) == get(y, a), total, 0.0), V, a, i)
     repaired = cholesky(S, factor, m)
     return _apply_factor(x_prior, P_prior, y, x, P, V, factor, info, repaired)
 

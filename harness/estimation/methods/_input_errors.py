@@ -31,7 +31,8 @@ def correct(x_prior, P_prior, predicted, H, y, belief, after, scratch, info):
     """Correct a prior with measurements whose slope is known; the arguments are those of ``scalar_updates``."""
     if INPUT_ERRORS:  # noqa: SIM102 - where this is 0, nothing of the branch is compiled
         if belief.input_errors.shape[1] > 0:
-            work = np.empty((NY, NX, LANES)), np.zeros((NY, NY, LANES))
+            seen = np.empty((NY, belief.input_errors.shape[1], LANES))
+            work = np.empty((NY, NX, LANES)), np.zeros((NY, NY, LANES)), seen
             correlated_update(
                 x_prior,
                 P_prior,
