@@ -194,7 +194,12 @@ class Coordinates:
     def directions(self, z: Floats, chosen: Mask | None = None, drive: int = 0) -> Candidates:
         """Return the derivatives of what is held in a drive by the chosen coordinates (all by default)."""
         at = self.candidates(z, drive)
-        tables = {"parameter": at.values, "process": at.process, "measurement": at.measurement}
+        tables = {
+            "parameter": at.values,
+            "intensity": at.values,
+            "process": at.process,
+            "measurement": at.measurement,
+        }
         index = np.arange(len(self)) if chosen is None else np.flatnonzero(chosen)
         slopes = {kind: np.zeros((len(table), len(index))) for kind, table in tables.items()}
         for j, i in enumerate(index):
@@ -202,7 +207,7 @@ class Coordinates:
             if c.acts_in(drive):
                 rows = list(c.rows)
                 slopes[c.kind][rows, j] = tables[c.kind][rows, 0] if c.logarithmic else c.scale
-        return Candidates(slopes["parameter"], slopes["process"], slopes["measurement"])
+        return Candidates(slopes["parameter"] + slopes["intensity"], slopes["process"], slopes["measurement"])
 
     def penalty(self, z: Floats) -> Floats:
         """Return what the priors take from the log-likelihood of candidates ``z (n,)`` or ``(n, candidates)``."""

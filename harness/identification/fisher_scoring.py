@@ -22,6 +22,8 @@ _DAMPINGS = (0.0, 0.1, 1.0, 10.0)
 _LENGTHS = (0.5, 0.25, 0.1, 8.0)
 """Of the full step: a valley may bend sooner than any damping tells, and a variance far too large comes down by one in
 its logarithm per full step."""
+_LEAST = -0.9
+"""Smallest relative step of a variance, behind which its logarithm takes the step."""
 _EVER_SMALLER = 1e3
 _LARGEST_DAMPING = 1e9
 
@@ -56,12 +58,14 @@ class Maximum:
         value: Its value.
         information: Fisher information of the moved coordinates at the point before the last step.
         predicted: Predicted gain of a further step.
+        hopeless: Whether it was given up because it leads nowhere near what counts.
     """
 
     z: Floats
     value: float
     information: Floats
     predicted: float
+    hopeless: bool = False
 
     @property
     def converged(self) -> bool:
@@ -77,6 +81,8 @@ def maximise(
     enough: float = ENOUGH,
     slow: float = 0.0,
     share: float = 0.0,
+    least: float = -np.inf,
+    variances: Mask | None = None,
 ) -> Maximum:
     """Climb from a point until the predicted gain of a step is below ``enough``.
 
@@ -89,15 +95,22 @@ def maximise(
         slow: Gain of a step at which to stop. In a valley that is long and bent each step gains a little of what is
             predicted.
         share: The same as a share of what the steps before gained.
+        least: Value that counts: the search is given up where twice the predicted gain, which may be half of what there
+            is, does not promise it.
+        variances: Coordinates that are logarithms of variances ``(n,)``. Steps are taken of the variances themselves:
+            for that of normal samples whose mean square is ``r`` times as large the step is ``r - 1``, and wrong is the
+            logarithm of ``r``.
     """
-    z, damping = start.copy(), 1e-2
+    z, damping, hopeless = start.copy(), 1e-2, False
+    relative = np.zeros(int(moved.sum()), dtype=bool) if variances is None else variances[moved]
     value, predicted, information, before = -np.inf, np.inf, np.empty((0, 0)), 0.0
     for _ in range(iterations):
         value, gradient, information = objective.slopes(z, moved)
         lower, upper = objective.lower[moved] - z[moved], objective.upper[moved] - z[moved]
         full = bounded_step(gradient, information, 0.0, lower, upper)
         predicted = float(gradient @ full - 0.5 * full @ information @ full)
-        if predicted < enough or not np.isfinite(value):
+        hopeless = bool(value + 2.0 * predicted < least)
+        if predicted < enough or not np.isfinite(value) or hopeless:
             break
         better = None
         while better is None and damping < _LARGEST_DAMPING:
@@ -106,7 +119,8 @@ def maximise(
             steps += [np.clip(length * full, lower, upper) for length in _LENGTHS]
             strengths += [damping if length < 1 else strengths[1] for length in _LENGTHS]
             candidates = np.repeat(z[:, None], len(steps), axis=1)
-            candidates[moved] += np.column_stack(steps)
+            way = np.column_stack(steps)
+            candidates[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
             values = objective.values(candidates, keep_first=True)
             best = int(np.argmax(values))
             if values[0] > max(value, values[best] - enough):
@@ -127,7 +141,7 @@ def maximise(
         if gained < max(slow, share * before) or (gained < 0.1 * enough and predicted < 10 * enough):
             break  # slow, or rounding of the likelihood
         before += gained
-    return Maximum(z, value, information, predicted)
+    return Maximum(z, value, information, predicted, hopeless)
 
 
 def bounded_step(gradient: Floats, information: Floats, damping: float, lower: Floats, upper: Floats) -> Floats:

@@ -89,10 +89,25 @@ def test_several_processes_are_fitted_in_place_of_each_where_they_lead(monkeypat
     assert sorted(asked) == sorted(fitted)
 
 
-def test_a_truck_with_two_gyroscopes_has_one_hypothesis_that_both_drift():
-    truck = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula"}
-    spec = resolve_single({**truck, "sensors": "test_vehicle_inertial", "integrator": "rk4"}, "test")
-    tried = hypotheses(AugmentedModel(spec, set(SIGNALS), jobs=1), ())
+@pytest.fixture(scope="module")
+def truck():
+    stated = {"vehicle": "semitrailer", "parameters": "ziaukas_2023", "tyre": "magic_formula"}
+    spec = resolve_single({**stated, "sensors": "test_vehicle_inertial", "integrator": "rk4"}, "test")
+    return AugmentedModel(spec, set(SIGNALS), jobs=1)
+
+
+def test_a_parameter_is_sought_where_it_is_possible_beside_the_others(truck):
+    """A score that asks for a trailer shorter than where its kingpin is promises what is gained up to there."""
+    values = truck.stated()
+    lower, upper = truck.possible_range("trailer_length", values)
+    assert lower == pytest.approx(values[truck.row("kingpin_from_rear")], abs=1e-6)
+    assert upper == truck.model.parameters[truck.row("trailer_length")].upper
+    mass = truck.model.parameters[truck.row("trailer_mass")]
+    assert truck.possible_range("trailer_mass", values) == (mass.lower, mass.upper)
+
+
+def test_a_truck_with_two_gyroscopes_has_one_hypothesis_that_both_drift(truck):
+    tried = hypotheses(truck, ())
     (both,) = (h for h in tried if h.name == SENSOR_DRIFTS)
     assert [h.name for h in both.single] == ["sensor_drift@yaw_rate_tractor", "sensor_drift@yaw_rate_trailer"]
     assert all(h in tried for h in both.parts)

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.config import resolve_single
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
-from harness.diagnosis.fitting.noise_search import climb
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, coordinates, hypotheses
 from harness.diagnosis.result.verdict import verdict_of
@@ -105,32 +104,6 @@ def test_a_fit_is_given_up_where_what_it_promises_does_not_count(gusty):
     given_up = fitting.fit(fitted.coordinates, point, 10, afresh=False, least=fitted.objective + 1e9)
     assert given_up.objective < fitted.objective - 1000
     assert np.array_equal(given_up.point.measurement, point.measurement)
-
-
-def test_variances_climb_to_those_of_the_samples():
-    """The likelihood of independent normal samples is largest at their mean squares."""
-    squares = np.array([4.0, 1e-3, 50.0])
-
-    def values(many):
-        return -50.0 * np.sum(many[1:] + squares[:, None] * np.exp(-many[1:]), axis=0) - many[0] ** 2
-
-    objective = SimpleNamespace(values=values, lower=np.full(4, -20.0), upper=np.full(4, 20.0))
-    start = np.array([1.0, 6.0, 6.0, -6.0])
-    first = float(values(start[:, None])[0])
-    found = climb(objective, start, first, 1, 20, 1e-6)
-    assert found.z[0] == 1.0
-    assert np.exp(found.z[1:]) == pytest.approx(squares, rel=3e-3)  # differences over 0.1, a curvature from nearby
-    assert found.curvature.values == pytest.approx(50.0, rel=0.1)
-    reached = float(values(found.z[:, None])[0])
-    assert not climb(objective, start, first, 1, 20, 1e-6, least=reached).hopeless
-    given_up = climb(objective, start, first, 1, 20, 1e-6, least=first + 1e9)
-    assert given_up.hopeless
-    assert np.array_equal(given_up.z, start)
-    pinned = SimpleNamespace(
-        values=lambda many: np.where(many[1] < start[1], -np.inf, values(many)), lower=start - 20.0, upper=start + 20.0
-    )
-    found = climb(pinned, start, first, 1, 20, 1e-6)  # no slope where a difference leaves the model's range
-    assert np.exp(found.z[2:]) == pytest.approx(squares[1:], rel=3e-3)
 
 
 def test_a_fault_of_one_sensor_knows_its_signal(augmented):

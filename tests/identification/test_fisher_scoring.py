@@ -118,3 +118,15 @@ def test_the_full_step_comes_first_where_its_run_can_be_kept():
     maximise(objective, np.zeros(3), np.ones(3, dtype=bool), 10)
     assert kept[0][0]
     assert kept[0][1] == pytest.approx(SUMMIT)
+
+
+def test_a_search_is_given_up_where_twice_what_it_promises_does_not_count():
+    start, every = np.zeros(3), np.ones(3, dtype=bool)
+    below = float(parabola().values(start[:, None])[0])  # the summit has 0
+    reached = maximise(parabola(), start, every, 10, least=-0.5 * below - 0.1)
+    assert not reached.hopeless
+    assert np.allclose(reached.z, SUMMIT, atol=1e-9)
+    given_up = maximise(parabola(), start, every, 10, least=-below + 0.1)
+    assert given_up.hopeless
+    assert np.array_equal(given_up.z, start)
+    assert given_up.value == below

@@ -1,9 +1,8 @@
 """Fit parameters and noise of one hypothesis to recordings, by the likelihood of the filter's innovations.
 
-Parameters move by Fisher scoring with the gains held as they are (``FilteredModel.slopes``), variances and the
-intensities of random processes by steps of their own (``noise_search``). The search for the process noise begins far
-below: left too large it hides what the model lacks, and afterwards looks like an effect. Both take turns until neither
-gains, judged by the likelihood itself.
+Parameters, variances and the intensities of random processes move together by Fisher scoring
+(``AugmentedModel.slopes``), judged by the likelihood itself. The search for the process noise begins far below: left
+too large it hides what the model lacks, and afterwards looks like an effect.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats, Mask
-from harness.diagnosis.fitting.noise_search import along, climb, curvatures
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.identification.coordinates import (
     Coordinate,
@@ -35,14 +33,17 @@ ENOUGH = 0.3
 """Predicted gain in log-likelihood at which a fit ends; what is accepted gains dozens."""
 
 _ROUGH = 4
-"""Iterations of a stage that only prepares the next one."""
+"""Iterations of the parameters alone, which only prepare the search for the noise."""
+
+_ROUGHLY = 100 * ENOUGH
+"""Predicted gain at which they end."""
 
 _SLOW = 0.01
 """Share of its gain so far below which a step of a first turn under stated noise ends it: what comes near the best is
 fitted on, and where a model is not right steps go on gaining little."""
 
 TURNS = 3
-"""Most turns of noise and parameters at the end of a fit."""
+"""Most turns of a fit: a turn is so many steps."""
 
 _COARSE = (-9.0, -6.0, -4.0, -2.0, -1.0, 1.0, 3.0)
 """Steps of the logarithm of a variance, tried together; with the point itself they are the lanes of one run."""
@@ -156,12 +157,12 @@ class Fitting:
         afresh: bool = True,
         least: float = -math.inf,
     ) -> Fitted:
-        """Fit parameters and noise in turns; parameters alone where the noise is held.
+        """Fit parameters and noise; parameters alone where the noise is held.
 
         Args:
             coordinates: What moves besides the noise.
             start: Where it begins.
-            iterations: Most steps of the parameters in a turn.
+            iterations: Most steps in a turn.
             turns: Most turns.
             afresh: Whether the noise is sought from far away first; an earlier fit of the same goes on otherwise.
             least: Objective that counts: a fit ends where its slopes promise less than that.
@@ -171,25 +172,14 @@ class Fitting:
         n = len(coordinates)
 
         def search(objective: LogPosterior, z: Floats, parameters: Mask) -> tuple[Maximum, bool]:
-            first, groups = int(parameters.sum()), list(range(n, n + self._groups))
+            every, groups = np.ones_like(parameters), list(range(n, n + self._groups))
             if afresh:
-                z = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH).z
-                for together in (groups, *([j] for j in (*range(first, n), *groups))):
-                    z = along(objective, z, together, _COARSE)
-            found = maximise(objective, z, parameters, _ROUGH, 10 * ENOUGH, 10 * ENOUGH)
-            curvature, ended = None, False
-            for _ in range(turns):
-                before = found.value
-                needed = least - 2.0 * found.predicted  # what a quadratic predicts may be half of what there is
-                climbed = climb(objective, found.z, before, first, _ROUGH, 3 * ENOUGH, curvature, needed)
-                if climbed.hopeless:
-                    ended = True
-                    break
-                curvature = climbed.curvature
-                found = maximise(objective, climbed.z, parameters, iterations, ENOUGH, ENOUGH)
-                ended = found.value - before < 10 * ENOUGH
-                if ended:
-                    break
+                z = maximise(objective, z, parameters, _ROUGH, _ROUGHLY, _ROUGHLY).z
+                for together in (groups, *([j] for j in range(int(parameters.sum()), n))):
+                    z = _along(objective, z, together)
+            most = turns * iterations
+            found = maximise(objective, z, every, most, ENOUGH, 3 * ENOUGH, least=least, variances=~parameters)
+            ended = found.hopeless or found.predicted < 10 * ENOUGH
             return found, ended
 
         return self._driveable(coordinates, start, search)
@@ -256,12 +246,9 @@ class Fitting:
         if not fitted.coordinates:
             return np.zeros(0)
         objective, z, parameters = self._objective(fitted.coordinates, fitted.point)
-        _, _, information = objective.slopes(z, parameters)
+        _, _, information = objective.slopes(z, np.ones_like(parameters))
         slopes = [c.slope(at) for c, at in zip(fitted.coordinates, z, strict=False)]
-        rows = range(int(parameters.sum()), len(fitted.coordinates))
-        known = curvatures(objective, z, fitted.objective, rows)
-        random = np.where(known > 0, 1.0 / np.sqrt(np.where(known > 0, known, 1.0)), np.inf)
-        return np.concatenate([covariance_of(information).errors, random]) * slopes
+        return covariance_of(information).errors[: len(slopes)] * slopes
 
     def information(self, fitted: Fitted) -> Floats:
         """Return the Fisher information, with that of the priors, on the parameters that a fit moved ``(n, n)``.
@@ -281,6 +268,14 @@ class Fitting:
             return in_rows(self.augmented.sensitivities(self.drives[i], point.values[:, [i]], directions, kept[i]))
 
         return self.augmented.share(of_drive, self._range)
+
+
+def _along(objective: LogPosterior, z: Floats, together: list[int]) -> Floats:
+    """Return the best of a point and points with some coordinates moved by one of several steps."""
+    many = np.repeat(z[:, None], len(_COARSE) + 1, axis=1)
+    many[together, 1:] += np.array(_COARSE)
+    many = np.clip(many, objective.lower[:, None], objective.upper[:, None])
+    return many[:, int(np.argmax(objective.values(many)))]
 
 
 def least_of(c: Coordinate) -> float:

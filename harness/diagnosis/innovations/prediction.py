@@ -18,6 +18,7 @@ from harness.common.arrays import Floats
 from harness.diagnosis.innovations import prediction_loops
 from harness.diagnosis.innovations.innovation_model import Linearisation, Linearised
 from harness.diagnosis.model.augmented_model import AugmentedModel
+from harness.diagnosis.model.noise_slopes import nonzero_columns
 from harness.engine.compile import load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
@@ -79,7 +80,7 @@ class Prediction:
             (drive.inputs, drive.between),
             drive.measurements,
             model.compiled.constants(point.in_lanes().values),
-            (linear.transition, linear.output, linear.gain, *map(_columns, (linear.transition, linear.output))),
+            (linear.transition, linear.output, linear.gain, *map(nonzero_columns, (linear.transition, linear.output))),
             (first, Q, np.ascontiguousarray(point.measurement[:, 0]), errors, drive.spread),
             linear.states,
             (vehicle, corrected),
@@ -94,12 +95,3 @@ class Prediction:
             np.where(np.isfinite(squares), squares, np.inf),
             np.isfinite(drive.measurements[1:]).sum(axis=1),
         )
-
-
-def _columns(matrices: Floats) -> NDArray[np.int_]:
-    """Return the columns of matrices ``(samples, rows, n)`` that are not always zero, then -1 ``(rows, n + 1)``."""
-    rows, n = matrices.shape[1:]
-    found = np.full((rows, n + 1), -1)
-    for row, there in zip(found, (matrices != 0.0).any(axis=0), strict=True):
-        row[: there.sum()] = np.flatnonzero(there)
-    return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from harness.diagnosis.model.covariance_loops import congruence, correct
 from harness.engine.kernel_names import LANES, NW, NX, NY, cholesky, get, log, next_state, output, put, select, splat
 from harness.engine.simd.memory import borrowed, retain
 from harness.identification.time_loops import fill
@@ -68,30 +69,6 @@ def predict_ahead(inputs, y, constants, linear, noise, means, rows, horizons, fa
         put(select(again, 0.0, count), since, 0)
         begin_again(again, means[k], rows, x_prior, P_prior, x, P)
     retain(owned)
-
-
-def congruence(A, columns, P, T, found):
-    """Write ``A P A'``; ``columns`` of each row of ``A`` may differ from zero, then -1 ``(n, n + 1)``."""
-    n = A.shape[0]
-    for i in range(n):
-        for j in range(n):
-            total = splat(0.0)
-            for q in range(n):
-                c = columns[i, q]
-                if c < 0:
-                    break
-                total = total + A[i, c] * get(P, c, j)
-            put(total, T, i, j)
-    for i in range(n):
-        for j in range(i + 1):
-            total = splat(0.0)
-            for q in range(n):
-                c = columns[j, q]
-                if c < 0:
-                    break
-                total = total + get(T, i, c) * A[j, c]
-            put(total, found, i, j)
-            put(total, found, j, i)
 
 
 def seen_errors(errors, far, corrected, Q, P, E, D):
@@ -193,39 +170,6 @@ def weigh(S, factor, e, y, found):
             density = density - 0.5 * (1.8378770664093453 + rest * rest) - log(get(factor, a, a))
     put(density, found, 0)
     put(square, found, 1)
-
-
-def correct(K, corrected, P_prior, V, S, W, P):
-    """Write the covariance behind a correction by gains that need not be the best, symmetric.
-
-    The error is that of the prediction less ``K e``, so it is ``P - K V' - V K' + K S K'`` (Simon 2006, 3.3) with the
-    covariance ``V`` of state and innovation ``e`` and that of the innovations. Gains of missing measurements are zero.
-
-    Args:
-        K: Gains ``(n, ny)``, zero in the states that the filter does not correct.
-        corrected: How many states it corrects.
-        P_prior: ``(n, n, LANES)``.
-        V: ``(n, ny, LANES)``.
-        S: ``(ny, ny, LANES)``.
-        W: Scratch ``(n, ny, LANES)``.
-        P: Written ``(n, n, LANES)``.
-    """
-    n = K.shape[0]
-    for i in range(n):
-        for a in range(NY):
-            total = splat(0.0)
-            for b in range(NY if i < corrected else 0):
-                total = total + 0.5 * K[i, b] * get(S, a, b)
-            put(total - get(V, i, a), W, i, a)  # half of K S, so that both sides of the sum are alike
-    for i in range(n):
-        for j in range(i + 1):
-            total = get(P_prior, i, j)
-            for a in range(NY if j < corrected else 0):
-                total = total + get(W, i, a) * K[j, a]
-            for a in range(NY if i < corrected else 0):
-                total = total + K[i, a] * get(W, j, a)
-            put(total, P, i, j)
-            put(total, P, j, i)
 
 
 def begin_again(again, mean, rows, x_prior, P_prior, x, P):

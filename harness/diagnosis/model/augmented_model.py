@@ -19,13 +19,15 @@ import xarray as xr
 from harness.common.arrays import Floats
 from harness.common.errors import ModelError, UserError
 from harness.config import InputSignal, ModelSpec
+from harness.config.bounds import broken_relations
 from harness.config.parameter_set import set_std
 from harness.diagnosis.criteria import PRIORS
 from harness.diagnosis.model import time_loops
+from harness.diagnosis.model.noise_slopes import NoiseSlopes
 from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
-from harness.identification.filtered_model import Candidates, FilteredModel
+from harness.identification.filtered_model import Candidates, Each, FilteredModel, FilterRun, Slopes, for_each
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model, assemble
 from harness.models.assembly.candidates import assembled, placements
@@ -33,6 +35,9 @@ from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.assembly.plan import planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import SIGNALS
+
+_HALVINGS = 30
+"""Of the way to a value that is impossible together with others."""
 
 DRIFT = "sensor_drift"
 """The effect that lets the bias of a sensor wander."""
@@ -122,6 +127,30 @@ class AugmentedModel(FilteredModel):
                 values[i] = p.grid[0] if p.grid else p.upper if p.per_drive else p.lower
         return values
 
+    def possible_range(self, name: str, values: Floats) -> tuple[float, float]:
+        """Return from where to where a parameter is possible with the others as they are.
+
+        Args:
+            name: Of the parameter.
+            values: All parameters ``(np,)``, possible together.
+        """
+        row = self.row(name)
+        p, held = self.model.parameters[row], dict(zip(self.names, map(float, values), strict=True))
+
+        def possible(value: float) -> bool:
+            return not broken_relations(self.spec.vehicle, {**held, name: value})
+
+        def farthest(bound: float) -> float:
+            if possible(bound):
+                return bound
+            inside, outside = float(values[row]), bound
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (inside + outside)
+                inside, outside = (middle, outside) if possible(middle) else (inside, middle)
+            return inside
+
+        return farthest(p.lower), farthest(p.upper)
+
     def stated_std(self, name: str) -> float:
         """Return the standard deviation by which a stated value may be off where it is in question, in its unit.
 
@@ -164,6 +193,57 @@ class AugmentedModel(FilteredModel):
             notes,
         )
 
+    def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
+        """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
+
+        Directions of the noise and of the intensities of drifts move gains and covariances (``NoiseSlopes``); along
+        others these are held. In expectation the two kinds tell nothing of each other, and that is taken as it is.
+
+        Args:
+            drives: The recordings.
+            points: One candidate, or one for each recording.
+            directions: Derivatives of what is held, one column per direction.
+        """
+        at, along = for_each(points, drives), for_each(directions, drives)
+        intensities = [row for row, _ in self._wander.values()]
+        moves = np.any([np.delete(d.values, intensities, axis=0).any(axis=0) for d in along], axis=0)
+        of_mean, of_noise = [*np.flatnonzero(moves)], [*np.flatnonzero(~moves)]
+        found = super().slopes(drives, at, [d.take(of_mean) for d in along])
+        if not of_noise:
+            return found
+        kept = self.runs(drives, at)
+        parts = self.share(
+            lambda i: self._noise_slopes(drives[i], at[i], along[i].take(of_noise), kept[i]), range(len(drives))
+        )
+        gradient, information = np.zeros(len(moves)), np.zeros((len(moves), len(moves)))
+        gradient[of_mean], information[np.ix_(of_mean, of_mean)] = found.gradient, found.information
+        gradient[of_noise] = np.sum([g for g, _ in parts], axis=0)
+        information[np.ix_(of_noise, of_noise)] = np.sum([i for _, i in parts], axis=0)
+        return Slopes(found.log_likelihood, gradient, information)
+
+    def _noise_slopes(
+        self, drive: Drive, point: Candidates, directions: Candidates, kept: FilterRun
+    ) -> tuple[Floats, Floats]:
+        """Return gradient and information of one recording along directions of the noise.
+
+        An intensity scales its state: as to the innovations that is a variance of the state, and of its first value.
+        """
+        state = kept.state.copy()
+        state[0] = self.first_state(drive, point.values[:, 0])
+        drive, values = self.read_ahead(drive, point.values)
+        filter_ = self._filter_of(values)
+        vehicle, known = len(self.nominal.states), filter_.model.states
+        process, first = (np.zeros((len(known), directions.count)) for _ in range(2))
+        process[:vehicle] = directions.process
+        for row, name in self._wander.values():
+            if name in known and values[row, 0] != 0:
+                share, i = 2.0 * directions.values[row] / values[row, 0], known.index(name)
+                process[i] = share * filter_.model.noise[name] * self.spec.step
+                first[i] = share * drive.first_variance[i]
+        constants = filter_.compiled.constants(np.repeat(values[filter_.rows], LANES, axis=1))
+        moved = replace(directions, process=process)
+        return filter_.noise_slopes.along(drive, constants, replace(kept, state=state), moved, first)
+
     def process_variances(self, point: Candidates) -> Floats:
         """Return the process-noise variances per step of the states that the filter corrects ``(corrected,)``."""
         model = self._drifting if self._drifts_in(point.values) else self.nominal
@@ -195,6 +275,7 @@ class _Filter:
         }
         source = paste(self.compiled, "filter_whole", [time_loops.filter_whole], given)
         self.loop = load_source("filter_whole", source).filter_whole
+        self.noise_slopes = NoiseSlopes(self.compiled, self.inputs)
 
 
 def _of_states(effects: Floats, nx: int, known: int) -> Floats:

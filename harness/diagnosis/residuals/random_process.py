@@ -20,7 +20,6 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FARTHER, WHITE
-from harness.diagnosis.fitting.noise_search import climb
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
@@ -33,10 +32,12 @@ from harness.identification.coordinates import (
 )
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
+from harness.identification.fisher_scoring import maximise
 from harness.identification.innovations import Innovations
 from harness.identification.judgement import judged_on
 from harness.identification.objective import LogPosterior
 from harness.identification.signal_noise import signal_noise
+from harness.identification.uncertainty import covariance_of
 from harness.identification.whiteness import Whiteness
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
@@ -200,11 +201,9 @@ def _fitted(
     )
     space = Coordinates(spec, names, moved, [Candidates.of(spec)])
     objective = LogPosterior(filters, drives, space)
-    value = float(objective.values(space.centre[:, None])[0])
-    climbed = climb(objective, space.centre, value, 0, _CLIMB, _ENOUGH)
-    known = climbed.curvature.values[: len(parameters)]
-    shares = np.where(known > 0, 1.0 / np.sqrt(np.where(known > 0, known, 1.0)), math.inf)
-    found = space.fitted(climbed.z)
+    maximum = maximise(objective, space.centre, np.ones(len(space), dtype=bool), _CLIMB, _ENOUGH, _ENOUGH)
+    shares = covariance_of(maximum.information).errors[: len(parameters)]
+    found = space.fitted(maximum.z)
     return found, {p.name: float(found.values[p.name] * e) for p, e in zip(parameters, shares, strict=True)}
 
 

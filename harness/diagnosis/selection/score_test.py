@@ -207,11 +207,11 @@ class ScoreTest:
         return Score(h, found.gain, amplitudes, error, found.freedom, shapes, change_times, response, excited)
 
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
-        """Return how far each amplitude may move down and up."""
-        rows = [self.augmented.row(n) for n in h.amplitudes]
-        at = self.point.values[rows, 0]
-        parameters = [self.augmented.model.parameters[r] for r in rows]
-        return np.array([p.lower for p in parameters]) - at, np.array([p.upper for p in parameters]) - at
+        """Return how far each amplitude may move down and up, the others as they are."""
+        at = self.point.values[:, 0]
+        ends = np.array([self.augmented.possible_range(n, at) for n in h.amplitudes])
+        lower, upper = ends.T - at[[self.augmented.row(n) for n in h.amplitudes]]
+        return lower, upper
 
     def _change_times(self, h: Hypothesis) -> Score:
         """Score a change at a time of its own in every drive, at the best of a grid of times.

@@ -1,0 +1,92 @@
+"""Derivatives of a filter's log-likelihood to the variances of its noise, along a pass that is finished.
+
+Along the pass the model that the filter knows is linearised, so that along a direction of the variances covariance,
+gains and mean are moved by recursions without a tyre in them: eight directions cost half a run of the filter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.arrays import Floats
+from harness.diagnosis.model import noise_loops
+from harness.engine.compile import CompiledModel, load_source, paste
+from harness.engine.simd.lanes import LANES
+from harness.identification.data import Drive
+from harness.identification.filtered_model import Candidates, FilterRun
+
+
+class NoiseSlopes:
+    """The compiled loops of a filter.
+
+    Args:
+        compiled: The model that the filter knows.
+        inputs: Its inputs among those of the recordings.
+    """
+
+    def __init__(self, compiled: CompiledModel, inputs: NDArray[np.int_]) -> None:
+        self._compiled, self._inputs = compiled, inputs
+        self._linearise = load_source("linearise", paste(compiled, "linearise", [noise_loops.linearise])).linearise
+        self._vary = load_source("vary_noise", paste(compiled, "vary_noise", [noise_loops.vary_noise])).vary_noise
+
+    def along(
+        self, drive: Drive, constants: Floats, kept: FilterRun, directions: Candidates, first: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return gradient ``(n,)`` and Fisher information ``(n, n)`` of a recording's log-likelihood.
+
+        Args:
+            drive: The recording.
+            constants: Of the filter's model ``(nc, LANES)``.
+            kept: The pass, with the state in which it begins.
+            directions: Derivatives of the variances by which it was made ``(..., n)``; parameters are not regarded.
+            first: Derivatives of the variances of the first state ``(nx, n)``.
+        """
+        nx, n = len(first), directions.count
+        there = np.isfinite(kept.whitened)
+        r = np.where(there, kept.whitened, 0.0)
+        whitening = kept.whitening * there[:, :, None] * there[:, None, :]
+        linear = self._linear(drive, constants, kept.state[:, :nx])
+        gain = np.ascontiguousarray(kept.gain[:, :nx])
+        found = []
+        for s in range(0, n, LANES):
+            columns = [min(j, n - 1) for j in range(s, s + LANES)]
+            parts = (directions.process, directions.measurement, first)
+            moved = tuple(np.ascontiguousarray(part[:, columns]) for part in parts)
+            ny = r.shape[1]
+            rows = np.zeros((len(r), ny + ny * (ny + 1) // 2, LANES))
+            self._vary(linear, tuple(map(nonzero_columns, linear)), gain, whitening, r, moved, rows)
+            found.append(rows.reshape(-1, LANES))
+        rows = np.concatenate(found, axis=1)[:, :n]
+        return rows.T @ _pull(r).reshape(-1), rows.T @ rows
+
+    def _linear(self, drive: Drive, constants: Floats, states: Floats) -> tuple[Floats, Floats]:
+        """Return the Jacobians of the next state and of the outputs at every sample ``(samples, ..., nx)``."""
+        nx, ny, blocks = states.shape[1], self._compiled.ny, -(-len(states) // LANES)
+        ahead, outputs = np.zeros((blocks, nx, nx, LANES)), np.zeros((blocks, ny, nx, LANES))
+        u, between = (_in_blocks(part[:, self._inputs]) for part in (drive.inputs, drive.between))
+        self._linearise(u, between, constants, _in_blocks(states), ahead, outputs)
+        A, H = (np.moveaxis(part, -1, 1).reshape(-1, *part.shape[1:-1])[: len(states)] for part in (ahead, outputs))
+        return A, H
+
+
+def _pull(r: Floats) -> Floats:
+    """Return what the rows of ``noise_loops.vary_noise`` are multiplied by for the gradient ``(samples, rows)``."""
+    a, b = np.tril_indices(r.shape[1])
+    seen = r[:, a] * r[:, b] - (a == b)
+    return np.concatenate([-r, np.where(a == b, np.sqrt(0.5), 1.0) * seen], axis=1)
+
+
+def _in_blocks(values: Floats) -> Floats:
+    """Return samples ``(samples, n)`` as lanes ``(blocks, n, LANES)``, the last one repeated."""
+    filled = np.concatenate([values, np.repeat(values[-1:], -len(values) % LANES, axis=0)])
+    return np.ascontiguousarray(filled.reshape(-1, LANES, values.shape[1]).transpose(0, 2, 1))
+
+
+def nonzero_columns(matrices: Floats) -> NDArray[np.int_]:
+    """Return the columns of matrices ``(samples, rows, n)`` that are not always zero, then -1 ``(rows, n + 1)``."""
+    rows, n = matrices.shape[1:]
+    found = np.full((rows, n + 1), -1)
+    for row, there in zip(found, (matrices != 0.0).any(axis=0), strict=True):
+        row[: there.sum()] = np.flatnonzero(there)
+    return found
