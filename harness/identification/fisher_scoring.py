@@ -121,6 +121,7 @@ def maximise(
             candidates = np.repeat(z[:, None], len(steps), axis=1)
             way = np.column_stack(steps)
             candidates[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
+            candidates = np.clip(candidates, objective.lower[:, None], objective.upper[:, None])
             values = objective.values(candidates, keep_first=True)
             best = int(np.argmax(values))
             if values[0] > max(value, values[best] - enough):

@@ -130,3 +130,13 @@ def test_a_search_is_given_up_where_twice_what_it_promises_does_not_count():
     assert given_up.hopeless
     assert np.array_equal(given_up.z, start)
     assert given_up.value == below
+
+
+def test_a_step_of_a_variance_stays_within_bounds():
+    """Its logarithm goes further down than the step."""
+    tried, objective = [], parabola(lower=-2.3)
+    inner = objective.values
+    objective.values = lambda z, keep_first=False: tried.append(z) or inner(z)
+    found = maximise(objective, np.full(3, -1.4), np.ones(3, dtype=bool), 10, variances=np.ones(3, dtype=bool))
+    assert min(z.min() for z in tried) >= -2.3
+    assert found.z[1] == pytest.approx(-2.0, abs=0.1)
