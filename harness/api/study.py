@@ -15,6 +15,7 @@ from harness.common.errors import UserError
 from harness.common.places import place
 from harness.config import Study as StudyRecord
 from harness.config import build_study, load_study
+from harness.config.specs import Device
 
 if TYPE_CHECKING:
     from harness.api.results import Results
@@ -232,6 +233,7 @@ class Study:
         dask: Literal["local"] | None = None,
         agree: Callable[[str], None] | None = None,
         restart: bool = False,
+        device: Device = "cpu",
     ) -> Results:
         """Run the study and return its results.
 
@@ -246,10 +248,11 @@ class Study:
             agree: Called before anything is computed that takes above an hour or 10 GB, with what it takes in words; an
                 error that it raises keeps the run from beginning. Nobody is asked by default.
             restart: Throw away the result that is in the folder.
+            device: ``"cuda"`` runs it on a graphics card (docs/gpu.md).
 
         Raises:
-            UserError: If the folder holds another study's result or is being written by another process, or a worker of
-                the cluster does not fit.
+            UserError: If the folder holds another study's result or is being written by another process, a worker of
+                the cluster does not fit, or there is no card to run on.
             WorkError: If the disk is full.
 
         Example:
@@ -270,6 +273,8 @@ class Study:
 
         if scheduler is not None and (dask is not None or jobs is not None):
             raise UserError("scheduler says which workers run the study; leave out dask and jobs")
+        if device != "cpu" and (scheduler is not None or dask is not None or jobs is not None):
+            raise UserError("a graphics card runs the study by itself; leave out scheduler, dask and jobs")
         with contextlib.ExitStack() as stack:
             client = None
             if scheduler is not None or dask is not None:
@@ -277,7 +282,7 @@ class Study:
 
                 client = stack.enter_context(connected(scheduler, jobs))
             folder = Path("results") / self.name if out is None else place(out)
-            run_study(self._record, folder, jobs, client=client, agree=agree, restart=restart)
+            run_study(self._record, folder, jobs, client=client, agree=agree, restart=restart, device=device)
         return open_results(folder)
 
     def _facts(self) -> dict[str, Any]:

@@ -146,6 +146,9 @@ def run(
     restart: Annotated[
         bool, typer.Option("--restart", help="Throw away the result that is in the folder, and say what it was.")
     ] = False,
+    device: Annotated[
+        Literal["cpu", "cuda"], typer.Option("--device", help="Run on the processor or on a graphics card of NVIDIA.")
+    ] = "cpu",
 ) -> None:
     """Run a study and write its report.
 
@@ -155,11 +158,14 @@ def run(
     """
     if scheduler is not None and (dask is not None or jobs is not None):
         raise UserError("--scheduler says which workers run the study; leave out --dask and --jobs")
+    if device != "cpu" and (scheduler is not None or dask is not None or jobs is not None):
+        raise UserError("a graphics card runs the study by itself; leave out --scheduler, --dask and --jobs")
     from harness.api.study import read_study
 
     path = study_path(study)
     loaded = read_study(path.resolve() if scheduler is not None else path, quick)  # workers start in other folders
-    results = loaded.run(out, jobs, scheduler=scheduler, dask=dask, agree=None if yes else agree_to, restart=restart)
+    agree = None if yes else agree_to
+    results = loaded.run(out, jobs, scheduler=scheduler, dask=dask, agree=agree, restart=restart, device=device)
     _write_report(results, Console(), answer=True)
 
 

@@ -29,6 +29,10 @@ NOISE_GROUPS: tuple[str, ...] = ("process", "unknown_inputs", "measurement")
 """Groups of variances that tuning multiplies by a factor each."""
 
 
+Device = Literal["cpu", "cuda"]
+"""What a study may run on: the cores of a processor, or a graphics card of NVIDIA."""
+
+
 @dataclass(frozen=True)
 class ModelSpec:
     """One vehicle with everything needed to run it: the truth (plant) or what an estimator believes.
@@ -301,6 +305,7 @@ class Study:
         hash: SHA-256 of what the study computes: independent of comments, layout, title and labels; changes
             with every resolved number, with the drives' options and with the content of recorded files.
         path: The study file.
+        device: What computes its scores, ``cpu`` or ``cuda``; the numbers differ by rounding.
     """
 
     name: str
@@ -322,6 +327,7 @@ class Study:
     score_after: float = 0.0
     count_from: CountFrom = CountFrom()
     bound: bool = False
+    device: Device = "cpu"
 
     def design(self, name: str) -> DesignSpec:
         """Return a design by name."""

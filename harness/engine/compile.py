@@ -92,10 +92,12 @@ class Exchange:
     Attributes:
         modules: Which module the numbers come from in place of another.
         any_code: Whether machine code written for the first numbers (intrinsics) holds for these as well.
+        rewrite: What else becomes of the source of a module; by default nothing.
     """
 
     modules: Mapping[ModuleType, ModuleType]
     any_code: bool
+    rewrite: Callable[[str], str] = str
 
 
 DUALS = Exchange({lanes: dual, lane_math: dual_functions, kernel_names: kernel_names}, any_code=False)
@@ -168,11 +170,11 @@ def written_over(source: str, exchange: Exchange, package: str = "") -> str:
     """
     homes = {name: home for name in set(_FROM.findall(source)) if (home := _module(name, package)) and is_own(home)}
     others = {name: _counterpart(home, exchange) for name, home in homes.items()}
-    if others == homes:
-        return source
-    return _FROM.sub(
-        lambda found: f"from {others[found[1]].__name__} import" if found[1] in others else found[0], source
-    )
+    if others != homes:
+        source = _FROM.sub(
+            lambda found: f"from {others[found[1]].__name__} import" if found[1] in others else found[0], source
+        )
+    return exchange.rewrite(source)
 
 
 def _counterpart(home: ModuleType, exchange: Exchange) -> ModuleType:

@@ -13,6 +13,7 @@ from harness.engine.kernel_names import (
     INPUT_ERRORS,
     LANES,
     NS,
+    NU,
     NW,
     NX,
     NY,
@@ -48,16 +49,17 @@ def outside(x, limits):
     return bad
 
 
-def undefined(s, needed):
+def undefined(s, needed, least):
     """Return 1 in the lanes in which a signal is no number that can be scored: not one, infinite or absurdly large.
 
     Args:
         s: Signals ``(ns, LANES)``.
-        needed: Which of them count: those above 0 ``(ns,)``.
+        needed: Which of them count: those with ``least`` or more ``(ns,)``.
+        least: See ``needed``.
     """
     bad = splat(0.0)
     for i in range(NS):
-        if needed[i] > 0:
+        if needed[i] >= least:
             value = get(s, i)
             bad = select((value <= LARGEST) & (value >= -LARGEST), bad, 1.0)
     return bad
@@ -112,7 +114,7 @@ def simulate_batch(inputs, c, deviation_x, deviation_y, limits, needed, x0, nois
         for i in range(NY):
             put(get(y, k, i) + get(deviation_y, i) * get(noise, k, NX + i), y, k, i)
         left = get(left_at, 0)
-        bad = (outside(x, limits) > 0.0) | (undefined(truth[k], needed) > 0.0)
+        bad = (outside(x, limits) > 0.0) | (undefined(truth[k], needed, 1) > 0.0)
         put(select(bad & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
         next_state(x, between[k], c, ahead, w)
         for i in range(NX):
@@ -127,6 +129,7 @@ def estimate(inputs, y, truth, rows, until, belief, first, limits, options, boun
     ``belief.input_errors``; that of ``inputs`` may have the length 1, where all batches have the same.
     """
     u, between, moved, moved_at = inputs
+    memories = np.empty(first.memory.shape[1:]), np.empty(first.memory.shape[1:])
     for b in range(y.shape[0]):
         own, own_errors = min(b, u.shape[0] - 1), min(b, moved.shape[0] - 1)
         told = u[own], between[own], moved[own_errors], moved_at[own_errors]
@@ -136,11 +139,14 @@ def estimate(inputs, y, truth, rows, until, belief, first, limits, options, boun
         )  # fmt: skip
         begun = State(first.mean[b], first.covariance[b], first.memory[b])
         estimate_batch(
-            told, y[b], truth[b], rows, until[b], held, begun, limits, options, bounds, scores[b], per_run[b], kept[b]
-        )
+            told, y[b], truth[b], rows, until[b], held, begun, limits, options, bounds, scores[b], per_run[b], kept[b],
+            memories,
+        )  # fmt: skip
 
 
-def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept):
+def estimate_batch(
+    inputs, y, truth, rows, until, belief, first, limits, options, bounds, scores, per_run, kept, memories
+):
     """Run the estimator over a batch and score it against the truth while it runs.
 
     Args:
@@ -162,10 +168,11 @@ def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options
         per_run: Written ``(10, LANES)``: samples scored, sum of NEES, samples of it, those inside, sum of NIS,
             samples with a measurement, those inside, log-likelihood, repairs, sample of divergence.
         kept: Estimates and standard deviations of the targets, written ``(samples or 0, 2, ns, LANES)``.
+        memories: Room for what the estimator carries beside, before and after a step, each ``(rows, LANES)``.
     """
     (u, between, moved, moved_at), y, truth, belief = borrowed((inputs, y, truth, belief))
     covariance = np.zeros((NX, NX, LANES))
-    mean, memory = np.empty((NX, LANES)), np.empty(first.memory.shape)
+    mean, (memory, memory_after) = np.empty((NX, LANES)), memories
     for i in range(NX):
         put(get(first.mean, i), mean, i)
         put(get(first.covariance, i, i), covariance, i, i)
@@ -175,7 +182,7 @@ def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options
     owned = (
         workspace(),
         State(mean, covariance, memory),
-        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), np.empty(first.memory.shape)),
+        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory_after),
         Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
         (np.empty((NS, LANES)), np.empty((NS, NX, LANES))),
         (np.zeros((NX, NX, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))),
@@ -185,17 +192,16 @@ def estimate_batch(inputs, y, truth, rows, until, belief, first, limits, options
     scores[:] = 0.0
     per_run[:] = 0.0
     put(splat(1.0 * samples), per_run, 9)
-    scored = rows[NX:] + 1  # above 0 where there is truth
     if kept.shape[0] > 0:
         keep(before, u[0], belief, s, slopes, kept[0])
     for k in range(1, samples):
         if INPUT_ERRORS:
             spread_of_inputs(before.mean, between[k - 1], u[k], moved[k - 1], moved_at[k], belief)
         advance(before, between[k - 1], u[k], y[k], belief, work, after, info)
-        before, after = after, before
+        before, after = turned(before, after)
         diverged = get(per_run, 9)
         signals(before.mean, u[k], belief.constants, s)
-        bad = (outside(before.mean, limits) > 0.0) | (undefined(s, scored) > 0.0)
+        bad = (outside(before.mean, limits) > 0.0) | (undefined(s, rows[NX:], 0) > 0.0)
         if stated:
             bad = bad | (surprised(info) > 0.0)
         bad = bad & (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)
@@ -227,20 +233,20 @@ def spread_of_inputs(x, between, u, moved, moved_at, belief):
         moved_at: What it does to the latter ``(nu, m, LANES)``.
         belief: ``harness.engine.kernel_names.Belief``.
     """
-    nu, reach = u.shape[0], np.sqrt(3.0)
+    reach = np.sqrt(3.0)
     w, one, other = np.empty((NW, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
     ahead, seen, unlike = np.empty((NX, LANES)), np.empty((NY, LANES)), np.empty((NY, LANES))
-    shifted, back = np.empty((nu, LANES)), np.empty((nu, LANES))
+    shifted, back = np.empty((NU, LANES)), np.empty((NU, LANES))
     next_state(x, between, belief.constants, ahead, w)
     for c in range(moved.shape[1]):
-        for i in range(nu):
+        for i in range(NU):
             put(get(between, i) + reach * get(moved, i, c), shifted, i)
             put(get(between, i) - reach * get(moved, i, c), back, i)
         next_state(x, shifted, belief.constants, one, w)
         next_state(x, back, belief.constants, other, w)
         for i in range(NX):
             put((get(one, i) - get(other, i)) / (2.0 * reach), belief.input_errors, i, c)
-        for i in range(nu):
+        for i in range(NU):
             put(get(u, i) + reach * get(moved_at, i, c), shifted, i)
             put(get(u, i) - reach * get(moved_at, i, c), back, i)
         output(ahead, shifted, belief.constants, seen)
@@ -253,6 +259,11 @@ def advance(before, u_before, u, y, belief, work, after, info):
     """Take one sample: the estimator's step, and what belongs to parameters among the states."""
     step(before, u_before, u, y, belief, work, after, info)
     settle(before, u, belief, after, info)
+
+
+def turned(before, after):
+    """Return what to go on from, and room for the next step."""
+    return after, before
 
 
 def score_targets(s, truth, rows, active, scores):

@@ -173,6 +173,8 @@ class Estimator:
 
     Attributes:
         is_random: Whether it begins with random numbers, so that ``init`` needs seeds.
+        tuning, priors: As in ``Belief``.
+        limits, bounds: As in ``harness.engine.time_loops.estimate_batch``.
 
     Raises:
         UserError: If a setting does not fit, or the estimator not the model.
@@ -215,9 +217,9 @@ class Estimator:
         self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels))
         valid, first = compiled.model.valid, compiled.model.start_variance
         sizes = [[first[s], 1.0 if s in compiled.model.relative else first[s]] for s in compiled.model.within]
-        self._priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
-        self._limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
-        self._bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
+        self.priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
+        self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])
+        self.bounds = chi_square_bounds(1 + max(compiled.nx, compiled.ny))
         self._no_errors = np.empty((1, compiled.nu, 0, LANES))
         self._told: dict[tuple[tuple[str, ...], int], tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]] = {}
 
@@ -267,7 +269,7 @@ class Estimator:
 
     def belief(self, constants: Floats, process_noise: Floats, measurement_noise: Floats) -> Belief:
         """Return what the estimator believes, for ``step`` and ``run``; arrays end in ``LANES``."""
-        return Belief(constants, process_noise, measurement_noise, self.tuning, priors=self._priors)
+        return Belief(constants, process_noise, measurement_noise, self.tuning, priors=self.priors)
 
     def run(self, *batch: Any, **further: Any) -> Scores:
         """Run over a batch and return its scores; the arguments are those of ``sums``."""
@@ -306,7 +308,7 @@ class Estimator:
         if uncertain is not None and uncertain.at.shape[-2]:
             size = self.compiled.nx + self.compiled.ny
             belief = belief._replace(input_errors=np.zeros((size, uncertain.at.shape[-2], LANES)))
-        rows, unknown, options = self._compared(truth_names, since)
+        rows, unknown, options = self.compared(truth_names, since)
         samples, targets, lead = truth.shape[-3], len(self.compiled.signal_names), truth.shape[:-3]
         sums, per_run = np.empty((*lead, 3, targets, LANES)), np.empty((*lead, 10, LANES))
         kept = np.empty((*lead, samples if keep else 0, 2, targets, LANES))
@@ -322,9 +324,9 @@ class Estimator:
                 measurement_noise=batches(belief.measurement_noise, 2),
             ),
             State(batches(first.mean, 2), batches(first.covariance, 3), batches(first.memory, 2)),
-            self._limits,
+            self.limits,
             options,
-            self._bounds,
+            self.bounds,
             batches(sums, 3),
             batches(per_run, 2),
             batches(kept, 4),
@@ -335,7 +337,7 @@ class Estimator:
             kept[..., ~self.gives, :] = np.nan
         return Sums(sums, per_run, kept if keep else None)
 
-    def _compared(
+    def compared(
         self, truth_names: tuple[str, ...], since: int
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]:
         """Return what ``harness.engine.time_loops.estimate`` is told of scores: ``rows`` and ``options``.

@@ -53,7 +53,7 @@ class Simulator:
 
     def __init__(self, compiled: CompiledModel, needed: Sequence[str] = ()) -> None:
         self.compiled = compiled
-        self._needed = np.array([name in needed for name in compiled.signal_names], dtype=np.int64)
+        self.needed = np.array([name in needed for name in compiled.signal_names], dtype=np.int64)
         source = paste(compiled, "simulate", [time_loops.simulate])
         self.loop = load_source("simulate", source).simulate
         valid = compiled.model.valid
@@ -90,7 +90,7 @@ class Simulator:
             batches(np.sqrt(variance_x), 2),
             batches(np.sqrt(variance_y), 2),
             self.limits,
-            self._needed,
+            self.needed,
             batches(x0, 2),
             batches(noise, 3),
             batches(truth, 3),

@@ -47,6 +47,7 @@ class CompiledStudy:
         truth_names: What is known of a simulated run: the plant's signals, then its parameters as the belief has them.
         belief: The compiled model that the estimators hold for true.
         simulator: Of the plant.
+        measured_rows: Of the plant's outputs, those that the belief has, in its order.
         estimators: In the order of the study.
 
     Raises:
@@ -68,7 +69,7 @@ class CompiledStudy:
         self.belief = _compile(study.belief, self.signals)
         self.truth_names = (*self.plant.signal_names, *truth_names(study.belief))
         self.simulator = Simulator(self.plant, [*study.targets, *exact])
-        self._measured = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
+        self.measured_rows = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
         self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators]
 
@@ -88,9 +89,9 @@ class CompiledStudy:
 
     def measured(self, measurements: Floats) -> Floats:
         """Return the measurements that the belief has outputs for, in their order, ``(..., samples, ny, LANES)``."""
-        if self._measured == list(range(self.plant.ny)):
+        if self.measured_rows == list(range(self.plant.ny)):
             return measurements
-        return np.ascontiguousarray(measurements[..., self._measured, :])
+        return np.ascontiguousarray(measurements[..., self.measured_rows, :])
 
     def known(self, drive: int, batch: Batch) -> Floats:
         """Return the belief's inputs ``(samples, nu, LANES)``, those that the plant supplies filled in.

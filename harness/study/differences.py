@@ -30,7 +30,7 @@ def differences(stored: Mapping[str, Any], now: Mapping[str, Any], study: Study)
     found = []
     if stored.get("versions") != now["versions"]:
         here, there = _decoded(now["versions"]), _decoded(stored.get("versions"))
-        found.append(f"with other package versions ({_listed(_of_values(there, here))})")
+        found.append(f"with other package versions or on another device ({_listed(_of_values(there, here))})")
     if stored.get("engine") != now["engine"]:
         commits = f"{_short(stored.get('commit'))} there, {_short(now['commit'])} here"
         found.append(f"by other code of this project or of a component from outside (commit {commits})")

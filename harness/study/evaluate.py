@@ -98,6 +98,11 @@ class StudyEvaluator:
         return self.study.estimators[index - 1].name
 
     @property
+    def first_scored(self) -> int:
+        """First sample that is scored."""
+        return round(self.study.score_after / self.study.plant.step)
+
+    @property
     def kernels(self) -> int:
         """Number of kernels that ``warm_up`` compiles."""
         return len(self.loops)
@@ -110,7 +115,7 @@ class StudyEvaluator:
     def time_of_batch(self, unit: Unit) -> float:
         """Return how long the first batch of a unit takes, simulation and all estimators, in s."""
         begin = time.perf_counter()
-        group = self._cases(unit)[:LANES]
+        group = self.cases(unit)[:LANES]
         batch, believed = self.simulate(unit, group), self.parameters(unit, group, "belief")
         for e in range(len(self.compiled.estimators)):
             self.estimate(e, unit, group, batch, believed, keep=self.windows.count(unit.design, unit.drive) is not None)
@@ -121,7 +126,8 @@ class StudyEvaluator:
         numbers = len(self.compiled.plant.signal_names) + self.compiled.plant.ny + len(self.study.plant.input_noise)
         return max(1, _SIMULATED_AT_ONCE // (8 * LANES * numbers * len(self.compiled.drives[unit.drive].plant)))
 
-    def _cases(self, unit: Unit) -> Cases:
+    def cases(self, unit: Unit) -> Cases:
+        """Return the runs of a unit."""
         of_unit = range(self.study.designs[unit.design].repeats)[unit.repeats]
         repeats = np.arange(of_unit.start, of_unit.stop)
         return np.stack(np.meshgrid(np.arange(unit.first, unit.stop), repeats, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -132,10 +138,10 @@ class StudyEvaluator:
         if windows is not None:
             shape = result["rmse"].shape
             result[OVER_TIME] = np.full((*shape, windows), np.nan, dtype=np.float32)
-        cases, estimators = self._cases(unit), self.compiled.estimators
+        cases, estimators = self.cases(unit), self.compiled.estimators
         plant, believed = self.parameters(unit, cases, "plant"), self.parameters(unit, cases, "belief")
         held = self.in_batches(self.compiled.plant, unit, plant)
-        believes = [self._believes(e, unit, believed) for e in range(len(estimators))]
+        believes = [self.believes(e, unit, believed) for e in range(len(estimators))]
         words = self.noise.words(unit, cases)
         left, signals = np.empty(len(cases)), len(self.compiled.signals)
         totals = [Sums(np.empty((3, signals, len(cases))), np.empty((10, len(cases)))) for _ in estimators]
@@ -149,7 +155,7 @@ class StudyEvaluator:
             )
             left[lanes] = batch.left_at.reshape(-1)[: len(group)]
             for e, total in enumerate(totals):
-                begun = self._begin(e, unit, group, believes[e].of(lanes))
+                begun = self.begun(e, unit, group, believes[e].of(lanes))
                 sums = self.sums(e, unit.drive, begun, batch, believed_there, windows is not None)
                 total.errors[..., lanes] = in_a_row(sums.errors, 3)[..., : len(group)]
                 total.per_run[:, lanes] = in_a_row(sums.per_run, 2)[:, : len(group)]
@@ -253,7 +259,7 @@ class StudyEvaluator:
             first,
             keep,
             uncertain,
-            round(self.study.score_after / self.study.plant.step),
+            self.first_scored,
         )
 
     def in_batches(self, model: CompiledModel, unit: Unit, held: RunParameters) -> InBatches:
@@ -264,14 +270,15 @@ class StudyEvaluator:
 
     def begin(self, index: int, unit: Unit, group: Cases, believed: RunParameters) -> tuple[Belief, State]:
         """Return what an estimator believes and its first state, with what the belief holds in each lane."""
-        return self._begin(index, unit, group, self._believes(index, unit, believed))
+        return self.begun(index, unit, group, self.believes(index, unit, believed))
 
-    def _believes(self, index: int, unit: Unit, believed: RunParameters) -> InBatches:
+    def believes(self, index: int, unit: Unit, believed: RunParameters) -> InBatches:
         """Return what an estimator believes as kernels take it."""
         scaled = scale_noise(believed, self.study.belief, self.study.estimators[index].noise)
         return self.in_batches(self.compiled.belief, unit, scaled)
 
-    def _begin(self, index: int, unit: Unit, group: Cases, believed: InBatches) -> tuple[Belief, State]:
+    def begun(self, index: int, unit: Unit, group: Cases, believed: InBatches) -> tuple[Belief, State]:
+        """Return the same of what it believes as kernels take it."""
         estimator, name = self.compiled.estimators[index], self.study.estimators[index].name
         seeds = self.noise.seeds(unit, group, name) if estimator.is_random else None
         belief = estimator.belief(believed.constants, believed.process_noise, believed.measurement_noise)
@@ -314,4 +321,5 @@ def in_a_row(values: Floats, dimensions: int) -> Floats:
     """Return numbers of batches ``(..., LANES)``, of so many dimensions each, with all runs behind each other."""
     if values.ndim == dimensions:
         return values
-    return values.transpose(*range(1, dimensions), 0, dimensions).reshape(*values.shape[1:-1], -1)
+    runs = len(values) * values.shape[-1]
+    return values.transpose(*range(1, dimensions), 0, dimensions).reshape(*values.shape[1:-1], runs)

@@ -19,6 +19,7 @@ from harness.models.drive_options import options_of
 from harness.models.roles import DRIVES, SENSORS, TYRES, VEHICLES
 from harness.recordings import readers
 from harness.study import evaluate
+from harness.study.devices import compiler_of_card, on_card
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
 
@@ -26,6 +27,8 @@ PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "S
 def code_state(study: Study) -> dict[str, str]:
     """Return what scores depend on, to the bit, beside the study: ``engine`` and ``versions`` of the packages."""
     versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
+    if study.device != "cpu":
+        versions |= {"device": study.device, "numba-cuda": compiler_of_card()}
     return {"versions": json.dumps(versions), "engine": engine_hash(study)}
 
 
@@ -36,7 +39,8 @@ def engine_hash(study: Study) -> str:
         UserError: If an estimator's file is not there.
     """
     found = parts(study)
-    total = hashlib.sha256(sources.digest([evaluate, *(m for m in found if sources.has_file(m))]).encode())
+    evaluated = [evaluate] if study.device == "cpu" else [evaluate, on_card()]
+    total = hashlib.sha256(sources.digest([*evaluated, *(m for m in found if sources.has_file(m))]).encode())
     for module in found:
         if not sources.has_file(module):  # registered in a notebook
             total.update(sources.object_digest(module).encode())

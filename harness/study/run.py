@@ -12,6 +12,7 @@ import errno
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from pathlib import Path
@@ -37,9 +38,11 @@ from harness.common.lock import Lock, locked
 from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.config import Study
+from harness.config.specs import Device
 from harness.study.checksums import described
 from harness.study.compiling import compile_kernels
 from harness.study.design import Unit, planned_runs, units
+from harness.study.devices import on_card
 from harness.study.sealed_root import is_there
 from harness.study.store import STORE, Store, discard
 
@@ -78,6 +81,7 @@ def run_study(
     client: Client | None = None,
     agree: Agree | None = None,
     restart: bool = False,
+    device: Device = "cpu",
 ) -> Path:
     """Run a study to the end; ``harness.study.report`` writes what it says.
 
@@ -90,17 +94,21 @@ def run_study(
         client: Of the Dask cluster whose workers run the study in place of threads.
         agree: Asked before anything is computed that takes above an hour or 10 GB; nobody is by default.
         restart: Throw away the result that is in the folder, whatever study it is of.
+        device: ``cuda`` computes the scores on a graphics card (docs/gpu.md). A result is continued on what began it.
 
     Returns:
         The result folder.
 
     Raises:
-        UserError: If the folder holds another study's result or is being written by another process, or a
-            worker of the cluster does not fit.
+        UserError: If the folder holds another study's result or is being written by another process, a worker of the
+            cluster does not fit, or there is no card to run on.
         WorkError: If the disk is full.
         ClusterFailure: If the cluster fails.
     """
     console = console or Console(stderr=True)
+    if device != "cpu":
+        on_card().check_card()
+        study = replace(study, device=device)
     with reached(out), locked(out, f"harness run of the study '{study.name}'", partial(_say, console)) as lock:
         if not lock.is_kept:
             _say(console, f"{out}: its file system has no locks; see that nobody else writes there", "yellow")
@@ -156,6 +164,7 @@ def _run(
         record = {
             "started": started.isoformat(timespec="seconds"),
             "jobs": workers,
+            **({} if study.device == "cpu" else {"device": on_card().name_of_card()}),
             "runs": left,
             "resumed": total - left,
             "compile_s": round(compiled - begin, 2),
@@ -184,10 +193,11 @@ def _plan(evaluator: StudyEvaluator, todo: Sequence[Unit], workers: int, console
     from harness.study import plan
 
     study = evaluator.study
-    if plan.is_too_large_to_time(study):
+    if study.device != "cpu" or plan.is_too_large_to_time(study):
         found = plan.of(study, None, todo, workers)
         _ask(found, console, agree)
-        _warm_up(evaluator, workers, console)
+        if study.device == "cpu":
+            _warm_up(evaluator, workers, console)
         return found
     _warm_up(evaluator, workers, console)
     with console.status("timing the first runs"):
@@ -223,7 +233,9 @@ def _evaluate(
 ) -> None:
     """Evaluate units in threads or on a cluster, and show progress."""
     study, left = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
-    if client is None:
+    if study.device != "cpu":
+        finished = _on_card(evaluator, store, todo, console)
+    elif client is None:
         finished = _in_threads(evaluator, store, todo, plan.workers)
     else:
         from harness.study import cluster
@@ -240,6 +252,16 @@ def _evaluate(
         for unit in finished:
             progress.advance(task, unit.runs(study))
             lock.check()
+
+
+def _on_card(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], console: Console) -> Iterator[Unit]:
+    """Evaluate units on a graphics card; return each when it is in the store."""
+    with console.status("compiling kernels for the card (only the first start takes long)") as status:
+        card = on_card().CardEvaluator(evaluator)
+        card.warm_up(status.update)
+    for unit, result in card.evaluate(todo):
+        store.write(unit, result)
+        yield unit
 
 
 def _in_threads(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], jobs: int) -> Iterator[Unit]:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
+from numpy.typing import NDArray
 
 from harness.common import places
 from harness.common.errors import UserError
 from harness.common.places import reached, zarr_store
 from harness.config import Study
+from harness.config.specs import Device
 from harness.study import sealed_root
 from harness.study.checksums import Fault, finished
 from harness.study.design import Unit, units
+from harness.study.devices import on_card
 from harness.study.differences import differences
 from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
@@ -93,7 +97,7 @@ def _verify(folder: Path, find: Callable[[str], Study], sample: int, seed: int |
     if lost or not sample:
         return Verification(files, lost, 0, [], [], 0, "")
     name = str(attributes.get("study_name"))
-    study = find(name)
+    study = replace(find(name), device=_device(attributes))
     other = differences(attributes, root_attributes(study), study)
     if study.hash != attributes.get("study_hash"):
         raise UserError(
@@ -104,19 +108,41 @@ def _verify(folder: Path, find: Callable[[str], Study], sample: int, seed: int |
     found = [u for d in study.designs for u in units(study, d) if place_of(study, u) in done]
     drawn = np.random.default_rng(seed).permutation(len(found))[:sample]
     chosen = [found[i] for i in sorted(drawn)]
-    evaluator = StudyEvaluator(study)
+    evaluate = evaluator_of(study)
     differing = [
         f"{_in_words(study, u)}: '{array}' computed again is not what is stored"
         for u in chosen
-        if (array := _first_difference(path, evaluator, u))
+        if (array := _first_difference(path, study, evaluate, u))
     ]
     return Verification(files, lost, len(found), chosen, differing, sum(u.runs(study) for u in chosen), other)
 
 
-def _first_difference(path: Path, evaluator: StudyEvaluator, unit: Unit) -> str:
+def _device(attributes: dict[str, Any]) -> Device:
+    """Return what computed a store."""
+    versions = json.loads(attributes.get("versions", "{}"))
+    return "cuda" if versions.get("device") == "cuda" else "cpu"
+
+
+def evaluator_of(study: Study) -> Callable[[Unit], dict[str, NDArray[np.generic]]]:
+    """Return what computes the scores of a unit, on the device of the study."""
+    evaluator = StudyEvaluator(study)
+    if study.device == "cpu":
+        return evaluator.evaluate
+    card = on_card().CardEvaluator(evaluator)
+
+    def evaluate(unit: Unit) -> dict[str, NDArray[np.generic]]:
+        ((_, found),) = card.evaluate([unit])
+        return dict(found)
+
+    return evaluate
+
+
+def _first_difference(
+    path: Path, study: Study, evaluate: Callable[[Unit], dict[str, NDArray[np.generic]]], unit: Unit
+) -> str:
     """Return the first array in which a unit computed again differs from the store; empty if none does."""
-    group: Any = zarr.open_group(zarr_store(path), path=evaluator.study.designs[unit.design].name, mode="r")
-    for name, values in evaluator.evaluate(unit).items():
+    group: Any = zarr.open_group(zarr_store(path), path=study.designs[unit.design].name, mode="r")
+    for name, values in evaluate(unit).items():
         drive = () if name == OVER_TIME else (unit.drive,)
         stored = np.asarray(group[name][unit.band, unit.samples, *drive, unit.repeats])
         if not np.array_equal(stored, values, equal_nan=True):

@@ -1,0 +1,312 @@
+"""Evaluate units of a study on a graphics card: a thread for each run, many units at once.
+
+The kernels are those of processors (``harness.engine.cuda``), the random numbers as well. Simulated signals stay on the
+card; only sums of scores leave it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import cuda
+from numba.np.random._constants import fi_double, ki_double, wi_double
+from numpy.typing import NDArray
+
+from harness.common.arrays import Floats
+from harness.common.errors import UserError
+from harness.engine.cuda import loops
+from harness.engine.cuda.kernels import CardKernel
+from harness.engine.cuda.kernels import check_card as check_card
+from harness.engine.cuda.kernels import name_of_card as name_of_card
+from harness.engine.cuda.lanes import upper_half as upper_half_on_card
+from harness.engine.simd.lanes import LANES
+from harness.engine.standard_normal import upper_half
+from harness.estimation.contract import Sums, kernels_of, load_estimator
+from harness.study.design import RunParameters, Unit
+from harness.study.evaluate import InBatches, StudyEvaluator, in_a_row
+from harness.study.parameter_truth import parameter_truth
+from harness.study.run_noise import Cases
+
+SHARE = 0.5
+"""Share of the card's free memory that signals of simulated runs may take."""
+
+MOST = 2**17
+"""Runs at a time: beyond what a card computes side by side more do not make it faster."""
+
+
+class Part(NamedTuple):
+    """A unit, its runs, what plant and belief hold in each, and that of the plant as kernels take it."""
+
+    unit: Unit
+    cases: Cases
+    plant: RunParameters
+    believed: RunParameters
+    held: InBatches
+
+
+class Loaded(NamedTuple):
+    """What a card is told of the plants of runs.
+
+    Attributes:
+        words: From ``RunNoise.words`` ``(runs, 1 + words)``.
+        held: What the plants hold, each ``(n, runs)``.
+        parameters: From ``parameter_truth`` ``(names, runs)``.
+    """
+
+    words: NDArray[np.uint64]
+    held: InBatches
+    parameters: Floats
+
+
+class Simulated(NamedTuple):
+    """Simulated runs on a card: inputs, truth and measurements ``(samples, n, runs)``, where each left its range.
+
+    Inputs that all runs have in common are ``(samples, nu, 1)``.
+    """
+
+    inputs: Any
+    truth: Any
+    measured: Any
+    left_at: Any
+
+
+class Begun(NamedTuple):
+    """What an estimator believes and begins with, each ``(..., runs)``; see ``Belief`` and ``State``.
+
+    Attributes:
+        constants: Of the belief.
+        process_noise: Variances per step.
+        measurement_noise: Variances per sample.
+        mean: First mean.
+        covariance: Its covariance.
+        memory: That of the first step, and room for two more ``(3, rows, runs)``.
+    """
+
+    constants: Floats
+    process_noise: Floats
+    measurement_noise: Floats
+    mean: Floats
+    covariance: Floats
+    memory: Floats
+
+
+class CardEvaluator:
+    """A study ready to evaluate units on a card.
+
+    Args:
+        evaluator: The study on the processor.
+
+    Raises:
+        UserError: If there is no card, or the study asks for something that is computed on a processor only.
+        ModelError: If an estimator uses machine code written for a processor.
+    """
+
+    def __init__(self, evaluator: StudyEvaluator) -> None:
+        check_card()
+        self._evaluator, study = evaluator, evaluator.study
+        compiled = evaluator.compiled
+        if study.belief.input_noise or study.plant.input_noise:
+            raise UserError(f"{study.path}: inputs with noise are computed on the processor only; leave out '--device'")
+        self._draw = CardKernel("noise", loops.draw_noise, None, {upper_half: upper_half_on_card})
+        self.simulate_kernel = CardKernel("simulate", loops.simulate_runs, compiled.plant)
+        self._copy, self._hold = (CardKernel(f.__name__, f) for f in (loops.copy_row, loops.hold_row))
+        within = bool(compiled.belief.model.within)
+        self.estimate_kernels = [
+            CardKernel(
+                f"estimate_{each.kind}",
+                loops.estimate_runs,
+                compiled.belief,
+                kernels_of(load_estimator(each.kind), parameters=within),
+            )
+            for each in compiled.estimators
+        ]
+        self._layers = [cuda.to_device(np.asarray(table)) for table in (wi_double, ki_double, fi_double)]
+
+    def evaluate(self, units: Sequence[Unit]) -> Iterator[tuple[Unit, dict[str, NDArray[np.generic]]]]:
+        """Evaluate units; give each with its scores as ``StudyEvaluator.evaluate`` does, in any order."""
+        units = yield from self._over_time(units)
+        drives = sorted({unit.drive for unit in units})
+        for drive in drives:
+            parts: list[Part] = []
+            room = self._runs_at_once(drive)
+            for unit in (u for u in units if u.drive == drive):
+                part = self.part(unit)
+                if parts and sum(p.held.first.size for p in parts) + part.held.first.size > room * self._nx:
+                    yield from self._together(drive, parts)
+                    parts = []
+                parts.append(part)
+            yield from self._together(drive, parts)
+
+    def _over_time(
+        self, units: Sequence[Unit]
+    ) -> Generator[tuple[Unit, dict[str, NDArray[np.generic]]], None, Sequence[Unit]]:
+        """Evaluate those whose errors are kept over time, which the processor does; return the others."""
+        evaluator, others = self._evaluator, []
+        for unit in units:
+            if evaluator.windows.count(unit.design, unit.drive) is None:
+                others.append(unit)
+            else:
+                yield unit, evaluator.evaluate(unit)
+        return others
+
+    def warm_up(self, tell: Callable[[str], object]) -> None:
+        """Compile all kernels, which takes some seconds for each, and tell which one it is.
+
+        Args:
+            tell: Told before each.
+        """
+        evaluator = self._evaluator
+        part = self.part(Unit(0, 0, 0, 0, 1))
+        tell("compiling the simulation for the card")
+        simulated = self.simulate(0, self.loaded([part]), samples=3)
+        for e, spec in enumerate(evaluator.study.estimators):
+            tell(f"compiling {spec.name} for the card")
+            self.sums(e, self.estimate(e, simulated, self.believed(e, [part])))
+
+    @property
+    def _nx(self) -> int:
+        return self._evaluator.compiled.plant.nx
+
+    def _runs_at_once(self, drive: int) -> int:
+        """Return how many runs of a drive are on the card at a time."""
+        compiled = self._evaluator.compiled
+        plant, samples = compiled.plant, len(compiled.drives[drive].plant)
+        rows = plant.nx + 2 * plant.ny + len(compiled.truth_names) + compiled.belief.ny
+        rows += compiled.belief.nu if compiled.supplied else 0
+        free, _ = cuda.current_context().get_memory_info()
+        return int(min(MOST, max(1, SHARE * free // (8 * samples * rows))))
+
+    def part(self, unit: Unit) -> Part:
+        """Return a unit with what its runs hold."""
+        evaluator = self._evaluator
+        cases = evaluator.cases(unit)
+        plant, believed = evaluator.parameters(unit, cases, "plant"), evaluator.parameters(unit, cases, "belief")
+        return Part(unit, cases, plant, believed, evaluator.in_batches(evaluator.compiled.plant, unit, plant))
+
+    def _together(self, drive: int, parts: Sequence[Part]) -> Iterator[tuple[Unit, dict[str, NDArray[np.generic]]]]:
+        """Evaluate units of one drive at once."""
+        evaluator = self._evaluator
+        results = [evaluator.pending(part.unit) for part in parts]
+        starts = np.cumsum([0, *(-(-len(part.cases) // LANES) * LANES for part in parts)])[:-1]
+        simulated = self.simulate(drive, self.loaded(parts))
+        left = simulated.left_at.copy_to_host().reshape(-1)
+        for e, estimator in enumerate(evaluator.compiled.estimators):
+            totals = self.sums(e, self.estimate(e, simulated, self.believed(e, parts)))
+            for part, result, start in zip(parts, results, starts, strict=True):
+                own = slice(int(start), int(start) + len(part.cases))
+                scores = estimator.scores(Sums(totals.errors[..., own], totals.per_run[:, own]))
+                evaluator.enter(result, part.unit, e, left[own], scores)
+        yield from zip((part.unit for part in parts), results, strict=True)
+
+    def loaded(self, parts: Sequence[Part]) -> Loaded:
+        """Return what a card is told of the plants of some units."""
+        study, noise = self._evaluator.study, self._evaluator.noise
+        words = [noise.words(part.unit, part.cases) for part in parts]
+        widest = max(each.shape[1] for each in words)
+        padded = [np.pad(each, ((0, 0), (0, widest - each.shape[1]))) for each in words]
+        still = [parameter_truth(study.plant, study.belief, part.plant, part.believed) for part in parts]
+        held = InBatches(*(in_rows([getattr(part.held, name) for part in parts]) for name in InBatches._fields))
+        return Loaded(np.concatenate(padded), held, np.ascontiguousarray(np.concatenate(still, axis=1)))
+
+    def simulate(self, drive: int, loaded: Loaded, samples: int | None = None) -> Simulated:
+        """Simulate runs of a drive, all samples by default."""
+        compiled, runs = self._evaluator.compiled, len(loaded.words)
+        plant, simulator, held = compiled.plant, compiled.simulator, loaded.held
+        inputs = _sent(compiled.drives[drive].plant[:samples, :, :1])
+        samples, own = inputs.shape[0], len(plant.signal_names)
+        noise = cuda.device_array((samples, plant.nx + plant.ny, runs))
+        self._draw(runs, _sent(loaded.words), *self._layers, noise)
+        truth = cuda.device_array((samples, max(1, len(compiled.truth_names)), runs))
+        measured, left = cuda.device_array((samples, max(1, plant.ny), runs)), cuda.device_array((1, runs))
+        self.simulate_kernel(
+            runs, inputs, inputs, _sent(held.constants), _sent(np.sqrt(held.process_noise)),
+            _sent(np.sqrt(held.measurement_noise)), _sent(simulator.limits), _sent(simulator.needed),
+            _sent(held.first), noise, truth, measured, left,
+        )  # fmt: skip
+        if len(loaded.parameters):
+            values = _sent(loaded.parameters)
+            for i in range(len(loaded.parameters)):
+                self._hold(runs, values, i, truth, own + i)
+        return Simulated(self._known(drive, truth, measured, runs), truth, self._measured(measured, runs), left)
+
+    def _known(self, drive: int, truth: Any, measured: Any, runs: int) -> Any:
+        """Return the belief's inputs on the card, those that the plant supplies filled in."""
+        compiled = self._evaluator.compiled
+        table = compiled.drives[drive].belief[: truth.shape[0], :, :1]
+        if not compiled.supplied:
+            return _sent(table)
+        inputs = _sent(np.repeat(table, runs, axis=-1))
+        outputs = list(compiled.plant.model.outputs)
+        for name in compiled.supplied:
+            place = compiled.belief.model.inputs.index(name)
+            if name in outputs:
+                self._copy(runs, measured, outputs.index(name), inputs, place)
+            else:
+                self._copy(runs, truth, compiled.plant.signal_names.index(name), inputs, place)
+        return inputs
+
+    def _measured(self, measured: Any, runs: int) -> Any:
+        """Return the measurements that the belief has outputs for, on the card."""
+        places = self._evaluator.compiled.measured_rows
+        if places == list(range(measured.shape[1])):
+            return measured
+        chosen = cuda.device_array((measured.shape[0], max(1, len(places)), runs))
+        for i, place in enumerate(places):
+            self._copy(runs, measured, place, chosen, i)
+        return chosen
+
+    def believed(self, e: int, parts: Sequence[Part]) -> Begun:
+        """Return what an estimator believes in the runs of some units and what it begins with."""
+        evaluator = self._evaluator
+        begun = [
+            evaluator.begun(e, part.unit, part.cases, evaluator.believes(e, part.unit, part.believed)) for part in parts
+        ]
+        beliefs, first = [belief for belief, _ in begun], [state for _, state in begun]
+        carried = in_rows([state.memory for state in first])
+        memory = np.zeros((3, max(1, len(carried)), carried.shape[-1]))
+        memory[0, : len(carried)] = carried
+        return Begun(
+            in_rows([belief.constants for belief in beliefs]),
+            in_rows([belief.process_noise for belief in beliefs]),
+            in_rows([belief.measurement_noise for belief in beliefs]),
+            in_rows([state.mean for state in first]),
+            in_rows([state.covariance for state in first], 3),
+            memory,
+        )
+
+    def estimate(self, e: int, simulated: Simulated, begun: Begun) -> tuple[Any, Any]:
+        """Run an estimator; return the sums of ``Sums`` on the card."""
+        estimator, evaluator = self._evaluator.compiled.estimators[e], self._evaluator
+        rows, _, options = estimator.compared(evaluator.compiled.truth_names, evaluator.first_scored)
+        runs = begun.mean.shape[-1]
+        errors = cuda.device_array((3, len(evaluator.compiled.signals), runs))
+        per_run = cuda.device_array((10, runs))
+        self.estimate_kernels[e](
+            runs, simulated.inputs, simulated.measured, simulated.truth, _sent(rows), simulated.left_at,
+            *map(_sent, begun[:3]), _sent(estimator.tuning), _sent(estimator.priors), *map(_sent, begun[3:]),
+            _sent(estimator.limits), _sent(options), _sent(estimator.bounds), errors, per_run,
+        )  # fmt: skip
+        return errors, per_run
+
+    def sums(self, e: int, found: tuple[Any, Any]) -> Sums:
+        """Return sums that lie on the card."""
+        estimator, evaluator = self._evaluator.compiled.estimators[e], self._evaluator
+        _, unknown, _ = estimator.compared(evaluator.compiled.truth_names, evaluator.first_scored)
+        errors, per_run = (each.copy_to_host() for each in found)
+        if unknown is not None:
+            errors[:, unknown] = np.nan
+        return Sums(errors, per_run)
+
+
+def _sent(array: NDArray[np.generic]) -> Any:
+    """Return an array on the card; one of no length, which a card does not take, with one row of zeros."""
+    if array.size == 0:
+        array = np.zeros([max(1, n) for n in array.shape], array.dtype)
+    return cuda.to_device(np.ascontiguousarray(array))
+
+
+def in_rows(parts: Sequence[Floats], dimensions: int = 2) -> Floats:
+    """Return numbers of batches of several units, each ``(..., LANES)``, with all runs behind each other."""
+    return np.ascontiguousarray(np.concatenate([in_a_row(part, dimensions) for part in parts], axis=-1))

@@ -1,0 +1,124 @@
+"""Studies on a graphics card, which numba's simulator stands in for: the kernels run as Python, a thread for each run."""
+
+import dataclasses
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.common.errors import UserError
+from harness.config import load_study
+from harness.study import devices
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+
+STUDY = """
+name = "tiny"
+title = "Is a card as good as a processor?"
+seed = 5
+targets = ["lateral_velocity"]
+drive = [{ name = "sine", kind = "sine", amplitude = "40 deg", duration = "1 s", lead_in = "0 s", speed = "18 m/s" }]
+estimator = [
+  { name = "KF", kind = "kf" }, { name = "EKF", kind = "ekf" }, { name = "UKF", kind = "ukf" },
+  { name = "CDKF", kind = "cdkf" }, { name = "ST", kind = "st_cdkf", softening = 10 },
+]
+[plant]
+vehicle = "car"
+parameters = "govindarajan_2018"
+tyre = "magic_formula"
+sensors = "car_series"
+step = "0.05 s"
+[[design]]
+name = "mass"
+sampling = "sobol"
+samples = 2
+repeats = 2
+factor = [
+  { parameter = "mass", range = ["1.2 t", "2 t"] },
+  { parameter = "measurement_noise_scale", range = [0.1, 10], scale = "log" },
+]
+"""
+
+
+def simulated(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line where numba simulates a card."""
+    return subprocess.run(
+        [sys.executable, "-W", "ignore", "-m", "harness", *arguments],
+        capture_output=True, text=True, env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, subprocess.CompletedProcess[str]]:
+    folder = tmp_path_factory.mktemp("card")
+    study = folder / "tiny.toml"
+    study.write_text(STUDY)
+    return study, folder / "out", simulated("run", str(study), "--device", "cuda", "--out", str(folder / "out"))
+
+
+def test_a_card_gives_the_scores_of_the_processor(finished) -> None:
+    study, out, run = finished
+    assert run.returncode == 0, run.stderr
+    assert (out / "report.html").exists()
+    found = xr.open_datatree(out / "scores.zarr", engine="zarr")["mass"]
+    wanted = StudyEvaluator(load_study(study)).evaluate(Unit(0, 0, 0, 0, 2))
+    for name, values in wanted.items():
+        got = np.asarray(found[name])[0].squeeze(axis=1 if name != "status" else 1)
+        np.testing.assert_allclose(got, values, rtol=1e-9, err_msg=name)
+    assert np.isfinite(wanted["rmse"]).all()
+    assert (wanted["updates"] == 20).all()
+    assert json.loads((out / "run.json").read_text())["device"]
+
+
+def test_what_is_there_is_not_computed_again_and_verified_on_a_card(finished) -> None:
+    study, out, _ = finished
+    again = simulated("run", str(study), "--device", "cuda", "--out", str(out))
+    assert again.returncode == 0
+    assert "4 of 4 runs are in" in again.stderr
+    verified = simulated("verify", str(out), "--study", str(study))
+    assert verified.returncode == 0
+    assert "the same bits" in verified.stdout + verified.stderr
+
+
+def test_a_result_is_continued_on_what_began_it(finished) -> None:
+    study, out, _ = finished
+    refused = CliRunner().invoke(app, ["run", str(study), "--out", str(out)])
+    assert refused.exit_code == 2
+    assert "device cuda there, absent here" in " ".join(refused.output.split())
+
+
+def test_machine_code_for_a_processor_is_refused(tmp_path) -> None:
+    study = tmp_path / "particles.toml"
+    start, end = STUDY.index("estimator = ["), STUDY.index("[plant]")
+    study.write_text(f'{STUDY[:start]}estimator = [{{ name = "PF", kind = "particle" }}]\n{STUDY[end:]}')
+    refused = simulated("run", str(study), "--device", "cuda", "--out", str(tmp_path / "out"))
+    assert refused.returncode != 0
+    assert "machine code" in refused.stderr
+    assert "Traceback" not in refused.stderr
+
+
+def test_without_the_package_there_is_one_line(monkeypatch) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "numba_cuda" else find(name, *a))
+    with pytest.raises(UserError, match=r"pip install 'robustness-harness\[cuda\]'"):
+        devices.on_card()
+
+
+def test_workers_and_a_card_exclude_each_other() -> None:
+    refused = CliRunner().invoke(app, ["run", "studies/mass.toml", "--device", "cuda", "--jobs", "2"])
+    assert refused.exit_code == 2
+    assert "leave out --scheduler, --dask and --jobs" in " ".join(refused.output.split())
+
+
+def test_a_study_says_what_computes_it() -> None:
+    study = load_study("studies/ideal.toml")
+    assert study.device == "cpu"
+    assert dataclasses.replace(study, device="cuda").hash == study.hash
