@@ -206,7 +206,13 @@ class CardEvaluator:
         words = [noise.words(part.unit, part.cases) for part in parts]
         widest = max(each.shape[1] for each in words)
         padded = [np.pad(each, ((0, 0), (0, widest - each.shape[1]))) for each in words]
-        still = [parameter_truth(study.plant, study.belief, part.plant, part.believed) for part in parts]
+        wanted = bool(study.belief.parameter_states)  # run by run, so not where nothing is wanted
+        still = [
+            parameter_truth(study.plant, study.belief, part.plant, part.believed)
+            if wanted
+            else np.empty((0, len(part.plant.values)))
+            for part in parts
+        ]
         held = InBatches(*(in_rows([getattr(part.held, name) for part in parts]) for name in InBatches._fields))
         return Loaded(np.concatenate(padded), held, np.ascontiguousarray(np.concatenate(still, axis=1)))
 

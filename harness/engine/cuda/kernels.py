@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import warnings
 from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any
@@ -30,6 +31,8 @@ CARD = Exchange(
     any_code=False,
     rewrite=for_card,
 )
+
+warnings.filterwarnings("ignore", message=".*Grid size")  # numba's, of every small study
 
 _VERSION = f"# numba-cuda {compiling.version()}\n"
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.common.errors import ModelError
 from harness.engine.cuda.known import Knowledge, Known, Number, Parts, Shape
 
 LIMIT = 30_000
@@ -103,13 +104,17 @@ class Specialised:
             return
         value = vars(home)[name]
         if isinstance(value, ModuleType):
-            self.imports[name] = f"import {value.__name__} as {name}"
+            line = f"import {value.__name__} as {name}"
         else:
             owner = getattr(value, "__module__", None) or home.__name__
             attribute = getattr(value, "__name__", name)
             owned = vars(importlib.import_module(owner)).get(attribute) is value
             place, what = (owner, attribute) if owned else (home.__name__, name)
-            self.imports[name] = f"from {place} import {what} as {name}"
+            line = f"from {place} import {what} as {name}"
+        if self.imports.setdefault(name, line) != line:
+            raise ModelError(
+                f"{home.__name__}: '{name}' means something else elsewhere ({self.imports[name]}); rename it"
+            )
 
 
 class _Copy(Knowledge, ast.NodeTransformer):
