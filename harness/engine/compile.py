@@ -190,7 +190,7 @@ def _counterpart(home: ModuleType, exchange: Exchange) -> ModuleType:
     if written == source:
         return home
     if has_code and not exchange.any_code:
-        raise ModelError(f"{home.__file__}: it writes machine code for plain lanes; no kernel can use it over duals")
+        raise ModelError(f"{home.__file__}: it writes machine code for plain lanes, which holds for no other numbers")
     return load_source(home.__name__.rpartition(".")[2], written)
 
 

@@ -286,12 +286,12 @@ class CardEvaluator:
         """Run an estimator; return the sums of ``Sums`` on the card."""
         estimator, evaluator = self._evaluator.compiled.estimators[e], self._evaluator
         rows, _, options = estimator.compared(evaluator.compiled.truth_names, evaluator.first_scored)
-        runs = begun.mean.shape[-1]
+        runs, priors = begun.mean.shape[-1], np.concatenate([np.zeros((1, 2)), estimator.priors])
         errors = cuda.device_array((3, len(evaluator.compiled.signals), runs))
         per_run = cuda.device_array((10, runs))
         self.estimate_kernels[e](
             runs, simulated.inputs, simulated.measured, simulated.truth, _sent(rows), simulated.left_at,
-            *map(_sent, begun[:3]), _sent(estimator.tuning), _sent(estimator.priors), *map(_sent, begun[3:]),
+            *map(_sent, begun[:3]), _sent(estimator.tuning), _sent(priors), *map(_sent, begun[3:]),
             _sent(estimator.limits), _sent(options), _sent(estimator.bounds), errors, per_run,
         )  # fmt: skip
         return errors, per_run

@@ -29,6 +29,7 @@ drive = [{ name = "sine", kind = "sine", amplitude = "40 deg", duration = "1 s",
 estimator = [
   { name = "KF", kind = "kf" }, { name = "EKF", kind = "ekf" }, { name = "UKF", kind = "ukf" },
   { name = "CDKF", kind = "cdkf" }, { name = "ST", kind = "st_cdkf", softening = 10 },
+  { name = "H", kind = "h_infinity" },
 ]
 [plant]
 vehicle = "car"
@@ -95,13 +96,16 @@ def test_a_result_is_continued_on_what_began_it(finished) -> None:
     assert "device cuda there, absent here" in " ".join(refused.output.split())
 
 
-def test_machine_code_for_a_processor_is_refused(tmp_path) -> None:
-    study = tmp_path / "particles.toml"
+@pytest.mark.parametrize(
+    ("kind", "why"), [("particle", "machine code"), ("sr_ekf", "arrays whose sizes are not known before it runs")]
+)
+def test_what_no_card_can_have_is_refused(tmp_path, kind: str, why: str) -> None:
+    study = tmp_path / "refused.toml"
     start, end = STUDY.index("estimator = ["), STUDY.index("[plant]")
-    study.write_text(f'{STUDY[:start]}estimator = [{{ name = "PF", kind = "particle" }}]\n{STUDY[end:]}')
+    study.write_text(f'{STUDY[:start]}estimator = [{{ name = "other", kind = "{kind}" }}]\n{STUDY[end:]}')
     refused = simulated("run", str(study), "--device", "cuda", "--out", str(tmp_path / "out"))
     assert refused.returncode != 0
-    assert "machine code" in refused.stderr
+    assert why in refused.stderr
     assert "Traceback" not in refused.stderr
 
 

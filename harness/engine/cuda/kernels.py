@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import config, cuda
 
-from harness.common.errors import UserError
+from harness.common.errors import ModelError, UserError
 from harness.engine import kernel_names
 from harness.engine.compile import CompiledModel, Exchange, load_source, written_over
 from harness.engine.cuda import compiling, linalg, loops
@@ -68,7 +68,7 @@ class CardKernel:
         given: What its stand-ins stand for, beside the names of the model.
 
     Raises:
-        ModelError: If it uses an undefined name or machine code written for a processor.
+        ModelError: If it uses an undefined name, machine code written for a processor, or arrays of unknown sizes.
     """
 
     def __init__(
@@ -82,7 +82,10 @@ class CardKernel:
         meant = {simd.outer_sum: linalg.outer_sum, simd.sigma_mean: linalg.sigma_mean, turned: loops.carried_over}
         source = _VERSION + written_over(kernel_source(stem, [function], model, meant | dict(given or {})), CARD)
         general = load_source(f"card_{stem}", source)
-        special = load_source(f"card_{stem}", _VERSION + specialised(general, function.__name__))
+        text = specialised(general, function.__name__)
+        if "np.empty(" in text or "np.zeros(" in text:
+            raise ModelError(f"'{stem}' makes arrays whose sizes are not known before it runs, which no card can have")
+        special = load_source(f"card_{stem}", _VERSION + text)
         made: Callable[..., Any] = getattr(special, function.__name__).py_func
         self.function = cuda.jit(cache=True)(made)
 

@@ -86,11 +86,16 @@ def estimate_runs(
     u, y, truth, rows, until, constants, process_noise, measurement_noise, tuning, priors, mean, covariance, memory,
     limits, options, bounds, scores, per_run,
 ):  # fmt: skip
-    """Estimate the run of each thread; see ``estimate_batch``, with runs in place of lanes."""
+    """Estimate the run of each thread; see ``estimate_batch``, with runs in place of lanes.
+
+    Before the first of ``priors`` is a row of no meaning: there may be none, and a card takes no array of no length.
+    """
     run = cuda.grid(1)
     if run < until.shape[1]:
         inputs = shaped(own(u, run), (0, NU, LANES))
-        belief = Belief(own(constants, run), own(process_noise, run), own(measurement_noise, run), tuning, None, priors)
+        belief = Belief(
+            own(constants, run), own(process_noise, run), own(measurement_noise, run), tuning, None, priors[1:]
+        )
         first = State(own(mean, run), own(covariance, run), own(memory[0], run))
         estimate_batch(
             (inputs, inputs, inputs, inputs),

@@ -27,11 +27,13 @@ class _ForCard(ast.NodeTransformer):
 
     Args:
         numbers: Global numbers of the module, of which sizes are made.
-        name: Of the module, for messages.
+
+    Attributes:
+        zeros: Functions that make arrays of zeros, by name.
     """
 
-    def __init__(self, numbers: Mapping[str, Any], name: str) -> None:
-        self._numbers, self._name = numbers, name
+    def __init__(self, numbers: Mapping[str, Any]) -> None:
+        self._numbers = numbers
         self.zeros: dict[str, str] = {}
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
@@ -112,14 +114,9 @@ def _at(array: ast.expr, indices: Sequence[ast.expr], access: ast.expr_context) 
 
 
 def for_card(source: str) -> str:
-    """Return the source of a module of kernels with what a card does otherwise rewritten.
-
-    Raises:
-        ModelError: If the size of an array is not known before it runs.
-    """
+    """Return the source of a module of kernels with what a card does otherwise rewritten."""
     tree = ast.parse(source)
-    name = (ast.get_docstring(tree) or "kernels").partition("\n")[0]
-    writer = _ForCard(_numbers(tree), name)
+    writer = _ForCard(_numbers(tree))
     text = ast.unparse(ast.fix_missing_locations(writer.visit(tree)))
     marks = "".join(writer.zeros.values())
     future = "from __future__ import annotations"
