@@ -19,18 +19,16 @@ from rich.table import Table
 
 from bench.engine import ROOT
 from harness.config import Study, load_study
-from harness.engine.cuda.kernels import CardKernel
+from harness.engine.cuda.kernels import CardKernel, name_of_card
 from harness.study.design import Unit
 from harness.study.evaluate import InBatches, StudyEvaluator
 from harness.study.on_card import Begun, CardEvaluator, Loaded
 
 RUNS = (100, 1_000, 10_000, 100_000)
-SECONDS = 20.0
-"""Of a drive: a step takes as long at its end as at its begin."""
 
 
 def joint_study(path: Path = ROOT / "studies" / "joint.toml") -> Study:
-    """Return the joint study with its drives cut short."""
+    """Return the joint study without runs to draw."""
     study = load_study(path)
     return dataclasses.replace(study, history=())
 
@@ -125,7 +123,7 @@ def main(arguments: list[str] | None = None) -> None:
     measured = Measurement(joint_study(), samples=given.samples)
     rates = {runs: measured.rates(runs, given.rounds) for runs in given.runs}
     console.print(f"models, kernels and measurements: {time.perf_counter() - begin:.0f} s")
-    table = Table(title=f"million steps per second, {cuda.get_current_device().name.decode()}, float64")
+    table = Table(title=f"million steps per second, {name_of_card()}, float64")
     for name in ("what", *(f"{runs:,} runs" for runs in given.runs), "registers", "bytes of its own"):
         table.add_column(name, justify="left" if name == "what" else "right")
     for name in rates[given.runs[0]]:
