@@ -22,15 +22,16 @@ from harness.config import Study, load_study
 from harness.engine.cuda.kernels import CardKernel, name_of_card
 from harness.study.design import Unit
 from harness.study.evaluate import InBatches, StudyEvaluator
-from harness.study.on_card import Begun, CardEvaluator, Loaded
+from harness.study.on_card import COMPARED, Begun, CardEvaluator, Loaded
 
 RUNS = (100, 1_000, 10_000, 100_000)
 
 
 def joint_study(path: Path = ROOT / "studies" / "joint.toml") -> Study:
-    """Return the joint study without runs to draw."""
+    """Return the joint study with what a card runs of it."""
     study = load_study(path)
-    return dataclasses.replace(study, history=())
+    estimators = tuple(each for each in study.estimators if each.kind in COMPARED)
+    return dataclasses.replace(study, estimators=estimators, history=(), over_time=None)
 
 
 def tiled(array: Any, runs: int, axis: int = -1) -> Any:

@@ -32,6 +32,9 @@ from harness.study.run_noise import Cases
 SHARE = 0.5
 """Share of the card's free memory that signals of simulated runs may take."""
 
+COMPARED = ("kf", "ekf", "ukf", "cdkf", "narx")
+"""Estimators whose scores on a card were compared with the processor's, and differ by rounding (docs/gpu.md)."""
+
 MOST = 2**17
 """Runs at a time: beyond what a card computes side by side more do not make it faster."""
 
@@ -100,13 +103,19 @@ class CardEvaluator:
 
     Raises:
         UserError: If there is no card, or the study asks for something that is computed on a processor only.
-        ModelError: If an estimator uses machine code written for a processor.
+        ModelError: If an estimator uses what no card can have.
     """
 
     def __init__(self, evaluator: StudyEvaluator) -> None:
         check_card()
         self._evaluator, study = evaluator, evaluator.study
         compiled = evaluator.compiled
+        unknown = [each for each in study.estimators if each.kind not in COMPARED]
+        if unknown:
+            raise UserError(
+                f"{study.path}: estimator '{unknown[0].name}': nobody has compared '{unknown[0].kind}' on a card with "
+                f"the processor; a card runs {', '.join(COMPARED)} (docs/gpu.md)"
+            )
         if study.belief.input_noise or study.plant.input_noise:
             raise UserError(f"{study.path}: inputs with noise are computed on the processor only; leave out '--device'")
         self._draw = CardKernel("noise", loops.draw_noise, None, {upper_half: upper_half_on_card})
