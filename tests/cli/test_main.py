@@ -86,7 +86,7 @@ def test_version(harness):
 def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, monkeypatch):
     seen = {}
 
-    def run_study(study, out, jobs, client, agree, restart):
+    def run_study(study, out, jobs, client, agree, restart, device):
         seen.update(study=study, out=out, jobs=jobs)
         return synthetic.write(out, {"level": synthetic.design(repeats=2)})
 
@@ -121,7 +121,7 @@ def test_run_on_a_cluster_takes_its_client_from_the_options(harness, small_study
         asked.append((scheduler, workers))
         yield f"client of {scheduler}"
 
-    def run_study(study, out, jobs, client, agree, restart):
+    def run_study(study, out, jobs, client, agree, restart, device):
         seen.append((client, study.path.is_absolute()))
 
     monkeypatch.setattr(cluster, "connected", connected)
@@ -154,7 +154,7 @@ def test_what_costs_much_wants_yes_where_there_is_no_terminal(harness, small_stu
 
     seen = []
 
-    def run_study(study, out, jobs, client, agree, restart):
+    def run_study(study, out, jobs, client, agree, restart, device):
         if agree is not None:
             agree("9 runs to do: about 2 h")
         seen.append(restart)
