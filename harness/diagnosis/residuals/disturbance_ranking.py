@@ -16,6 +16,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.innovations.disturbance_inputs import DisturbanceInput, disturbance_inputs_of
+from harness.diagnosis.innovations.held_disturbance import HeldDisturbance, held_disturbances, samples_held
 from harness.diagnosis.innovations.innovation_model import InputDirection, Linearisation, Linearised
 from harness.engine.simd.lanes import LANES
 
@@ -103,43 +104,51 @@ class DisturbanceRanking:
 
     def history(self, ranked_input: RankedInput) -> tuple[History, ...]:
         """Return the disturbance at an input over every drive."""
-        return tuple(
-            History(*linear.innovations.smoothed(input_direction, ranked_input.time_constant, ranked_input.deviation))
-            for linear, input_direction in zip(
-                self.linear, self.input_directions(ranked_input.disturbance_input), strict=True
-            )
-        )
+        time_constant, step = ranked_input.time_constant, self.augmented.spec.step
+        found = []
+        for linear, input_direction in zip(
+            self.linear, self.input_directions(ranked_input.disturbance_input), strict=True
+        ):
+            (held,) = held_disturbances(linear.innovations, [input_direction], samples_held(time_constant, step))
+            found.append(History(*held.smoothed(time_constant, ranked_input.deviation)))
+        return tuple(found)
 
     def _ranked(self) -> tuple[RankedInput, ...]:
-        found = self.augmented.share(lambda c: self._suspect(c, (FIRST,)), self.disturbance_inputs)
-        found.sort(key=_gain, reverse=True)
-        first = self.augmented.share(
-            lambda s: max(s, self._suspect(s.disturbance_input, FURTHER), key=_gain), found[:_REFINED]
-        )
+        found = sorted(self._tried(self.disturbance_inputs, FIRST), key=_gain, reverse=True)
+        promising = [s.disturbance_input for s in found[:_REFINED]]
+        by_time_constant = [found[:_REFINED], *(self._tried(promising, t) for t in FURTHER)]
+        first = [max(of_one, key=_gain) for of_one in zip(*by_time_constant, strict=True)]
         return tuple(sorted([*first, *found[_REFINED:]], key=_gain, reverse=True))
 
-    def _suspect(self, disturbance_input: DisturbanceInput, time_constants: Sequence[float]) -> RankedInput:
-        input_directions = self.input_directions(disturbance_input)
-        power, duration = 0.0, 0.0  # of the response to a constant one
-        for linear, input_direction in zip(self.linear, input_directions, strict=True):
-            ones = np.ones((len(linear.innovations.residual), 1))
-            power += float(np.sum(linear.innovations.responses(input_direction, ones) ** 2))
-            duration += len(ones) * linear.innovations.step
-        best = RankedInput(disturbance_input, 0.0, time_constants[0], 0.0)
-        for time_constant in time_constants if power > 0 else ():
-            tried = _DEVIATIONS / np.sqrt(power / duration * time_constant)
-            gains = np.sum(
-                [
-                    linear.innovations.gains(input_direction, time_constant, tried)
-                    for linear, input_direction in zip(self.linear, input_directions, strict=True)
-                ],
-                axis=0,
-            )
-            gains = np.where(np.isfinite(gains), gains, -np.inf)
-            most = int(np.argmax(gains))
-            if gains[most] > best.gain:
-                best = RankedInput(disturbance_input, float(gains[most]), time_constant, float(tried[most]))
-        return best
+    def _tried(self, disturbance_inputs: Sequence[DisturbanceInput], time_constant: float) -> list[RankedInput]:
+        """Return the best of the grid of deviations for disturbances of a time constant at some inputs."""
+        chosen = [self.disturbance_inputs.index(c) for c in disturbance_inputs]
+        samples = samples_held(time_constant, self.augmented.spec.step)
+
+        def held(i: int) -> list[HeldDisturbance]:
+            input_directions = [self._input_directions[i][j] for j in chosen]
+            return held_disturbances(self.linear[i].innovations, input_directions, samples)
+
+        by_drive = self.augmented.share(held, range(len(self.drives)))
+        tasks = list(zip(disturbance_inputs, zip(*by_drive, strict=True), strict=True))
+        return self.augmented.share(lambda task: _likeliest(*task, time_constant), tasks)
+
+
+def _likeliest(
+    disturbance_input: DisturbanceInput, by_drive: Sequence[HeldDisturbance], time_constant: float
+) -> RankedInput:
+    """Return the deviation of the largest gain, which is 0 if none gains."""
+    power = sum(held.power() for held in by_drive)  # of the response to a constant one
+    duration = sum(held.samples * held.model.step / held.held for held in by_drive)
+    best = RankedInput(disturbance_input, 0.0, time_constant, 0.0)
+    if power > 0:
+        tried = _DEVIATIONS / np.sqrt(power / duration * time_constant)
+        gains = np.sum([held.gains(time_constant, tried) for held in by_drive], axis=0)
+        gains = np.where(np.isfinite(gains), gains, -np.inf)
+        most = int(np.argmax(gains))
+        if gains[most] > 0:
+            best = RankedInput(disturbance_input, float(gains[most]), time_constant, float(tried[most]))
+    return best
 
 
 def _gain(ranked_input: RankedInput) -> float:
