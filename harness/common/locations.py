@@ -18,6 +18,7 @@ Files of the last rows, from the studies on, are data: they are read, never run.
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,10 +63,15 @@ def project() -> Path | None:
     if _chosen:
         return _chosen[-1]
     try:
-        here = Path.cwd()
+        folder = os.getcwd()
     except OSError:  # the working directory was deleted
         return None
-    return next((folder for folder in (here, *here.parents) if (folder / MARK).is_file()), None)
+    while not os.path.isfile(os.path.join(folder, MARK)):  # asked with every component: paths as text take a tenth
+        above = os.path.dirname(folder)
+        if above == folder:
+            return None
+        folder = above
+    return Path(folder)
 
 
 def use_project(folder: Path | None) -> None:

@@ -77,6 +77,15 @@ class _Sums:
 
 
 @dataclass(frozen=True)
+class _PlainColumns:
+    """Columns of all amplitudes that act at once: the place of each, by drive ``(samples * ny, n)``, and products."""
+
+    places: dict[_Key, int]
+    by_drive: list[Floats]
+    sums: _Sums
+
+
+@dataclass(frozen=True)
 class _Promised:
     """What columns promise, and the weights with which those of the fit take part ``(n_fit, n)``."""
 
@@ -108,6 +117,7 @@ class ScoreTest:
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
         self._own: dict[str, tuple[str, ...]] = {}
+        self._ranges: dict[str, tuple[float, float]] = {}
         self._products: dict[tuple[int, str, str], Floats] = {}
         weight = np.array([c.prior**-2.0 for c in moved])
         away = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
@@ -118,12 +128,13 @@ class ScoreTest:
     def of(self, tried: Sequence[Hypothesis]) -> list[Score]:
         """Return the scores of hypotheses, in their order."""
         plain = [h for h in tried if not h.change_times]
-        columns = self._plain_columns(plain)
-        found = {id(h): self._plain(h, columns) for h in plain}
         changes = [h for h in tried if h.change_times]
-        self.augmented.share(lambda i: self._change(changes, i), range(len(self.drives)))
-        found |= {id(h): self._change_times(h) for h in changes}
-        return [found[id(h)] for h in tried]
+        share = self.augmented.share
+        columns = self._plain_columns(plain)
+        found = dict(zip(plain, share(lambda h: self._plain(h, columns), plain), strict=True))
+        share(lambda i: self._change(changes, i), range(len(self.drives)))
+        found |= {h: self._change_times(h) for h in changes}
+        return [found[h] for h in tried]
 
     def _sensitivities(self, drive: int, values: Floats, names: Sequence[str]) -> Floats:
         """Return columns ``(samples * ny, n)`` for a parameter each, at values of their own ``(np, n)``."""
@@ -131,21 +142,21 @@ class ScoreTest:
             self.augmented.sensitivities(self.drives[drive], values, self.augmented.along(names), self.kept[drive])
         )
 
-    def _plain_columns(self, plain: Sequence[Hypothesis]) -> list[dict[_Key, Floats]]:
-        """Return the columns of all amplitudes at all shapes that act on them, once each, by drive."""
+    def _plain_columns(self, plain: Sequence[Hypothesis]) -> _PlainColumns:
+        """Return the columns of all amplitudes at all shapes that act on them, once each."""
         for h in sorted(plain, key=lambda h: len(h.shapes)):
             for a in h.amplitudes:
                 self._own.setdefault(a, h.shapes)  # what acts at several places has the shapes of all of them
         wanted = list(dict.fromkeys(key for h in plain for shapes in self._grid(h) for key in self._keys(h, shapes)))
 
-        def of_drive(i: int) -> dict[_Key, Floats]:
+        def of_drive(i: int) -> Floats:
             values = np.repeat(self.point.values[:, [i]], len(wanted), axis=1)
             for j, (a, shapes) in enumerate(wanted):
                 values[[self.augmented.row(n) for n in self._own[a]], j] = shapes
-            columns = self._sensitivities(i, values, [a for a, _ in wanted])
-            return {key: columns[:, j] for j, key in enumerate(wanted)}
+            return self._sensitivities(i, values, [a for a, _ in wanted])
 
-        return self.augmented.share(of_drive, range(len(self.drives)))
+        by_drive = self.augmented.share(of_drive, range(len(self.drives)))
+        return _PlainColumns({key: j for j, key in enumerate(wanted)}, by_drive, self._sums_of(by_drive))
 
     def _keys(self, h: Hypothesis, shapes: tuple[float, ...]) -> list[_Key]:
         """Return the columns of a hypothesis at values of its shapes: each amplitude with the shapes of its own."""
@@ -161,23 +172,22 @@ class ScoreTest:
             )
         )
 
-    def _plain(self, h: Hypothesis, columns: Sequence[dict[_Key, Floats]]) -> Score:
+    def _plain(self, h: Hypothesis, columns: _PlainColumns) -> Score:
         grid = self._grid(h)
-        keys = list(dict.fromkeys(key for shapes in grid for key in self._keys(h, shapes)))
-        every = self._sums_of([np.column_stack([c[key] for key in keys]) for c in columns])
-        chosen = [[keys.index(key) for key in self._keys(h, shapes)] for shapes in grid]
-        best = int(np.argmax([self._promised(h, every.take(rows)).gain for rows in chosen]))
-        X = [np.column_stack([c[keys[row]] for row in chosen[best]]) for c in columns]
-        sums, no_times = every.take(chosen[best]), np.zeros((len(self.drives), 0))
+        chosen = [[columns.places[key] for key in self._keys(h, shapes)] for shapes in grid]
+        gains = [self._promised(h, columns.sums.take(places)).gain for places in chosen]
+        best = int(np.argmax(gains))
+        X = [x[:, chosen[best]] for x in columns.by_drive]
+        sums, no_times = columns.sums.take(chosen[best]), np.zeros((len(self.drives), 0))
         return self._judged(h, X, sums, np.array(grid[best]), no_times)
 
     def _sums_of(self, X: Sequence[Floats]) -> _Sums:
         """Return the products of columns ``(samples * ny, n)`` of each drive, summed over the drives."""
-        return _Sums(
-            total([N.T @ x for N, x in zip(self.moved, X, strict=True)]),
-            total([x.T @ x for x in X]),
-            total([x.T @ r for x, r in zip(X, self.residual, strict=True)]),
-        )
+
+        def of_drive(i: int) -> tuple[Floats, Floats, Floats]:
+            return self.moved[i].T @ X[i], X[i].T @ X[i], X[i].T @ self.residual[i]
+
+        return _Sums(*map(total, zip(*self.augmented.share(of_drive, range(len(X))), strict=True)))
 
     def _promised(self, h: Hypothesis, sums: _Sums) -> _Promised:
         """Return the predicted gain of a hypothesis with columns of given products."""
@@ -209,7 +219,10 @@ class ScoreTest:
     def _room(self, h: Hypothesis) -> tuple[Floats, Floats]:
         """Return how far each amplitude may move down and up, the others as they are."""
         at = self.point.values[:, 0]
-        ends = np.array([self.augmented.possible_range(n, at) for n in h.amplitudes])
+        for n in h.amplitudes:
+            if n not in self._ranges:
+                self._ranges[n] = self.augmented.possible_range(n, at)
+        ends = np.array([self._ranges[n] for n in h.amplitudes])
         lower, upper = ends.T - at[[self.augmented.row(n) for n in h.amplitudes]]
         return lower, upper
 
