@@ -194,7 +194,6 @@ class Linearised:
         transition: Jacobian of the next state in them ``(samples, n, n)``.
         output: Jacobian of the outputs ``(samples, ny, n)``.
         gain: Of the pass ``(samples, n, ny)``.
-        innovations: What it makes of the innovations.
     """
 
     def __init__(self, linearisation: Linearisation, drive: Drive, values: Floats, kept: FilterRun) -> None:
@@ -210,11 +209,15 @@ class Linearised:
         self.gain[:, :corrected] = kept.gain[:, :corrected]
         # A missing measurement neither corrects nor counts.
         self._whitening = kept.whitening * np.isfinite(kept.whitened)[:, :, None]
+
+    @functools.cached_property
+    def innovations(self) -> InnovationModel:
+        """What it makes of the innovations."""
         held = np.eye(len(self.active)) - self.gain @ self.output
-        self.innovations = InnovationModel(
+        return InnovationModel(
             np.ascontiguousarray(self.transition @ held),
             np.ascontiguousarray(self._whitening @ self.output),
-            np.nan_to_num(kept.whitened),
+            np.nan_to_num(self.whitened),
             self.augmented.spec.step,
         )
 
