@@ -385,7 +385,8 @@ class FilteredModel(ABC):
             directions: Of the parameters ``(np, n)``.
             kept: From ``run``.
         """
-        n, slopes = directions.shape[1], [np.zeros((*drive.measurements.shape, 0))]
+        n = directions.shape[1]
+        slopes = np.empty((*drive.measurements.shape, n))
         drive, values = self.read_ahead(drive, values)
         at = np.broadcast_to(values, directions.shape)
         for s in range(0, n, LANES):
@@ -402,8 +403,8 @@ class FilteredModel(ABC):
                 kept.whitening,
                 found,
             )
-            slopes.append(found)
-        return np.concatenate(slopes, axis=2)[:, :, :n]
+            slopes[:, :, s : s + LANES] = found[:, :, : n - s]
+        return slopes
 
     def free_run(self, drive: Drive, values: Floats) -> FreeRun:
         """Run the model free over the inputs of a recording, with parameters ``(np,)``."""

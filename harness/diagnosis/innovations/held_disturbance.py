@@ -90,27 +90,31 @@ def held_disturbances(
     rows = rows.reshape(count, held * ny, -1)
     residual = by_step(model.residual, 0.0).reshape(count, held * ny)
 
+    def known(values: Floats) -> Floats:
+        """Return steps behind one that is not used, as kernels take them."""
+        return np.concatenate([np.zeros((1, *values.shape[1:])), values])
+
+    transition = known(now[:, :, :n])
+
     def found(j: int, of_state: Floats, of_disturbance: Floats, residual: Floats) -> HeldDisturbance:
-        first = (np.zeros((1, *part.shape[1:])) for part in (now[:, :, :n], of_state, residual, now[:, :, n], residual))
-        parts = (now[:, :, :n], of_state, residual, now[:, :, n + j], of_disturbance)
-        F, C, r, g, c = (np.ascontiguousarray(np.concatenate(pair)) for pair in zip(first, parts, strict=True))
-        larger = InnovationModel(F, C, r, held * model.step)
-        return HeldDisturbance(larger, InputDirection(g, c), held, samples)
+        larger = InnovationModel(transition, of_state, known(residual), held * model.step)
+        return HeldDisturbance(larger, InputDirection(known(now[:, :, n + j]), known(of_disturbance)), held, samples)
 
     if held * ny <= n + 1:
-        return [found(j, rows[:, :, :n], rows[:, :, n + j], residual) for j in range(len(input_directions))]
+        of_state = known(rows[:, :, :n])
+        return [found(j, of_state, rows[:, :, n + j], residual) for j in range(len(input_directions))]
     basis, factor = np.linalg.qr(rows[:, :, :n])
-    known, noise = _in_basis(basis, residual[:, :, None])
+    inside, noise = _in_basis(basis, residual[:, :, None])
     owed, beyond = _in_basis(basis, rows[:, :, n:])
     length = np.linalg.norm(beyond, axis=1)
     along = np.einsum("kij,ki->kj", beyond, noise[:, :, 0]) / np.where(length > 0, length, 1.0)
-    of_state = np.concatenate([factor, np.zeros((count, 1, n))], axis=1)
+    of_state = known(np.concatenate([factor, np.zeros((count, 1, n))], axis=1))
     return [
         found(
             j,
             of_state,
             np.concatenate([owed[:, :, j], length[:, [j]]], axis=1),
-            np.concatenate([known[:, :, 0], along[:, [j]]], axis=1),
+            np.concatenate([inside[:, :, 0], along[:, [j]]], axis=1),
         )
         for j in range(len(input_directions))
     ]

@@ -35,7 +35,8 @@ def random_scores(fits: CandidateFits, point: Point, tried: Sequence[Hypothesis]
             values[row(name)] = sizes[name]
         points.append(replace(point, values=values))
     gains = _log_likelihoods(fits, [point, *points])
-    nothing, never = tuple(np.zeros_like(d.measurements) for d in drives), np.zeros((len(drives), 0))
+    nothing = tuple(np.zeros(d.measurements.shape, dtype=np.float32) for d in drives)
+    never = np.zeros((len(drives), 0))
     found = []
     for h, gain in zip(tried, gains[1:] - gains[0], strict=True):
         size = np.array([sizes[n] for n in h.amplitudes])

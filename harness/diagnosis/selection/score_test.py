@@ -55,7 +55,7 @@ class Score:
     freedom: float
     shapes: Floats
     change_times: Floats
-    response: tuple[Floats, ...]
+    response: tuple[Columns, ...]
     excited: bool
 
 
@@ -210,7 +210,8 @@ class ScoreTest:
             error[found.seen] = covariance_of(found.information[np.ix_(found.seen, found.seen)]).errors
         moved = found.weights @ found.amplitudes
         response = tuple(
-            (x @ found.amplitudes - N @ moved).reshape(-1, self._outputs) for x, N in zip(X, self.moved, strict=True)
+            (x @ found.amplitudes - N @ moved).astype(np.float32).reshape(-1, self._outputs)
+            for x, N in zip(X, self.moved, strict=True)
         )
         start = np.array([self.point.values[self.augmented.row(n), 0] for n in h.amplitudes])
         amplitudes, excited = start + found.amplitudes, bool(found.seen.any())
