@@ -297,6 +297,8 @@ class Builder:
 
     def _optional(self, ports: dict[str, sp.Expr]) -> dict[str, sp.Expr]:
         """Let ports that only effects make vary, such as an axle's load, be the constants they are without them."""
+        if not self.flags:
+            return ports
         parameters = {symbol(n) for n in self.parameters}
         fixed: dict[sp.Symbol, sp.Expr] = {}
         flags: dict[sp.Symbol, set[sp.Symbol]] = {}
