@@ -66,7 +66,7 @@ def project() -> Path | None:
         folder = os.getcwd()
     except OSError:  # the working directory was deleted
         return None
-    while not os.path.isfile(os.path.join(folder, MARK)):  # asked with every component: paths as text take a tenth
+    while not os.path.isfile(os.path.join(folder, MARK)):  # asked with every component, so as text
         above = os.path.dirname(folder)
         if above == folder:
             return None

@@ -1,5 +1,7 @@
 """Disturbances that are held for some samples: against dense least squares over a staircase."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,17 @@ def test_a_step_has_no_more_rows_than_tell_anything(drive):
     model, input_directions = drive
     assert held_disturbances(model, input_directions, 2)[0].model.residual.shape == (42, 2 * OUTPUTS)
     assert held_disturbances(model, input_directions, 20)[0].model.residual.shape == (6, STATES + 1)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("growth", [1e10, np.inf, np.nan])
+@pytest.mark.parametrize("held", [1, 20])
+def test_an_unstable_filter_gives_nothing_finite_and_no_warning(drive, growth, held):
+    model, input_directions = drive
+    unstable = replace(model, transition=np.full_like(model.transition, growth))
+    found = held_disturbances(unstable, input_directions, held)[0]
+    assert not np.isfinite(found.power())
+    assert not np.isfinite(found.gains(TIME_CONSTANT, np.full(LANES, DEVIATION))).any()
 
 
 def test_a_disturbance_is_held_for_a_tenth_of_its_time_constant():

@@ -46,8 +46,9 @@ class HeldDisturbance:
         mean, error = self.model.smoothed(self.input_direction, time_constant, deviation)
         return mean[steps], error[steps]
 
+    @np.errstate(over="ignore", invalid="ignore")
     def power(self) -> float:
-        """Return the sum of squares of the response to a disturbance of one."""
+        """Return the sum of squares of the response to a disturbance of one; not finite if the filter is unstable."""
         ones = np.ones((len(self.model.residual), 1))
         return float(np.sum(self.model.responses(self.input_direction, ones) ** 2))
 
@@ -57,10 +58,13 @@ def samples_held(time_constant: float, step: float) -> int:
     return max(1, round(_HELD * time_constant / step))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def held_disturbances(
     model: InnovationModel, input_directions: Sequence[InputDirection], held: int
 ) -> list[HeldDisturbance]:
     """Return disturbances that are held for some samples each, from the second sample of a recording on.
+
+    Where effects feed back, gains of the nominal model may leave the innovations unstable; then nothing is finite.
 
     Args:
         model: Of the innovations, sample by sample.
