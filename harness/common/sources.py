@@ -30,7 +30,7 @@ from harness.common.cache import kept
 
 _PROJECT = frozenset({__name__.partition(".")[0]})
 _STANDARD = tuple(Path(sysconfig.get_path(key)).resolve() for key in ("stdlib", "platstdlib"))
-_INSTALLED = {"site-packages", "dist-packages"}
+_INSTALLED = {"site-packages", "dist-packages"}  # and any folder that pip installed into, with its records
 
 
 @dataclass(frozen=True)
@@ -182,10 +182,18 @@ def _is_own(name: str, inside: frozenset[str]) -> bool:
     top = name.partition(".")[0]
     if top not in inside:
         path = _path(top)  # looked at first, because looking for a module imports the packages that it lies in
-        if path is None or _INSTALLED & set(path.parts) or any(path.is_relative_to(s) for s in _STANDARD):
+        if path is None or _is_installed(path.parent.parent if path.name == "__init__.py" else path.parent):
             return False
     path = _path(name)
     return path is not None and path.suffix == ".py"
+
+
+@functools.cache
+def _is_installed(folder: Path) -> bool:
+    """Return whether a folder holds Python's own packages or packages that were installed."""
+    if _INSTALLED & set(folder.parts) or any(folder.is_relative_to(s) for s in _STANDARD):
+        return True
+    return next(folder.glob("*.dist-info"), None) is not None
 
 
 @functools.cache

@@ -114,3 +114,21 @@ def test_a_study_depends_on_the_network_that_it_names(tmp_path):
     assert with_network(b"2") != first
     assert with_network(b"1") == first
     assert narx.files(narx.Settings(), Path())[0].is_file()
+
+
+@pytest.mark.parametrize("record", ["", "other-1.0.dist-info"])
+def test_a_folder_with_the_records_of_pip_holds_installed_packages(tmp_path, monkeypatch, record: str) -> None:
+    folder = tmp_path / "lib"  # as `pip install --target lib` makes it
+    (folder / "other_package").mkdir(parents=True)
+    (folder / "other_package" / "__init__.py").write_text("")
+    (folder / "other_module.py").write_text("")
+    if record:
+        (folder / record).mkdir()
+    monkeypatch.syspath_prepend(folder)
+    names = ["other_package", "other_module"]
+    found = [sources.is_own(importlib.import_module(name)) for name in names]
+    for name in names:
+        sys.modules.pop(name)
+    for known in (sources._path, sources._is_installed):
+        known.cache_clear()
+    assert found == [not record] * 2
