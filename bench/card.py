@@ -1,6 +1,7 @@
 """Print filter steps per second on a graphics card, and how far its scores are from the processor's.
 
-``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives.
+``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives. Beside it stands how far the processor's
+scores move by rounding alone, which decides where a filter diverges.
 """
 
 from __future__ import annotations
@@ -8,29 +9,37 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import cuda
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from bench.engine import ROOT
 from harness.config import Study, load_study
 from harness.engine.cuda.kernels import CardKernel, name_of_card
+from harness.estimation.contract import load_estimator
 from harness.study.design import Unit
 from harness.study.evaluate import InBatches, StudyEvaluator
 from harness.study.on_card import COMPARED, Begun, CardEvaluator, Loaded
 
 RUNS = (100, 1_000, 10_000, 100_000)
 
+Scores = Mapping[str, NDArray[Any]]
 
-def joint_study(path: Path = ROOT / "studies" / "joint.toml") -> Study:
-    """Return the joint study with what a card runs of it."""
+
+def joint_study(path: Path = ROOT / "studies" / "joint.toml", kinds: Sequence[str] = ()) -> Study:
+    """Return the joint study with what a card runs of it, or with estimators of some kinds as they are by default."""
     study = load_study(path)
     estimators = tuple(each for each in study.estimators if each.kind in COMPARED)
+    if kinds:
+        plain = next(each for each in estimators if each.kind == "ekf")
+        chosen = [(kind, load_estimator(kind).Settings().model_dump()) for kind in kinds]
+        estimators = tuple(dataclasses.replace(plain, name=kind, kind=kind, settings=s) for kind, s in chosen)
     return dataclasses.replace(study, estimators=estimators, history=(), over_time=None)
 
 
@@ -96,20 +105,35 @@ class Measurement:
         return found
 
     def differences(self) -> dict[str, dict[str, float]]:
-        """Return by estimator the largest relative difference of each score from the processor's."""
+        """Return by estimator how far scores are from the processor's; see ``apart``."""
         unit = self.parts[0].unit
-        wanted = self.evaluator.evaluate(unit)
         ((_, got),) = self.card.evaluate([unit])
-        found: dict[str, dict[str, float]] = {}
-        for e, spec in enumerate(self.evaluator.study.estimators):
-            found[spec.name] = {}
-            for name in ("rmse", "nees", "nis", "log_likelihood"):
-                a, b = np.asarray(wanted[name])[:, :, e], np.asarray(got[name])[:, :, e]
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    off = np.abs(b - a) / np.abs(a)
-                found[spec.name][name] = float(np.nanmax(off)) if np.isfinite(off).any() else float("nan")
-            found[spec.name]["status"] = float(np.mean(wanted["status"][:, :, e] != got["status"][:, :, e]))
-        return found
+        return apart(self.evaluator.study, self.evaluator.evaluate(unit), got)
+
+
+def apart(study: Study, wanted: Scores, got: Scores) -> dict[str, dict[str, float]]:
+    """Return by estimator the largest relative difference of each score, and how many runs have an RMSE off by 1e-6."""
+    found: dict[str, dict[str, float]] = {}
+    for e, spec in enumerate(study.estimators):
+        found[spec.name] = {}
+        for name in ("rmse", "nees", "nis", "log_likelihood"):
+            a, b = np.asarray(wanted[name])[:, :, e], np.asarray(got[name])[:, :, e]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                off = np.abs(b - a) / np.abs(a)
+            found[spec.name][name] = float(np.nanmax(off)) if np.isfinite(off).any() else float("nan")
+            if name == "rmse":
+                found[spec.name]["runs over 1e-6"] = float(np.count_nonzero(np.any(off > 1e-6, axis=-1)))
+        found[spec.name]["status"] = float(np.mean(wanted["status"][:, :, e] != got["status"][:, :, e]))
+    return found
+
+
+def rounding(evaluator: StudyEvaluator, unit: Unit) -> dict[str, dict[str, float]]:
+    """Return how far the processor's scores move when the inputs that estimators know are one rounding error larger."""
+    wanted, drive = evaluator.evaluate(unit), evaluator.compiled.drives[unit.drive]
+    evaluator.compiled.drives[unit.drive] = dataclasses.replace(drive, belief=np.nextafter(drive.belief, np.inf))
+    moved = evaluator.evaluate(unit)
+    evaluator.compiled.drives[unit.drive] = drive
+    return apart(evaluator.study, wanted, moved)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -118,10 +142,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, nargs="+", default=RUNS)
     parser.add_argument("--samples", type=int, default=2000)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--kinds", nargs="+", default=(), help="estimators in place of the study's")
     given = parser.parse_args(arguments)
     console = Console(width=140)
     begin = time.perf_counter()
-    measured = Measurement(joint_study(), samples=given.samples)
+    measured = Measurement(joint_study(kinds=given.kinds), samples=given.samples)
     rates = {runs: measured.rates(runs, given.rounds) for runs in given.runs}
     console.print(f"models, kernels and measurements: {time.perf_counter() - begin:.0f} s")
     table = Table(title=f"million steps per second, {name_of_card()}, float64")
@@ -131,12 +156,22 @@ def main(arguments: list[str] | None = None) -> None:
         row = [f"{rates[runs][name] / 1e6:,.1f}" for runs in given.runs]
         table.add_row(name, *row, *map(str, resources(kernel_of(measured, name))))
     console.print(table)
-    table = Table(title=f"largest relative difference of scores from the processor's, {given.samples} samples")
-    for name in ("what", "rmse", "nees", "nis", "log_likelihood", "status"):
-        table.add_column(name)
-    for name, row in measured.differences().items():
-        table.add_row(name, *(f"{value:.1e}" for value in row.values()))
-    console.print(table)
+    unit = measured.parts[0].unit
+    runs = f"{unit.stop - unit.first:,} runs of {given.samples} samples"
+    title = f"largest relative difference of scores from the processor's, {runs}"
+    console.print(table_of(title, measured.differences()))
+    title = "the same of the processor's from its own with inputs that are one rounding error larger"
+    console.print(table_of(title, rounding(measured.evaluator, unit)))
+
+
+def table_of(title: str, rows: dict[str, dict[str, float]]) -> Table:
+    """Return differences as a table."""
+    table = Table(title=title)
+    for name in ("what", *next(iter(rows.values()))):
+        table.add_column(name, justify="left" if name == "what" else "right")
+    for name, row in rows.items():
+        table.add_row(name, *(f"{value:.0f}" if "runs" in key else f"{value:.1e}" for key, value in row.items()))
+    return table
 
 
 def kernel_of(measured: Measurement, name: str) -> CardKernel:

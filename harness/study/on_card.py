@@ -32,7 +32,10 @@ from harness.study.run_noise import Cases
 SHARE = 0.5
 """Share of the card's free memory that signals of simulated runs may take."""
 
-COMPARED = ("kf", "ekf", "ukf", "cdkf", "narx")
+COMPARED = (
+    "kf", "ekf", "ukf", "cdkf", "st_cdkf", "narx",
+    "adaptive_ekf", "h_infinity", "huber_ekf", "innovation_ekf", "student_t_ekf",
+)  # fmt: skip
 """Estimators whose scores on a card were compared with the processor's, and differ by rounding (docs/gpu.md)."""
 
 MOST = 2**17

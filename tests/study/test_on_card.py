@@ -95,7 +95,7 @@ def test_a_result_is_continued_on_what_began_it(finished) -> None:
     assert "device cuda there, absent here" in " ".join(refused.output.split())
 
 
-@pytest.mark.parametrize("kind", ["particle", "st_cdkf"])
+@pytest.mark.parametrize("kind", ["particle", "enkf"])
 def test_an_estimator_that_nobody_compared_on_a_card_is_refused(tmp_path, kind: str) -> None:
     study = tmp_path / "refused.toml"
     start, end = STUDY.index("estimator = ["), STUDY.index("[plant]")
