@@ -1,7 +1,7 @@
 """Print filter steps per second on a graphics card, and how far its scores are from the processor's.
 
-``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives. Beside it stands how far the processor's
-scores move by rounding alone, which decides where a filter diverges.
+``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives. Beside it stands how far the
+processor's scores move by rounding alone, which decides where a filter diverges.
 """
 
 from __future__ import annotations

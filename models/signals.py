@@ -127,11 +127,12 @@ def _body_motion(body: str, of: str) -> list[Signal]:
 
 
 def _of_sensor(s: Signal) -> list[Signal]:
-    """Return the states of a sensor that reads late, or whose bias wanders."""
+    """Return the states of a sensor that reads late, is turned, or whose bias wanders."""
     return [
         Signal(f"drift_{s.name}", "d", "", "", s.frame, f"random walk of the bias of {s.name}, over its deviation"),
         Signal(f"delayed_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, f"{s.name}, first state of a delay"),
         Signal(f"delayed_rate_{s.name}", s.symbol, s.unit, s.report_unit, s.frame, "second state of the delay"),
+        Signal(f"misaligned_speed_{s.name}", "v_x", "m/s", "m/s", s.frame, f"speed behind a lag, of {s.name}"),
     ]
 
 

@@ -48,15 +48,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     out = given.out or Path(
         "results/attribution" if given.quality == "clean" else f"results/attribution-{given.quality}"
     )
-    kinds = listed()
-    names = [name for name, _ in kinds]
+    known = listed()
+    names = [case.name for case in known]
     unknown = [name for name in given.cases if name not in names]
     if unknown or given.jobs < 1 or given.repeats < 1:
         parser.error(f"the plant has no case {unknown[0]}" if unknown else "--jobs and --repeats are 1 or more")
     chosen = [n for n in given.cases or names if wanted(n, given.vehicle, given.magnitude)]
     draws = [(n, repeat) for repeat in range(given.first, given.first + given.repeats) for n in chosen]
     if given.gate is not None:
-        draws = drawn([(n, kind) for n, kind in kinds if n in chosen], given.first, given.gate)
+        draws = drawn([case for case in known if case.name in chosen], given.first, given.gate)
     cases = [Case(n, repeat, out / f"{n}-{repeat}", given.quality) for n, repeat in draws]
     if given.traced:
         cases = [case for case in cases if (case.folder / "trace" / "trace.json").exists()]

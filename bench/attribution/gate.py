@@ -6,30 +6,33 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.attribution.run import Listed
+
 SHARES = {"none": 30, "parameters": 30, "effect": 55, "pair": 12, "unlisted": 10}
 """Draws of each kind in a block: nothing missing, only parameters wrong, and so on."""
 
 BLOCK = sum(SHARES.values())
 
 
-def drawn(listed: Sequence[tuple[str, str]], first: int, count: int) -> list[tuple[str, int]]:
+def drawn(listed: Sequence[Listed], first: int, count: int) -> list[tuple[str, int]]:
     """Return name and number of the draw for some draws; a draw depends on its number alone.
 
     The shares hold in each block of ``BLOCK`` draws, in any order. The vehicle of a draw is one or the other, then each
     case of its kind is as probable.
 
     Args:
-        listed: Name and kind of the cases to choose from.
+        listed: The cases to choose from.
         first: Number of the first draw.
         count: How many.
     """
-    vehicles = sorted({name.split("-")[0] for name, _ in listed})
+    vehicles = sorted({case.name.split("-")[0] for case in listed})
     found = []
     for number in range(first, first + count):
         block, place = divmod(number, BLOCK)
         kinds = np.random.default_rng([block]).permutation(np.repeat(list(SHARES), list(SHARES.values())))
         rng = np.random.default_rng([block, place])
         vehicle = vehicles[rng.integers(len(vehicles))]
-        cases = [name for name, kind in listed if kind == kinds[place] and name.startswith(f"{vehicle}-")]
+        of_kind = [case for case in listed if case.kind == kinds[place] and case.first_draw <= number]
+        cases = [case.name for case in of_kind if case.name.startswith(f"{vehicle}-")]
         found.append((cases[rng.integers(len(cases))], number))
     return found

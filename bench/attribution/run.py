@@ -16,7 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 
@@ -38,6 +38,20 @@ NOMINAL: dict[str, dict[str, Any]] = {
 }
 """The nominal model of each vehicle of the plant. Its values are those that the plant publishes (``belief.json``); the
 parameter set gives first variances only, and of the car the reference point in the CoG."""
+
+
+class Listed(NamedTuple):
+    """A case in the plant's list.
+
+    Attributes:
+        name: Of the case.
+        kind: Of the case.
+        first_draw: Number of the first draw of a gate that may choose it.
+    """
+
+    name: str
+    kind: str
+    first_draw: int = 0
 
 
 @dataclass(frozen=True)
@@ -166,7 +180,8 @@ def _run(case: Case) -> str:
     return _tracer.run(case)
 
 
-def listed() -> list[tuple[str, str]]:
-    """Return name and kind of every case of the plant."""
+def listed() -> list[Listed]:
+    """Return every case of the plant."""
     done = subprocess.run([sys.executable, str(PLANT), "--list"], capture_output=True, text=True, check=True)
-    return [(name, kind) for name, kind in (line.split("\t") for line in done.stdout.splitlines())]
+    lines = (line.split("\t") for line in done.stdout.splitlines())
+    return [Listed(name, kind, int(first)) for name, kind, first in lines]

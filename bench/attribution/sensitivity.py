@@ -73,7 +73,7 @@ def main(arguments: Sequence[str]) -> None:
     chosen = [c for c in changes() if given.numbers is None or c.number in given.numbers]
     for name in sorted({*(given.numbers or ())} - {c.number for c in changes()}):
         parser.error(f"the criteria have no number {name}")
-    for name in sorted({*given.cases} - {name for name, _ in listed()}):
+    for name in sorted({*given.cases} - {case.name for case in listed()}):
         parser.error(f"the plant has no case {name}")
     cases = drawn(given.cases, given.first, given.quality, given.out)
     found = run(cases, chosen, given.out / "sensitivity.jsonl")

@@ -83,8 +83,11 @@ def drawn(parameter: Parameter, rng: np.random.Generator) -> float:
 def random_drive(built: Model, vehicle: str, rng: np.random.Generator) -> dict[str, float]:
     """Return a random point at which states that follow the speed are near it."""
     point = random_point(built, vehicle, rng)
-    own = set(built.start) - set(load("vehicles", vehicle).STATES)
-    return point | {s: point["speed"] + point[s] for s in own if built.start[s] == "speed"}
+    follow = [s for s in built.start if built.start[s] == "speed"]
+    own = [s for s in follow if s not in load("vehicles", vehicle).STATES]
+    # without an input of that name it is a state of the vehicle that begins as the speed
+    named = ["speed", *(s for s in follow if s not in own)]
+    return point | {s: point[next(n for n in named if n in point)] + point[s] for s in own}
 
 
 def compare(vehicle: str, tyre: str | None, built: Model, point: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ import sympy as sp
 
 from harness.models.assembly.assemble import EffectContext
 from harness.models.contracts import Parameter
+from harness.models.effects import _acceleration
 
 PITCHING = 0.15
 """s; time constant of the pitch."""
@@ -28,8 +29,5 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 def apply(e: EffectContext, value: sp.Expr) -> sp.Expr:
     """Add ``-m h (a_x - g_x)``, which loads the front when the body slows down."""
-    settled = e.state("pitch_speed", start="speed")
-    acceleration = (e.body.speed - settled) / PITCHING
-    e.derivative("pitch_speed", acceleration)
     height = e.p("longitudinal_transfer_height")
-    return value - e.mass * height * (acceleration - e.at_body("longitudinal_gravity"))
+    return value - e.mass * height * _acceleration.behind(e, "pitch_speed", PITCHING)

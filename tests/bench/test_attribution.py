@@ -14,7 +14,7 @@ from bench.attribution.__main__ import gathered, main, wanted
 from bench.attribution.gate import BLOCK, SHARES, drawn
 from bench.attribution.oracle import free_parameters, true_hypotheses, write_oracle
 from bench.attribution.renew import MARKS
-from bench.attribution.run import NOMINAL, PLANT, Case, Tracer, listed, task_of, written
+from bench.attribution.run import NOMINAL, PLANT, Case, Listed, Tracer, listed, task_of, written
 from bench.attribution.score import FAILED, SECONDS, load, score, text
 from bench.attribution.tables import (
     alarms,
@@ -351,7 +351,7 @@ def test_tables_without_cases_are_left_out(several):
 
 
 def test_cases_are_chosen_by_vehicle_and_magnitude():
-    names = [n for n, _ in listed() if wanted(n, "car", "medium")]
+    names = [case.name for case in listed() if wanted(case.name, "car", "medium")]
     assert {"car-none", "car-crosswind-medium", "car-parameters-mass"} <= set(names)
     assert not any(n.endswith(("-small", "-large")) or n.startswith("semitrailer") for n in names)
 
@@ -414,12 +414,19 @@ def shortened(recording):
 
 def test_draws_at_random_hold_the_shares_and_depend_on_their_number_alone():
     kinds = {"none": 1, "parameters": 2, "effect": 5, "pair": 2, "unlisted": 2}
-    cases = [(f"{v}-{k}-{i}", k) for v in ("car", "semitrailer") for k, n in kinds.items() for i in range(n)]
+    cases = [Listed(f"{v}-{k}-{i}", k) for v in ("car", "semitrailer") for k, n in kinds.items() for i in range(n)]
     found = drawn(cases, 0, 20 * BLOCK)
     for block in (found[:BLOCK], found[BLOCK : 2 * BLOCK]):
         assert {k: sum(f"-{k}-" in name for name, _ in block) for k in SHARES} == SHARES
     assert drawn(cases, 100, 80) == found[100:180]
-    assert {name for name, _ in found} == {name for name, _ in cases}
+    assert {name for name, _ in found} == {case.name for case in cases}
     cars = sum(name.startswith("car-") for name, _ in found)
     assert abs(cars / len(found) - 0.5) < 4 * 0.5 / np.sqrt(len(found))
     assert [n for _, n in found] == list(range(20 * BLOCK))
+
+
+def test_a_case_that_is_new_leaves_earlier_draws_what_they_were():
+    cases = [Listed(f"car-effect-{i}", kind) for i in range(3) for kind in SHARES]
+    later = drawn([*cases, Listed("car-effect-new", "effect", BLOCK)], 0, 6 * BLOCK)
+    assert later[:BLOCK] == drawn(cases, 0, BLOCK)
+    assert "car-effect-new" in {name for name, _ in later[BLOCK:]}

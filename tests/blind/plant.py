@@ -120,7 +120,9 @@ def write(case: Case, repeat: int, out: Path, quality: str = "clean") -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--list", action="store_true", help="print every case: name, kind")
+    parser.add_argument(
+        "--list", action="store_true", help="print every case: name, kind, first draw that may choose it"
+    )
     parser.add_argument("--case", help="a name from the list, or a whole number that draws one")
     parser.add_argument("--repeat", type=int, default=0, help="other drives, noise and signs of a named case")
     parser.add_argument("--quality", choices=("clean", "field"), default="clean", help="of the recording")
@@ -128,7 +130,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     known = cases()
     if given.list:
-        print("\n".join(f"{case.name}\t{case.kind}" for case in known.values()))
+        print("\n".join(f"{case.name}\t{case.kind}\t{case.first_draw}" for case in known.values()))
         return 0
     if not given.case or not given.out:
         parser.error("give --case and --out, or --list")

@@ -88,6 +88,7 @@ class Case:
     effects: tuple[str, ...] = ()
     magnitude: str = ""
     mismatch: str = ""
+    first_draw: int = 0
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,10 @@ def cases() -> dict[str, Case]:
         found += [Case(f"{vehicle}-parameters-{m}", vehicle, "parameters", mismatch=m) for m in MISMATCHES[vehicle]]
         for effect in catalogue.values():
             kind = "effect" if effect.in_library else "unlisted"
-            found += [Case(f"{vehicle}-{effect.name}-{m}", vehicle, kind, (effect.name,), m) for m in MAGNITUDES]
+            found += [
+                Case(f"{vehicle}-{effect.name}-{m}", vehicle, kind, (effect.name,), m, first_draw=effect.first_draw)
+                for m in MAGNITUDES
+            ]
         found += [Case(f"{vehicle}-{'+'.join(p)}", vehicle, "pair", p, "medium") for p in PAIRS[vehicle]]
     return {case.name: case for case in found}
 
@@ -151,7 +155,7 @@ def choose(seed: int) -> Case:
     """Return a case at random: first its kind, each as likely, then one of that kind."""
     rng = np.random.default_rng(seed)
     kind = KINDS[rng.integers(len(KINDS))]
-    of_kind = [case for case in cases().values() if case.kind == kind]
+    of_kind = [case for case in cases().values() if case.kind == kind and case.first_draw <= seed]
     return of_kind[rng.integers(len(of_kind))]
 
 

@@ -30,6 +30,7 @@ class Effect:
         change: Field of ``Changes`` at whose time it sets in.
         equivalent: Names under which the tracer may report the same equations.
         in_library: Whether the library has it.
+        first_draw: Seed of the first draw that may choose it, so that earlier ones stay what they were.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Effect:
     change: str = ""
     equivalent: tuple[str, ...] = ()
     in_library: bool = True
+    first_draw: int = 0
 
     def draw(self, magnitude: str, rng: np.random.Generator) -> tuple[str, dict[str, float]]:
         """Return the place (empty if there is no choice) and the values in SI units."""
@@ -105,6 +107,15 @@ def _sensors(vehicle: str) -> list[Effect]:
             ("rad*s^2/m",),
             "3.4 deg of lean per g are usual, 8 deg a tall load on soft springs",
             equivalent=("sensor_gain",),
+        ),
+        Effect(
+            "sensor_misalignment",
+            {"misalignment@{}": (0.01, 0.03, 0.08)},
+            ("rad",),
+            "0.6, 1.7 and 4.6 deg about the vertical axis; fitted by eye it is some 2 deg",
+            places=tuple(c for c in (accelerometer, "lateral_velocity") if c in channels),
+            signed=True,
+            first_draw=4098,
         ),
     ]
 

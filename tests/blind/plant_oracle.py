@@ -31,6 +31,7 @@ _SENSORS = {
     "gain_loss_per_speed": "sensor_speed_loss",
     "sensor_delay": "sensor_delay",
     "lever_arm": "sensor_lever_arm",
+    "misalignment": "sensor_misalignment",
     "roll_per_acceleration": "roll_gain",
 }
 _SAME_NAME = {

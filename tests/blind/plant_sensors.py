@@ -62,6 +62,7 @@ class Channel(NamedTuple):
     sensor_delay: float = 0.0  # s
     lever_arm: float = 0.0  # m that the accelerometer sits ahead of the CoG
     roll_per_acceleration: float = 0.0  # rad per m/s^2, lean of its body out of the turn
+    misalignment: float = 0.0  # rad that it is turned to the left about the vertical axis
 
 
 ROLL_FREQUENCY, ROLL_DAMPING = 8.0, 0.4
@@ -125,6 +126,8 @@ def sensed(vehicle: str, truth: Array, inputs: Mapping[str, Array], wrong: Mappi
         signal = signal + channel.lever_arm * named[_TURNING[vehicle]]
         roll = channel.roll_per_acceleration * _swung(signal) if channel.roll_per_acceleration else 0.0
         signal = signal * np.cos(roll) + GRAVITY * np.sin(roll)
+        along = inputs["speed"] if name == "lateral_velocity" else np.gradient(inputs["speed"], STEP)
+        signal = signal * np.cos(channel.misalignment) - along * np.sin(channel.misalignment)
         late = round(channel.sensor_delay / STEP)
         signal = np.concatenate([np.full(late, signal[0]), signal[: len(signal) - late]])
         gain = 1.0 + channel.gain_error - channel.gain_loss_per_speed * inputs["speed"]

@@ -15,7 +15,7 @@ from plant_drives import DRIVERS, RUN_IN, STEP, half_steps
 from plant_drives import draw as draw_drive
 from plant_environment import Column, Surroundings, inputs, steered
 from plant_equations import GRAVITY, INPUTS, OUTPUTS, Car, Semitrailer, semitrailer_rates
-from plant_sensors import NOISE, record
+from plant_sensors import NOISE, record, sensed
 from plant_simulation import solve
 
 from harness.models.assembly.assemble import assemble, symbol
@@ -280,6 +280,17 @@ def test_noise_has_the_stated_deviation_and_sensors_their_faults(plans):
     seen = a * np.cos(0.01 * a) + GRAVITY * np.sin(0.01 * a)
     assert (faulty["lateral_acceleration"] - clean["lateral_acceleration"])[-1] == pytest.approx(seen - a)
     np.testing.assert_array_equal(faulty["lateral_velocity"], clean["lateral_velocity"])
+
+
+def test_a_turned_sensor_reads_a_part_of_what_lies_across():
+    out = solve(NOMINAL["car"], constant(RUN_IN + 120.0, steering_wheel_angle=0.3, speed=20.0), STEP)
+    braking = {"steering_wheel_angle": np.full(len(out), 0.3), "speed": 20.0 - 2.0 * np.arange(len(out)) * STEP}
+    y, turned = named("car", out[-1:]), Channel(misalignment=0.04)
+    wrong = {"lateral_acceleration": turned, "lateral_velocity": turned}
+    found = {name: values[-1] for name, values in sensed("car", out, braking, wrong).items()}
+    a, v = y["lateral_acceleration"][0], y["lateral_velocity"][0]
+    assert found["lateral_acceleration"] == pytest.approx(a * np.cos(0.04) + 2.0 * np.sin(0.04))
+    assert found["lateral_velocity"] == pytest.approx(v * np.cos(0.04) - braking["speed"][-1] * np.sin(0.04))
 
 
 @pytest.mark.parametrize("vehicle", ["semitrailer", "car"])

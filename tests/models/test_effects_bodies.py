@@ -86,6 +86,22 @@ def test_a_lever_arm_follows_rigid_body_kinematics():
     assert read(x, u)[0] == pytest.approx((ahead - behind) / (2 * h) + w * 20.0, rel=1e-6)
 
 
+def test_a_sensor_that_is_turned_reads_a_part_of_what_lies_across():
+    """Turned to the left by 0.05 rad; the vehicle brakes, the speed behind its lag of 50 ms is 0.2 m/s higher."""
+    names, turned = ("lateral_acceleration", "lateral_velocity"), (np.cos(0.05), np.sin(0.05))
+    own = {f"sensor_misalignment_{name}": 0.05 for name in names}
+    at = {"misaligned_speed_lateral_acceleration": 20.2, "lateral_velocity": -0.5, "yaw_rate": 0.2}
+    read = (*names, *(f"sensor_{name}" for name in names))
+    a, v, read_a, read_v = look("car", ("sensor_misalignment",), read, own, **at)
+    assert read_a == pytest.approx(turned[0] * a + turned[1] * 4.0)
+    assert read_v == pytest.approx(turned[0] * v - turned[1] * 20.0)
+    own = {"sensor_misalignment_longitudinal_acceleration": 0.05}
+    names = ("lateral_acceleration", "longitudinal_acceleration", "sensor_longitudinal_acceleration")
+    a, along, reading = look("car_two_track", ("sensor_misalignment",), names, own, lateral_force_axle_fl=6e3)
+    assert a > 1.0
+    assert reading == pytest.approx(turned[0] * along + turned[1] * a)
+
+
 def test_a_leaning_accelerometer_reads_more_in_a_bend_and_settles_in_time():
     own = {"roll_gain": 0.01, "roll_frequency": 8.0}
     steady = {"leaning_lateral_acceleration": 3.0, "lateral_velocity": -0.5}
@@ -114,6 +130,7 @@ LEANS_TO_ONE_SIDE = {
     "steering_offset",
     "tyre_force_offset",
     "sensor_bias",
+    "sensor_misalignment",
     "road_bank_varying",
     "road_bank_measured",
 }
