@@ -36,6 +36,7 @@ from harness.cli.recorded_options import (
     UnknownOption,
 )
 from harness.common.errors import UserError
+from harness.common.stages import showing
 
 if TYPE_CHECKING:
     from harness.api.estimator import Estimator
@@ -102,7 +103,7 @@ def estimate(
 
     chosen = [_estimator(text) for text in estimator]
     references = {k: str(v) for k, v in pairs(reference, "--reference").items()}
-    with Console(stderr=True).status("reading"):
+    with showing(Console(stderr=True), "reading"):
         recordings = given.recordings()
     found = estimated(
         given.believed(recordings),
@@ -114,7 +115,7 @@ def estimate(
         seed=seed,
         jobs=jobs,
     )
-    with Console(stderr=True).status("writing the report"):
+    with showing(Console(stderr=True), "writing the report"):
         written = found.report(out, command(), form)
     for note in found.notes:
         Console(stderr=True).print(Text(f"note: {note}"), soft_wrap=True)

@@ -17,6 +17,7 @@ from harness.cli.options import (
     TyreOption,
 )
 from harness.cli.recorded_options import IntegratorOption
+from harness.common.stages import showing
 
 
 def identify(
@@ -73,7 +74,7 @@ def identify(
     )
     for note in found.notes:
         Console(stderr=True).print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
-    with Console(stderr=True).status("writing the report"):
+    with showing(Console(stderr=True), "writing the report"):
         written = found.report(out, command())
     console, estimates = Console(), found.estimates
     console.print(Text(found.answer, style="bold"), soft_wrap=True)

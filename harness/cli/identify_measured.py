@@ -16,6 +16,7 @@ from pathlib import Path
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.stages import showing
 from harness.identification.measured import IdentifyStudy, identified
 from harness.identification.measured_report import document
 from harness.identification.result import write_outcome
@@ -38,8 +39,8 @@ def main(arguments: Sequence[str]) -> None:
     if study.absent:
         print(study.absent)
         return
-    with Console(stderr=True).status("starting") as status:
-        found = identified(study, chosen.jobs, status.update)
+    with showing(Console(stderr=True), "starting") as show:
+        found = identified(study, chosen.jobs, show)
     command = f"python -m harness.cli.identify_measured {shlex.join(arguments)}"
     names = ", ".join(j.drive.name for j in found.judged if not j.held_out)
     source = f"{study.path}, method {found.fit.method}, on {names}"

@@ -9,6 +9,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.common.stages import showing
+
 
 def loop(
     file: Annotated[Path, typer.Argument(help="Loop file, such as studies/loops/genesis.toml.")],
@@ -31,7 +33,7 @@ def loop(
         Console().print(Text(study.absent), soft_wrap=True)
         return
     folder, console = out if out is not None else RESULTS / f"loop-{file.stem}", Console(stderr=True)
-    with console.status("reading the recordings"):
+    with showing(console, "reading the recordings"):
         drives = study.drives()
     answers = trace_study(study, drives, folder, jobs, console)
     for answer in answers:

@@ -38,6 +38,7 @@ from harness.cli.view import view
 from harness.common.errors import UserError
 from harness.common.files import refuse_url
 from harness.common.places import is_url
+from harness.common.stages import showing
 
 if TYPE_CHECKING:
     from harness.api.results import Results
@@ -189,7 +190,7 @@ def _write_report(results: Results, console: Console, answer: bool = False) -> N
     from harness.study.report import NOT_VERIFIABLE
 
     aside = Console(stderr=True)
-    with aside.status("writing the report"):
+    with showing(aside, "writing the report"):
         files = results.report()
     if not results.is_verifiable:
         aside.print(Text(f"{results.folder}: {NOT_VERIFIABLE}", style="yellow"), soft_wrap=True)

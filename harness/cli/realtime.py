@@ -9,6 +9,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.common.stages import showing
+
 DURATION = "30 s"
 """As Ziaukas 2023, Bild 6.9."""
 
@@ -40,13 +42,13 @@ def realtime(
     loaded = load_study(study_path(study))
     chosen, cycle = drive if drive is not None else loaded.drives[0].name, loaded.belief.step
     console = Console()
-    with console.status("building models and drives") as status:
+    with showing(console, "building models and drives") as show:
         field = contestants(loaded, chosen, seconds)
-        times = measure(field, round(seconds / cycle) + 1, cycle, status.update)
+        times = measure(field, round(seconds / cycle) + 1, cycle, show)
         outcome = judge(times, loaded, chosen)
         folder = out if out is not None else RESULTS / f"realtime-{loaded.name}"
         write(outcome, folder)
-        status.update("writing the report")
+        show("writing the report")
         paths = write_report(outcome, folder, first_page_of_times(outcome, folder))
     console.print(Text(headline(outcome), style="bold"), soft_wrap=True)
     for path in paths:

@@ -9,6 +9,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from harness.common.stages import showing
+
 
 def remedy(
     study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
@@ -60,7 +62,7 @@ def remedy(
     agree = None if yes else agree_to
     tried = try_remedies(loaded, folder, estimator, equipment, jobs, agree, restart)
     console = Console()
-    with Console(stderr=True).status("writing the report"):
+    with showing(Console(stderr=True), "writing the report"):
         files = write_report(tried, folder, command())
     console.print(Text(headline(tried), style="bold"), soft_wrap=True)
     for path in files:

@@ -17,6 +17,7 @@ from harness.cli.options import (
     TyreOption,
     study_path,
 )
+from harness.common.stages import showing
 
 
 def trace(
@@ -69,7 +70,7 @@ def trace(
     fitted, held_out = ([read_recording(each, channels) for each in paths] for paths in (train, test))
     nominal = model_of(ModelOptions(model, parameters, tyre, effect, sensors, values))
     diagnosis.fit(nominal, fitted, held_out, out)
-    with Console(stderr=True).status("writing the report"):
+    with showing(Console(stderr=True), "writing the report"):
         written = diagnosis.report(out, command())
     Console().print(Text(diagnosis.answer_, style="bold"), soft_wrap=True)
     for file in written:

@@ -34,6 +34,7 @@ from harness.cli.recorded_options import (
     UnknownOption,
 )
 from harness.common.errors import UserError
+from harness.common.stages import showing
 
 ObjectiveOption = Annotated[
     Literal["likelihood", "worst-case"],
@@ -146,8 +147,8 @@ def _study(study: str, drives: str, budget: int, repeats: int, only: Sequence[st
     refuse_input(out, loaded.path, Path(drives))
     training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
     console = Console(stderr=True)
-    with console.status("tuning") as status:
-        found = search(training, budget, repeats, lambda name: status.update(f"tuning {name}"), only)
+    with showing(console, "tuning") as show:
+        found = search(training, budget, repeats, lambda name: show(f"tuning {name}"), only)
     write_tuning(out, training, budget, repeats, found, command())
     table = Table("estimator", "process", "unknown inputs", "measurement", "log-likelihood before", "after", box=None)
     for name, tuning in found.items():
@@ -188,12 +189,12 @@ def _worst_case(
     box = loaded.design(design or names[0])
     training = dataclasses.replace(loaded, drives=load_drives(drives, loaded.path.parent))
     console = Console(stderr=True)
-    with console.status("simulating the training runs") as status:
+    with showing(console, "simulating the training runs") as show:
         found = worst_case.tune_for_worst_case(
-            training, box, budget, points, only, jobs=jobs, progress=lambda name: status.update(f"tuning {name}")
+            training, box, budget, points, only, jobs=jobs, progress=lambda name: show(f"tuning {name}")
         )
         worst_case.write_worst_case(out, training, box, budget, points, found, command())
-        status.update("report")
+        show("report")
         files = write(worst_case_report.document(training, box, found, command()), out.parent, out.stem)
     Console().print(Text(worst_case_report.answer(found), style="bold"), soft_wrap=True)
     for path in (out, *files):
@@ -210,12 +211,12 @@ def _recordings(given: RecordedOptions, by: Literal["state", "unit"], out: Path)
     if out.suffix != ".toml":
         raise UserError(f"--out {out}: name a TOML file, such as tuned.toml")
     console = Console(stderr=True)
-    with console.status("reading") as status:
+    with showing(console, "reading") as show:
         recordings = given.recordings()
         believed = believed_on(given.believed(recordings), recordings, inputs=given.inputs, jobs=given.jobs)
-        status.update("compiling")
-        found = tune_noise(believed, recordings, by, status.update)
-        status.update("report")
+        show("compiling")
+        found = tune_noise(believed, recordings, by, show)
+        show("report")
         files = write_tuning(out, found)
         files += write(document(found, command()), out.parent, out.stem)
     Console().print(Text(answer(found), style="bold"), soft_wrap=True)

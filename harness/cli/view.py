@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.common.errors import UserError
+from harness.common.stages import showing
 
 
 def view(
@@ -41,7 +42,7 @@ def view(
     for folder in folders:
         refuse_url(folder)
     console = Console(stderr=True)
-    with console.status("reading the results and building the models"):
+    with showing(console, "reading the results and building the models"):
         page = Page(pages(folders, study), port)
     Console().print(Text(page.address), soft_wrap=True)
     console.print("Ctrl-C ends it")

@@ -10,6 +10,7 @@ import xarray as xr
 from rich.console import Console
 
 from harness.common.files import json_text, write_files
+from harness.common.stages import showing
 from harness.config import ModelSpec
 from harness.diagnosis.report import parameter_changes
 from harness.diagnosis.report.report import document
@@ -129,7 +130,7 @@ def _write(
     answer: str = "",
 ) -> None:
     """Write ``loop.json`` and the report, with an answer before that of the trace and further evidence behind it."""
-    with console.status("writing the report"):
+    with showing(console, "writing the report"):
         errors = outcome.failures.attempt(
             "loop.json, the error of each model on the held-out drives", lambda: held_out(outcome, stated), lambda _: {}
         )

@@ -20,6 +20,7 @@ from rich.console import Console
 from harness.cli.options import answers_errors
 from harness.common.errors import UserError
 from harness.common.files import json_text, read_text, renewed, write_files
+from harness.common.stages import showing
 from harness.reporting.document import write
 from harness.reproductions.published import (
     kit,
@@ -64,9 +65,9 @@ def chapters(stored: Stored, names: Sequence[str], console: Console) -> list[Cha
         begin, module = time.perf_counter(), CHAPTERS[name]
         rows: list[Row] = []
         records = module.records()
-        with console.status(module.TITLE) as status:
+        with showing(console, module.TITLE) as show:
             for number, record in enumerate(records, start=1):
-                status.update(f"{module.TITLE}: {number} of {len(records)}, {record.quantity}")
+                show(f"{module.TITLE}: {number} of {len(records)}, {record.quantity}")
                 rows.append(answer(record, stored))
         found.append(Chapter(module.TITLE, module.NOTE, rows))
         console.print(f"{module.TITLE}: {len(rows)} records in {time.perf_counter() - begin:.0f} s")

@@ -19,6 +19,7 @@ from harness.campaign.remedy.judge import Outcome, best, harm, judged
 from harness.campaign.remedy.promise import Promise, promises
 from harness.common.errors import ModelError, UserError
 from harness.common.lock import locked
+from harness.common.stages import showing
 from harness.config import Study
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import load_estimator
@@ -124,7 +125,7 @@ def try_remedies(
         chosen = best(outcomes, first)
         ideal = Remedy(amended=True) if is_traced else Remedy(known=plan.drivers)
         known = _all(attempt, [replace(ideal, equipment=chosen.remedy.equipment)], console, {})
-        with console.status("timing single steps"):
+        with showing(console, "timing single steps"):
             cycle = step_in_cycle(first.study), step_in_cycle(chosen.study)
             alone = Remedy(equipment=chosen.remedy.equipment)
             plain = next((o.study for o in outcomes if o.remedy == alone and alone != AS_IT_IS), None)
@@ -164,7 +165,7 @@ def _plan(study: Study, estimator: str, out: Path, most: int, console: Console) 
             f"'{estimator}': there is nothing to remedy"
         )
     equipments, _ = _of_use(study)
-    with console.status("what could be known of the parameters at best"):
+    with showing(console, "what could be known of the parameters at best"):
         promise, impossible = promises(study, estimator, drivers, equipments)
     chosen = choices.promising({e: promise[e].share for e in equipments if e in promise}, most)
     file = load_estimator(_kind(study, estimator))
@@ -254,7 +255,7 @@ def _tuned(
     path = out / f"{remedy.slug}.toml"
     if restart or not path.is_file():
         bare = choices.applied(study, replace(remedy, tuned=False), estimator)
-        with console.status("tuning for the worst case"):
+        with showing(console, "tuning for the worst case"):
             found = tune_for_worst_case(bare, bare.designs[0], CANDIDATES, weights=(1.0,), jobs=jobs)
         write_worst_case(path, bare, bare.designs[0], CANDIDATES, POINTS, found, "harness remedy")
     return path
