@@ -105,7 +105,7 @@ def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, m
     assert files == [str(out / "report.html"), str(out / "report.pdf")]
     assert all(Path(file).stat().st_size for file in files)
     assert len(analysed) == 1
-    assert err == f"{out}: {report.NOT_VERIFIABLE}\n"
+    assert err.splitlines()[-1] == f"{out}: {report.NOT_VERIFIABLE}"  # a slow machine says what it writes before
 
 
 def test_run_on_a_cluster_takes_its_client_from_the_options(harness, small_study, tmp_path, monkeypatch):
