@@ -77,6 +77,7 @@ def _axle_states(axle: str, where: str) -> list[Signal]:
     return [
         Signal(f"load_share_axle_{axle}", "s", "1", "1", "axle", f"share in the load of its bogie, {where}"),
         Signal(f"relaxed_force_axle_{axle}", "F_r", "N", "kN", "axle", f"relaxing lateral force, {where}"),
+        Signal(f"swivelled_{axle}", r"\alpha_S", "rad", "deg", "axle", f"slip angle behind trailing wheels, {where}"),
     ]
 
 

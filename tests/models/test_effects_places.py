@@ -52,7 +52,8 @@ def test_one_place_after_the_other_equals_both_at_once():
 
 def test_axles_that_share_a_tyre_share_its_effect():
     assert sorted(added(["tyre_stiffness_drift"])[0]) == [f"stiffness_drift_{group}" for group in ("11", "12", "2")]
-    assert sorted(added(["self_steering_axle"])[0]) == [f"self_steering_{a}" for a in ("11", "12", "21", "22", "23")]
+    own = ("self_steering", "self_steering_lag")
+    assert sorted(added(["self_steering_axle"])[0]) == [f"{p}_{a}" for p in own for a in ("11", "12", "21", "22", "23")]
 
 
 def test_states_belong_to_the_place_too():

@@ -91,15 +91,30 @@ def test_a_shifted_load_moves_weight_and_keeps_it():
     assert shifted == pytest.approx(evaluator(moved, there)(x, u), rel=1e-9)
 
 
+AT_ONCE = {f"self_steering_lag_{axle}": 0.0 for axle in ("11", "12", "21", "22", "23")}
+
+
 def test_an_axle_that_steers_itself_loses_slip_and_one_that_rolls_steers_into_the_bend():
     name = ("slip_angle_axle_23",)
     at = {"lateral_velocity_trailer": 0.4, "yaw_rate_trailer": 0.1}
-    (plain,) = look("semitrailer", ("self_steering_axle",), name, {}, **at)
-    (half,) = look("semitrailer", ("self_steering_axle",), name, {"self_steering_23": 0.5}, **at)
+    (plain,) = look("semitrailer", ("self_steering_axle",), name, AT_ONCE, **at)
+    (half,) = look("semitrailer", ("self_steering_axle",), name, {**AT_ONCE, "self_steering_23": 0.5}, **at)
     leaning = {**at, "roll_steer_leaning_2": 1.5}
     (rolled,) = look("semitrailer", ("roll_steer",), name, {**ROLL, "roll_steer_2": 0.002}, **leaning)
     assert half == pytest.approx(plain / 2)
     assert rolled == pytest.approx(plain + 0.002 * 1.5)
+
+
+def test_wheels_that_trail_turn_behind_their_damper():
+    effect, name = ("self_steering_axle",), ("slip_angle_axle_23",)
+    at = {"lateral_velocity_trailer": 0.4, "yaw_rate_trailer": 0.1}
+    own = {**AT_ONCE, "self_steering_23": 0.5, "self_steering_lag_23": 0.4}
+    (plain,) = look("semitrailer", effect, name, AT_ONCE, **at)
+    (still,) = look("semitrailer", effect, name, own, **at)
+    (turned,) = look("semitrailer", effect, name, own, **at, swivelled_23=plain)
+    assert still == pytest.approx(plain, rel=1e-3)
+    assert turned == pytest.approx(plain / 2)
+    assert rates("semitrailer", effect, own, **at)["swivelled_23"] == pytest.approx(plain / 0.4, rel=1e-3)
 
 
 def test_what_steers_by_roll_follows_the_lateral_acceleration_of_its_own_body():
