@@ -58,6 +58,7 @@ def identify(
     """
     from rich.console import Console
 
+    from harness.common.stages import showing
     from harness.identification.data import step_of
     from harness.identification.fit_recordings import Task, fit_recordings
 
@@ -66,8 +67,8 @@ def identify(
     spec = model.resolved_for([*fitted, *held_out], step=step_of(fitted[0]))
     names = (free,) if isinstance(free, str) else tuple(free)
     task = Task(spec, fitted, names, held_out, method, dict(settings or {}), seed, jobs)
-    with Console(stderr=True).status("compiling") as status:
-        return Identification(fit_recordings(task, status.update))
+    with showing(Console(stderr=True), "compiling") as show:
+        return Identification(fit_recordings(task, show))
 
 
 def _is_none(given: Any) -> bool:
