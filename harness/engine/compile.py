@@ -241,10 +241,9 @@ class CompiledModel:
         self._amplitudes = sorted({names.index(n) for of_flag in model.flags.values() for n in of_flag})
         neutral = [model.parameters[row].neutral for row in self._amplitudes]
         self._neutral = np.array([np.nan if value is None else value for value in neutral]).reshape(-1, 1)
-        self._of_condition = [
-            [self._amplitudes.index(names.index(n)) for flag in flags for n in model.flags[flag]]
-            for flags in kernels.CONDITIONS
-        ]
+        self._of_condition = np.zeros((len(kernels.CONDITIONS), len(self._amplitudes)), dtype=bool)
+        for row, flags in zip(self._of_condition, kernels.CONDITIONS, strict=True):
+            row[[self._amplitudes.index(names.index(n)) for flag in flags for n in model.flags[flag]]] = True
 
     def parameter_vector(self, values: dict[str, float]) -> np.ndarray:
         """Return the parameters in the model's order, shape ``(np,)``."""
@@ -261,9 +260,8 @@ class CompiledModel:
         given = batches(np.ascontiguousarray(parameters, dtype=float), 2)
         c = np.zeros((len(given), self.nc, self.lanes))
         self.kernels.constants(given, c)
-        in_force = self._in_force(given)
-        for i, columns in enumerate(self._of_condition, int(self.kernels.CONSTANTS)):
-            c[:, i] = np.any(in_force[:, columns], axis=1, keepdims=True)
+        first, conditions = int(self.kernels.CONSTANTS), self._of_condition
+        c[:, first : first + len(conditions)] = (self._in_force(given) @ conditions.T)[:, :, None]
         return c[0] if np.ndim(parameters) == 2 else c
 
     def _in_force(self, given: np.ndarray) -> np.ndarray:

@@ -110,16 +110,14 @@ class InputEffects:
         G, D = (_among(part, errors.visible, len(errors.rows)) for part in (G, D))
         lasting, P = errors.transition, errors.covariance
         n, m = A.shape[1], P.shape[1]
-        joint, spread = np.zeros((n + m, n + m)), np.empty((len(A), H.shape[1]))
-        M, seen = np.zeros((n + m, n + m)), np.concatenate([H, D], axis=2)
-        joint[n:, n:] = P[0]
-        for k in range(len(A)):
-            if k > 0:
-                M[:n, :n], M[:n, n:], M[n:, n:] = A[k - 1], G[k - 1], lasting[k]
-                joint = M @ joint @ M.T
-                joint[n:, n:] = P[k]
-            spread[k] = np.einsum("ai,ij,aj->a", seen[k], joint, seen[k])
-        return spread
+        joint, M = np.zeros((len(A), n + m, n + m)), np.zeros((n + m, n + m))
+        joint[0, n:, n:] = P[0]
+        for k in range(1, len(A)):
+            M[:n, :n], M[:n, n:], M[n:, n:] = A[k - 1], G[k - 1], lasting[k]
+            joint[k] = M @ joint[k - 1] @ M.T
+            joint[k, n:, n:] = P[k]
+        seen = np.concatenate([H, D], axis=2)
+        return np.einsum("kai,kai->ka", seen @ joint, seen)
 
 
 def _among(columns: Floats, places: list[int], count: int) -> Floats:

@@ -150,6 +150,8 @@ class _Comparison:
         self.fits, self.rounds = fits, rounds
         self._prediction = Prediction(fits.augmented)
         self._known: dict[int, _Predicted] = {}  # by the fit, which is kept beside
+        self._odds = log_odds(hypotheses(fits.augmented, fits.free))
+        self._alike: dict[Hypothesis, Alike] = {}
 
     def likeliest(self, models: Sequence[tuple[Added, Fitted]]) -> tuple[Added, Fitted]:
         """Return the likeliest of some models, weighed among themselves.
@@ -204,9 +206,10 @@ class _Comparison:
         found = self.fits.augmented.share(lambda model: self._predicted(*model), new)
         self._known |= {id(p.fitted): p for p in found}
         predicted = [self._known[id(fitted)] for _, fitted in models]
-        odds = log_odds(hypotheses(self.fits.augmented, self.fits.free))
-        classes = [[_alike(h, self.rounds, odds) for h in p.added] for p in predicted]
-        priors = [_log_prior(p, c, odds) for p, c in zip(predicted, classes, strict=True)]
+        for h in dict.fromkeys(h for p in predicted for h in p.added if h not in self._alike):
+            self._alike[h] = _alike(h, self.rounds, self._odds)
+        classes = [[self._alike[h] for h in p.added] for p in predicted]
+        priors = [_log_prior(p, c, self._odds) for p, c in zip(predicted, classes, strict=True)]
         return _Weighed(predicted, classes, np.array(priors), shared_horizons(np.array([p.blocks for p in predicted])))
 
     def _predicted(self, added: Added, fitted: Fitted) -> _Predicted:
