@@ -24,9 +24,10 @@ from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing, predicts_better
 
 
-def passing(name, normalised_excess_mse, random=False):
+def passing(name, excess, allowed=0.0, random=False):
     hypothesis = SimpleNamespace(name=name, random=random)
-    return SimpleNamespace(hypothesis=hypothesis, held_out=SimpleNamespace(normalised_excess_mse=normalised_excess_mse))
+    held_out = Judgement(0.0, np.zeros(1), np.array([excess]), (), None, allowed)
+    return SimpleNamespace(hypothesis=hypothesis, held_out=held_out)
 
 
 def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
@@ -37,13 +38,21 @@ def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
     assert preferred([]) is None
 
 
-def test_a_random_process_is_added_only_if_nothing_alone_strays_less():
-    drift, other = passing("sensor_drift@yaw_rate", 0.74, random=True), passing("sensor_drift@speed", 0.1, random=True)
+def test_a_random_process_is_added_only_if_nothing_alone_predicts_the_free_run_better():
+    drift = passing("sensor_drift@yaw_rate", 0.5, allowed=0.2, random=True)
+    other = passing("sensor_drift@speed", 0.1, random=True)
     bias, bank, many = passing("sensor_bias@yaw_rate", 0.43), passing("road_bank", 0.9), passing(ALL_PARAMETERS, 0.5)
     assert preferred([drift, bias]) is bias
     assert preferred([drift, bank, other]) is drift
     assert preferred([bank, drift, bias]) is bank
     assert preferred([many, other, bank]) is many  # what a process allows for is no prediction
+
+
+def test_a_random_process_pays_for_the_error_for_which_it_allows():
+    bias = passing("sensor_bias@yaw_rate", 3.47)
+    assert preferred([passing("sensor_drift@yaw_rate", 3.37, allowed=2.7, random=True), bias]) is bias
+    drift = passing("sensor_drift@yaw_rate", 0.02, allowed=2.7, random=True)
+    assert preferred([drift, bias]) is drift
 
 
 def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():

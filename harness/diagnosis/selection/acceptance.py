@@ -163,16 +163,17 @@ def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
 def preferred(passing: Sequence[Candidate]) -> Candidate | None:
     """Return which of the accepted candidates, best first, is added.
 
-    Many parameters at once are added only if no single hypothesis has less simulation error: they fit anything a
-    little, and out of sample the right one does better. So is a random process: it takes up whatever is slow, a
-    constant as well, and then hides it from score tests, while the rest of it can be added to what predicts more.
+    Many parameters at once, or a random process, are added only if nothing else makes the free run over the held-out
+    drives likelier. Many parameters fit anything a little, and out of sample the right one does better. A process takes
+    up whatever is slow, a constant as well, and then hides it from score tests, while the rest of it can be added to
+    what is no process; the error for which it allows counts against it (``Judgement.log_density``).
     """
     best = next(iter(passing), None)
     if best is None or best.held_out is None or not (best.hypothesis.random or best.hypothesis.name == ALL_PARAMETERS):
         return best
-    reached = best.held_out.normalised_excess_mse
+    reached = best.held_out.log_density
     plain = [c for c in passing if not c.hypothesis.random]
-    return next((c for c in plain if c.held_out is not None and c.held_out.normalised_excess_mse < reached), best)
+    return next((c for c in plain if c.held_out is not None and c.held_out.log_density > reached), best)
 
 
 def hardest(judged: Sequence[Judgement]) -> Judgement:

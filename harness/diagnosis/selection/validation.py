@@ -28,6 +28,7 @@ class Judgement:
             variance of the sensor's noise, of its drift, and of what the errors of the inputs do to a free run.
         drives: The same drive by drive; empty for what is no model of its own.
         point: Values with which it was judged; change times are those of the held-out drives.
+        log_floor: Logarithm of the floor, summed over the outputs, in the mean of the samples.
     """
 
     log_likelihood: float
@@ -35,11 +36,20 @@ class Judgement:
     normalised_excess_mses: Floats
     drives: tuple[DriveJudgement, ...]
     point: Point
+    log_floor: float = 0.0
 
     @property
     def normalised_excess_mse(self) -> float:
         """Excess of all outputs together."""
         return float(np.sum(self.normalised_excess_mses))
+
+    @property
+    def log_density(self) -> float:
+        """Logarithm of the predictive density of a sample in the free run, but for a constant.
+
+        Who allows for a larger error, as a random process does, pays for that by its floor.
+        """
+        return -0.5 * (self.log_floor + self.normalised_excess_mse)
 
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
@@ -84,8 +94,10 @@ class HeldOut:
         found = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
         likelihood = sum(d.log_likelihood for d in found) - 0.5 * change_times * np.log(self.fitting.samples)
         free = [d.simulated for d in found]
-        error, normalised_excess_mses = simulation_error(self.drives, free, self.floors(here))
-        return Judgement(likelihood, error, normalised_excess_mses, found, here)
+        floor = self.floors(here)
+        error, normalised_excess_mses = simulation_error(self.drives, free, floor)
+        log_floor = float(np.log(floor).mean(axis=0).sum())
+        return Judgement(likelihood, error, normalised_excess_mses, found, here, log_floor)
 
     def floors(self, point: Point) -> Floats:
         """Return the variances of the simulation error of a perfect model ``(samples of all drives, ny)``.
