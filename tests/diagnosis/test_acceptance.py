@@ -24,10 +24,10 @@ from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing, predicts_better
 
 
-def passing(name, excess, allowed=0.0, random=False):
+def passing(name, excess, allowed=0.0, random=False, bic=1000.0):
     hypothesis = SimpleNamespace(name=name, random=random)
-    held_out = Judgement(0.0, np.zeros(1), np.array([excess]), (), None, allowed)
-    return SimpleNamespace(hypothesis=hypothesis, held_out=held_out)
+    held_out = Judgement(0.0, np.zeros(1), np.array([excess]), (), None, -0.5 * (allowed + excess))
+    return SimpleNamespace(hypothesis=hypothesis, held_out=held_out, bic=bic)
 
 
 def test_many_parameters_at_once_are_added_only_if_nothing_alone_strays_less():
@@ -53,6 +53,13 @@ def test_a_random_process_pays_for_the_error_for_which_it_allows():
     assert preferred([passing("sensor_drift@yaw_rate", 3.37, allowed=2.7, random=True), bias]) is bias
     drift = passing("sensor_drift@yaw_rate", 0.02, allowed=2.7, random=True)
     assert preferred([drift, bias]) is drift
+
+
+def test_what_gains_less_than_most_of_a_random_process_waits_for_it():
+    drift = passing("sensor_drift@yaw_rate", 0.02, allowed=0.2, random=True)
+    most, less = (passing("sensor_bias@yaw_rate", 0.0, bic=bic) for bic in (600.0, 400.0))
+    assert preferred([drift, most]) is most
+    assert preferred([drift, less]) is drift
 
 
 def test_what_acts_like_the_best_is_fitted_too_where_that_leaves_something():

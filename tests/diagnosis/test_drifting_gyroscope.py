@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
@@ -100,3 +101,14 @@ def test_an_intensity_is_sought_by_its_logarithm_and_without_slopes(augmented, d
     *moved, last = coordinates(augmented, FREE, (drift,), 2)
     assert (last.name, last.kind, last.logarithmic) == (PARAMETER, "intensity", True)
     assert all(c.kind == "parameter" for c in moved)
+
+
+def test_the_density_of_the_free_run_is_that_of_normal_errors_within_the_floor(found):
+    held_out: HeldOut = found.held_out
+    judged = held_out.judge(found.added, found.final.point)
+    errors = np.concatenate(
+        [d.measurements - own.simulated for d, own in zip(held_out.drives, judged.drives, strict=True)]
+    )
+    scale = np.sqrt(held_out.floors(found.final.point))
+    expected = norm.logpdf(errors, scale=scale).mean(axis=0).sum() + 0.5 * errors.shape[1] * np.log(2 * np.pi)
+    assert judged.log_density == pytest.approx(expected)

@@ -163,16 +163,16 @@ def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
 def preferred(passing: Sequence[Candidate]) -> Candidate | None:
     """Return which of the accepted candidates, best first, is added.
 
-    Many parameters at once, or a random process, are added only if nothing else makes the free run over the held-out
-    drives likelier. Many parameters fit anything a little, and out of sample the right one does better. A process takes
-    up whatever is slow, a constant as well, and then hides it from score tests, while the rest of it can be added to
-    what is no process; the error for which it allows counts against it (``Judgement.log_density``).
+    Many parameters at once are added only if nothing else makes the free run over the held-out drives likelier: they
+    fit anything a little, and out of sample the right one does better. Nor is a random process, where the other gains
+    most of what it does: it takes up whatever is slow, a constant as well, and then hides it from score tests, while
+    the rest of it can be added to what is no process. The error for which it allows counts against it.
     """
     best = next(iter(passing), None)
     if best is None or best.held_out is None or not (best.hypothesis.random or best.hypothesis.name == ALL_PARAMETERS):
         return best
-    reached = best.held_out.log_density
-    plain = [c for c in passing if not c.hypothesis.random]
+    reached, enough = best.held_out.log_density, MOST * best.bic if best.hypothesis.random else -math.inf
+    plain = [c for c in passing if not c.hypothesis.random and c.bic > enough]
     return next((c for c in plain if c.held_out is not None and c.held_out.log_density > reached), best)
 
 

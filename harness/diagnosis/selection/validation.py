@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -28,7 +29,8 @@ class Judgement:
             variance of the sensor's noise, of its drift, and of what the errors of the inputs do to a free run.
         drives: The same drive by drive; empty for what is no model of its own.
         point: Values with which it was judged; change times are those of the held-out drives.
-        log_floor: Logarithm of the floor, summed over the outputs, in the mean of the samples.
+        log_density: Logarithm of the predictive density of the free run, but for a constant: of all outputs, in the
+            mean of the samples. Who allows for a larger error, as a random process does, pays for that by its floor.
     """
 
     log_likelihood: float
@@ -36,20 +38,12 @@ class Judgement:
     normalised_excess_mses: Floats
     drives: tuple[DriveJudgement, ...]
     point: Point
-    log_floor: float = 0.0
+    log_density: float = math.nan
 
     @property
     def normalised_excess_mse(self) -> float:
         """Excess of all outputs together."""
         return float(np.sum(self.normalised_excess_mses))
-
-    @property
-    def log_density(self) -> float:
-        """Logarithm of the predictive density of a sample in the free run, but for a constant.
-
-        Who allows for a larger error, as a random process does, pays for that by its floor.
-        """
-        return -0.5 * (self.log_floor + self.normalised_excess_mse)
 
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
@@ -96,8 +90,8 @@ class HeldOut:
         free = [d.simulated for d in found]
         floor = self.floors(here)
         error, normalised_excess_mses = simulation_error(self.drives, free, floor)
-        log_floor = float(np.log(floor).mean(axis=0).sum())
-        return Judgement(likelihood, error, normalised_excess_mses, found, here, log_floor)
+        density = _log_density(self.drives, free, floor)
+        return Judgement(likelihood, error, normalised_excess_mses, found, here, density)
 
     def floors(self, point: Point) -> Floats:
         """Return the variances of the simulation error of a perfect model ``(samples of all drives, ny)``.
@@ -142,6 +136,12 @@ def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], floor: Flo
         normalised = np.nanmean(errors**2 / floor, axis=0)
     strays = any(np.isnan(f).any() for f in free)
     return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(normalised - 1.0, 0.0)
+
+
+def _log_density(drives: Sequence[Drive], free: Sequence[Floats], floor: Floats) -> float:
+    errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
+    found = float(np.nansum(np.nanmean(-0.5 * (np.log(floor) + errors**2 / floor), axis=0)))
+    return found if np.isfinite(np.concatenate(free)).all() else -math.inf
 
 
 def floors(drives: Sequence[Drive], variances: Floats) -> Floats:
