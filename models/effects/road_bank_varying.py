@@ -17,6 +17,7 @@ PORT = "lateral_gravity{body}"
 READS: tuple[str, ...] = ()
 STATES: tuple[str, ...] = ("bank_walk",)
 NOISE: dict[str, float] = {"bank_walk": 1.0}
+START_VARIANCE: dict[str, float] = {"bank_walk": 1.0}
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(

@@ -39,16 +39,14 @@ from harness.models.signals import SIGNALS
 _HALVINGS = 30
 """Of the way to a value that is impossible together with others."""
 
-DRIFT = "sensor_drift"
-"""The effect that lets the bias of a sensor wander."""
-
 
 class AugmentedModel(FilteredModel):
     """The compiled filter of a nominal model and everything it may lack.
 
     Covariance and gains are those of the nominal model's extended Kalman filter, the mean is that of all effects too.
-    What is absent costs nothing: the kernels skip the effects that are neutral. The bias of a gyroscope may drift: if
-    a candidate says so, it stands in the state of the filter, behind that of the nominal model.
+    What is absent costs nothing: the kernels skip the effects that are neutral. The bias of a gyroscope may drift, and
+    the bank of the road may vary: if a candidate says so of any, the state of the filter holds all of these processes,
+    behind that of the nominal model.
 
     Args:
         spec: The nominal model.
@@ -58,62 +56,74 @@ class AugmentedModel(FilteredModel):
 
     Attributes:
         placements: Every effect at every place that may be lacking.
-        drifts: The same of the drifts of gyroscopes.
+        processes: The random processes among them, which are in none of the placements.
     """
 
     def __init__(
         self, spec: ModelSpec, available: Iterable[str], jobs: int | None = None, excluded: Iterable[str] = ()
     ) -> None:
         self.excluded = frozenset(excluded)
-        self.placements = addable_effects(spec, set(available), self.excluded)
-        self.drifts = drifting_sensors(spec, self.excluded)
+        addable = addable_effects(spec, set(available), self.excluded)
+        self.placements = tuple(name for name in addable if not _is_random(name))
+        self.processes = tuple(name for name in addable if _is_random(name))
         files = tuple(dict.fromkeys(split(name)[0] for name in self.placements))
-        drifting = assembled(spec.vehicle, spec.tyre, (*spec.effects, *self.drifts), spec.sensors)
-        super().__init__(spec, _first(_assembled(spec, (*self.drifts, *files)), drifting.states), jobs, jacobians=False)
+        moving = assembled(spec.vehicle, spec.tyre, (*spec.effects, *self.processes), spec.sensors)
+        super().__init__(
+            spec, _first(_assembled(spec, (*self.processes, *files)), moving.states), jobs, jacobians=False
+        )
         self._stated_std = set_std(spec)
         self._limited = np.flatnonzero(np.isfinite(self._limits))
-        self._wander = {
-            list(drifting.outputs).index(split(name)[1] or ""): (
-                self.row(parameter_at(load_effect(name).PARAMETERS[0], split(name)[1] or "").name),
-                drifting.states[len(self.nominal.states) + i],
-            )
-            for i, name in enumerate(self.drifts)
+        self._intensities = {
+            self.row(_intensity(name)): state
+            for name, state in zip(self.processes, moving.states[len(self.nominal.states) :], strict=True)
         }
-        self._drifting = drifting
+        self._moving = moving
         self._filters = {False: _Filter(self, self.nominal)}
         self._compiling = Lock()  # candidates are fitted in threads
 
     @property
     def nx(self) -> int:
-        """Number of states that the filter corrects where every gyroscope drifts."""
-        return len(self._drifting.states)
+        """Number of states that the filter corrects where there is a random process."""
+        return len(self._moving.states)
 
     def corrected(self, values: Floats) -> int:
         """Return the number of states that the filter corrects with parameters ``(np, ...)``."""
-        return len((self._drifting if self._drifts_in(values) else self.nominal).states)
+        return len((self._moving if self._moves_in(values) else self.nominal).states)
 
     def wander(self, drive: Drive, values: Floats) -> Floats:
-        """Return the variance that drifts of sensors give the outputs of a free run ``(samples, ny)``."""
-        found, noise, first = np.zeros(drive.measurements.shape), self._drifting.noise, self._drifting.start_variance
-        for column, (row, state) in self._wander.items():
-            found[:, column] = values[row] ** 2 * (first[state] + noise[state] * (drive.time - drive.time[0]))
+        """Return the variance that random processes give the outputs of a free run ``(samples, ny)``.
+
+        It is that of a filter that sees no measurement and knows of nothing else that is uncertain.
+        """
+        if not self._moves_in(values):
+            return np.zeros(drive.measurements.shape)
+        nominal = len(self.nominal.states)
+        stated = Candidates.of(self.spec)
+        unseen = replace(
+            drive,
+            measurements=np.full_like(drive.measurements, np.nan),
+            first_variance=np.where(np.arange(self.nx) < nominal, 0.0, drive.first_variance),
+            effects=drive.effects[:, :, :0],
+        )
+        run = self.run(unseen, replace(stated, values=values[:, None], process=np.zeros_like(stated.process)))
+        found = np.maximum(run.deviation**2 - stated.measurement[:, 0], 0.0)
+        found[0] = found[1]
         return found
 
-    def _drifts_in(self, values: Floats) -> bool:
-        return any(np.any(values[row] != 0) for row, _ in self._wander.values())
+    def _moves_in(self, values: Floats) -> bool:
+        return any(np.any(values[row] != 0) for row in self._intensities)
 
     def _filter_of(self, values: Floats) -> _Filter:
-        """Return the filter for candidates; that of drifts is compiled when a gyroscope drifts for the first time."""
-        drifts = self._drifts_in(values)
+        """Return the filter for candidates; that of random processes is compiled for the first one."""
+        moves = self._moves_in(values)
         with self._compiling:
-            if drifts not in self._filters:
-                self._filters[drifts] = _Filter(self, self._drifting)
-            return self._filters[drifts]
+            if moves not in self._filters:
+                self._filters[moves] = _Filter(self, self._moving)
+            return self._filters[moves]
 
     def _start_variance(self) -> Floats:
-        model = self._drifting
-        drifts = [model.start_variance[state] for _, state in self._wander.values()]
-        return np.concatenate([super()._start_variance(), drifts])
+        first = [self._moving.start_variance[state] for state in self._intensities.values()]
+        return np.concatenate([super()._start_variance(), first])
 
     def stated(self) -> Floats:
         """Return the parameters with which it is the nominal model ``(np,)``; those of absent effects as they start."""
@@ -196,7 +206,7 @@ class AugmentedModel(FilteredModel):
     def slopes(self, drives: Sequence[Drive], points: Each, directions: Each) -> Slopes:
         """Return the log-likelihood of all recordings at a point, with gradient and Fisher information.
 
-        Directions of the noise and of the intensities of drifts move gains and covariances (``NoiseSlopes``); along
+        Directions of the noise and of intensities move gains and covariances (``NoiseSlopes``); along
         others these are held. In expectation the two kinds tell nothing of each other, and that is taken as it is.
 
         Args:
@@ -205,8 +215,7 @@ class AugmentedModel(FilteredModel):
             directions: Derivatives of what is held, one column per direction.
         """
         at, along = for_each(points, drives), for_each(directions, drives)
-        intensities = [row for row, _ in self._wander.values()]
-        moves = np.any([np.delete(d.values, intensities, axis=0).any(axis=0) for d in along], axis=0)
+        moves = np.any([np.delete(d.values, [*self._intensities], axis=0).any(axis=0) for d in along], axis=0)
         of_mean, of_noise = [*np.flatnonzero(moves)], [*np.flatnonzero(~moves)]
         found = super().slopes(drives, at, [d.take(of_mean) for d in along])
         if not of_noise:
@@ -235,7 +244,7 @@ class AugmentedModel(FilteredModel):
         vehicle, known = len(self.nominal.states), filter_.model.states
         process, first = (np.zeros((len(known), directions.count)) for _ in range(2))
         process[:vehicle] = directions.process
-        for row, name in self._wander.values():
+        for row, name in self._intensities.items():
             if name in known and values[row, 0] != 0:
                 share, i = 2.0 * directions.values[row] / values[row, 0], known.index(name)
                 process[i] = share * filter_.model.noise[name] * self.spec.step
@@ -246,7 +255,7 @@ class AugmentedModel(FilteredModel):
 
     def process_variances(self, point: Candidates) -> Floats:
         """Return the process-noise variances per step of the states that the filter corrects ``(corrected,)``."""
-        model = self._drifting if self._drifts_in(point.values) else self.nominal
+        model = self._moving if self._moves_in(point.values) else self.nominal
         return self._process(point, model)[:, 0]
 
     def _process(self, candidates: Candidates, model: Model) -> Floats:
@@ -290,33 +299,34 @@ def _first(model: Model, states: Sequence[str]) -> Model:
     return replace(model, states=tuple(order), derivatives=type(model.derivatives)(rates[s] for s in order))
 
 
-def drifting_sensors(spec: ModelSpec, excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:
-    """Return the drifts of the gyroscopes that a model may lack: every one has a bias that wanders.
-
-    What else may be a random process is looked for behind the search (``random_process``).
-    """
-    out = excluded | {split(e)[0] for e in spec.effects}
-    if DRIFT in out:
-        return ()
-    found = (name for name in placements(spec.vehicle, spec.tyre, spec.sensors) if split(name)[0] == DRIFT)
-    return tuple(name for name in found if SIGNALS[split(name)[1] or ""].unit == "rad/s")
-
-
 def addable_effects(spec: ModelSpec, available: set[str], excluded: frozenset[str] = frozenset()) -> tuple[str, ...]:
     """Return the effects of the library that a model may lack, place by place.
 
-    Left out are effects that are a random process, effects whose inputs the recordings
-    do not hold, and those that the model has or the user excludes.
+    Left out are effects whose inputs the recordings do not hold, those that the model has or the user excludes, and
+    the random processes of a part of the vehicle or of a sensor that is no gyroscope: every gyroscope has a bias that
+    wanders, and every road a bank; what else may be one is looked for behind the search (``random_process``).
     """
     found, without = [], excluded | {split(e)[0] for e in spec.effects}
     for name in placements(spec.vehicle, spec.tyre, spec.sensors):
-        if getattr(load_effect(name), "NOISE", None) or split(name)[0] in without:
+        file, place = split(name)
+        seldom = _is_random(name) and place is not None and not (place in SIGNALS and SIGNALS[place].unit == "rad/s")
+        if file in without or seldom:
             continue
         model = assembled(spec.vehicle, spec.tyre, (*spec.effects, name), spec.sensors)
         needed = {model.rates.get(i, i) for i in model.inputs} - {"time"}
         if needed <= available:
             found.append(name)
     return tuple(found)
+
+
+def _is_random(name: str) -> bool:
+    return bool(getattr(load_effect(name), "NOISE", None))
+
+
+def _intensity(name: str) -> str:
+    """Return the parameter that scales a random process, which is neutral where there is none."""
+    declared = next(p for p in load_effect(name).PARAMETERS if p.neutral is not None)
+    return parameter_at(declared, split(name)[1] or "").name
 
 
 def _assembled(spec: ModelSpec, files: tuple[str, ...]) -> Model:

@@ -103,12 +103,13 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
         found.append(one)
         if place_of(load_effect(name)) in ("tyre", "body"):
             everywhere.setdefault(split(name)[0], []).append(one)
-    drifts = [replace(_effect(augmented, name), random=True) for name in augmented.drifts]
-    found += drifts
+    processes = [replace(_effect(augmented, name), random=True) for name in augmented.processes]
+    found += processes
     found += [_together(file, parts) for file, parts in everywhere.items() if len(parts) > 1]
     late = [h for h in found if h.clock]
     if len(late) > 1:
         found.append(replace(_together(CHANNEL_DELAYS, late), parts=tuple(late)))
+    drifts = [h for h in processes if h.of_recording]
     if len(drifts) > 1:
         found.append(replace(_together(SENSOR_DRIFTS, drifts), parts=tuple(drifts), random=True))
     return tuple(found)
@@ -178,7 +179,7 @@ def coordinates(
         *(_coordinate(model, name, std=known.get(name, math.inf) if name in free else math.inf) for name in alone),
         *(_in_question(model, name) for name in many),
         *(_coordinate(model, name, drives=(i,)) for name in change_times for i in range(drives)),
-        *(_intensity(model, n) for h in added if h.random for n in h.shared),
+        *(_intensity(model, n) for h in added if h.random for n in h.amplitudes),
     )
 
 
