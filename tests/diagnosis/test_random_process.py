@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,17 +13,13 @@ from harness.diagnosis.criteria import EXCESS, WHITE
 from harness.diagnosis.fitting.fit import Fitting
 from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
-from harness.diagnosis.residuals.random_process import (
-    _left,
-    expected_excess,
-    find_random_process,
-)
+from harness.diagnosis.residuals.random_process import expected_excess, find_random_process
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.validation import HeldOut
+from harness.diagnosis.selection.validation import HeldOut, colour_left
 from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
-from harness.identification.whiteness import whiteness
+from harness.identification.whiteness import Whiteness, whiteness
 from support.driven_car import CAR, FREE, driven
 
 WANDER, MEMORY = 0.02, 5.0
@@ -79,12 +76,19 @@ def test_next_to_white_is_a_twentieth_of_the_squared_correlations():
     """What a filter leaves of a process that it takes for another is coloured by any test that is long enough."""
     noise = np.random.default_rng(3).normal(size=12000)
     before, little, half = (np.convolve(noise, [1.0, *[share] * 12])[: len(noise)] for share in (0.5, 0.025, 0.25))
-    before, little, half, noise = (whiteness(series) for series in (before, little, half, noise))
-    assert min(little.ljung_box, little.periodogram) < WHITE
-    assert 0 < _left(before, little) < EXCESS
-    assert _left(before, half) > EXCESS
-    assert _left(before, noise) == 0
-    assert half.correlation == pytest.approx(_squares(0.25, 12), rel=0.1)
+    before, little, half, noise = (_Judged((whiteness(series),)) for series in (before, little, half, noise))
+    assert min(little.whiteness[0].ljung_box, little.whiteness[0].periodogram) < WHITE
+    assert 0 < colour_left([before], [little]) < EXCESS
+    assert colour_left([before], [half]) > EXCESS
+    assert colour_left([before], [noise]) == 0
+    assert colour_left([before, before], [noise, half]) == colour_left([before], [half])
+    assert half.whiteness[0].correlation == pytest.approx(_squares(0.25, 12), rel=0.1)
+
+
+class _Judged(NamedTuple):
+    """What is asked of a judgement."""
+
+    whiteness: tuple[Whiteness, ...]
 
 
 def _squares(share, terms):

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from harness.diagnosis.criteria import EXCESS
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
+from harness.diagnosis.selection import forward_selection
 from harness.diagnosis.selection.forward_selection import trace
 from harness.diagnosis.selection.priors import kind_of
 from harness.diagnosis.selection.random_scores import random_scores
@@ -49,6 +51,18 @@ def test_what_is_constant_beside_it_is_found_as_well(augmented):
     drives = drives_of(augmented, (187, 188, 189), "steering_offset", steering_offset=0.01)
     found = trace(augmented, drives[:2], drives[2:], FREE)
     assert {h.name for h in found.added} == {NAME, "steering_offset"}
+
+
+def test_it_is_tried_no_more_where_it_leaves_coloured_innovations(augmented, found, monkeypatch):
+    """It takes up whatever is slow; where that is something else, the search is one without it."""
+    monkeypatch.setattr(forward_selection, "colour_left", lambda before, after: 2 * EXCESS)
+    drives = [*found.fitting.drives, *found.held_out.drives]
+    other = trace(augmented, drives[:2], drives[2:], FREE)
+    assert NAME not in {h.name for h in other.added}
+    assert NAME in {h.name for h in other.dropped}
+    assert NAME not in {h.name for m in other.posterior.models for c in m.added for h in c.hypotheses}
+    assert other.rounds[-1].added is None
+    assert NAME not in {c.hypothesis.name for c in other.rounds[-1].candidates}
 
 
 def test_its_values_are_the_likeliest_of_their_grids_together(found, bank):

@@ -19,11 +19,12 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
-from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FARTHER, WHITE
+from harness.diagnosis.criteria import BIC_NEEDED, EXCESS, FARTHER
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.selection.forward_selection import Trace
+from harness.diagnosis.selection.validation import colour_left
 from harness.identification.coordinates import (
     Coordinates,
     intensity_coordinate,
@@ -34,11 +35,10 @@ from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
 from harness.identification.fisher_scoring import maximise
 from harness.identification.innovations import Innovations
-from harness.identification.judgement import judged_on
+from harness.identification.judgement import DriveJudgement, judged_on
 from harness.identification.objective import LogPosterior
 from harness.identification.signal_noise import signal_noise
 from harness.identification.uncertainty import covariance_of
-from harness.identification.whiteness import Whiteness
 from harness.models.assembly.candidates import assembled, placements
 from harness.models.assembly.placement import load_effect, parameter_at, split
 from harness.models.contracts import Parameter
@@ -81,8 +81,8 @@ class _Grown:
         errors: Standard errors of the parameters of all its processes.
         gain: In log-likelihood of the fitted drives over the other model.
         held_out_gain: Likewise of the held-out ones.
-        before: How white the other's innovations on those are.
-        after: The same of its own.
+        before: The other one on those.
+        after: It itself there.
         expected: Excess of the simulation error that all its processes cause.
     """
 
@@ -91,8 +91,8 @@ class _Grown:
     errors: dict[str, float]
     gain: float
     held_out_gain: float
-    before: tuple[Whiteness, ...]
-    after: tuple[Whiteness, ...]
+    before: tuple[DriveJudgement, ...]
+    after: tuple[DriveJudgement, ...]
     expected: float
 
 
@@ -113,7 +113,7 @@ def find_random_process(trace: Trace, final: ModelSpec, ranking: DisturbanceRank
     most = ranking.ranked_inputs[0].gain
     found: list[_Grown] = []
     spec, needed = final, max(most - 0.5 * BIC_NEEDED, 0.5 * BIC_NEEDED)
-    while not found or max(_all_left(found)) > 0:
+    while not found or _all_left(found) > 0:
         suspected = [set(s.disturbance_input.ports) for s in ranking.ranked_inputs if s.gain >= needed]
         tried = (_grown(trace, spec, name) for name in _processes(spec, trace.fitting.augmented, suspected))
         grown = next((g for g in tried if g is not None), None)
@@ -181,8 +181,8 @@ def _grown(trace: Trace, spec: ModelSpec, name: str) -> _Grown | None:
         errors,
         gain,
         held_out_gain,
-        tuple(w for d in before for w in d.whiteness),
-        tuple(w for d in after for w in d.whiteness),
+        before,
+        after,
         expected_excess(filters, there, with_it, trace.held_out.variances),
     )
 
@@ -214,7 +214,7 @@ def _parameters(name: str) -> tuple[Parameter, ...]:
 
 def _accepted(trace: Trace, found: Sequence[_Grown]) -> RandomProcess | None:
     """Return processes if they leave white innovations, or almost, and the simulation strays as far as they make it."""
-    left, last = max(_all_left(found)), found[-1]
+    left, last = _all_left(found), found[-1]
     if left > EXCESS or trace.after.normalised_excess_mse > max(EXCESS, FARTHER * last.expected):
         return None
     return RandomProcess(
@@ -227,19 +227,9 @@ def _accepted(trace: Trace, found: Sequence[_Grown]) -> RandomProcess | None:
     )
 
 
-def _all_left(found: Sequence[_Grown]) -> list[float]:
-    """Return how much of their squared correlations the innovations keep, by output and drive."""
-    return [_left(b, a) for b, a in zip(found[0].before, found[-1].after, strict=True)]
-
-
-def _left(before: Whiteness, after: Whiteness) -> float:
-    """Return how much of its squared correlations a series of innovations keeps; nothing if it is not coloured.
-
-    A series that is too short, or missing, is not tested (NaN) and is no evidence against a process.
-    """
-    if not min(after.ljung_box, after.periodogram) < WHITE:
-        return 0.0
-    return after.correlation / before.correlation
+def _all_left(found: Sequence[_Grown]) -> float:
+    """Return the share of their squared correlations that the innovations keep; see ``colour_left``."""
+    return colour_left(found[0].before, found[-1].after)
 
 
 def expected_excess(filters: Innovations, drives: Sequence[Drive], held: Candidates, variances: Floats) -> float:

@@ -34,6 +34,7 @@ class CandidateFits:
 
     Attributes:
         models: Every model that was fitted, by what it has, with its likeliest fit.
+        refuted: What was added and left what it must not leave; it is tried no more.
         doubt: Log-likelihood that one may be behind another and still be in question: as much as is gained beyond
             doubt. Under stated noise every sample of a model that is not quite right counts as if it were independent
             evidence, and what is far behind may well predict the held-out drives better.
@@ -54,6 +55,7 @@ class CandidateFits:
         self._log_samples = math.log(fitting.samples)
         self.doubt = math.inf if fitting.noise_held else 0.5 * HOPEFUL
         self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
+        self.refuted: set[Hypothesis] = set()
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
 
     def fit(
@@ -76,6 +78,19 @@ class CandidateFits:
     def forget(self, added: Added) -> None:
         """Leave a model that was fitted out of what is compared: another one stands for it."""
         del self.models[frozenset(added)]
+
+    def refute(self, h: Hypothesis) -> None:
+        """Try something no more, and leave all models with it out of what is compared."""
+        self.refuted.add(h)
+        self.models = {key: model for key, model in self.models.items() if h not in key}
+
+    def without(self, point: Point, h: Hypothesis, rest: Added) -> Point:
+        """Return a point with what is a hypothesis's own, and of no other, as stated."""
+        kept = {n for k in rest for n in (*k.shared, *k.change_times)}
+        rows = [self.augmented.row(n) for n in (*h.shared, *h.change_times) if n not in kept]
+        values = point.values.copy()
+        values[rows] = self.augmented.stated()[rows, None]
+        return replace(point, values=values)
 
     def fit_all(
         self,

@@ -15,17 +15,17 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.failures import RAISED, Failures
-from harness.diagnosis.criteria import ROUNDS
+from harness.diagnosis.criteria import EXCESS, ROUNDS
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis
-from harness.diagnosis.selection.acceptance import Round, with_further
+from harness.diagnosis.selection.acceptance import Round, beyond_belief, with_further
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, Say
 from harness.diagnosis.selection.model_comparison import likeliest
 from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.selection_round import SelectionRound, selection_round
-from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left
 from harness.identification.data import Drive
 from harness.identification.signal_noise import white_noise
 
@@ -119,7 +119,8 @@ class _Search:
     def run(self) -> Trace:
         """Return what was found: rounds until nothing is accepted, then what of it stays or takes its place.
 
-        Where something took the place of an addition, what it leaves is another rest, so rounds go on from there.
+        Where something took the place of an addition, what it leaves is another rest, so rounds go on from there. So
+        they do without a random process of the vehicle or its road that does not make the model whole.
         """
         fits = self.candidate_fits
         fits.say("fitting the nominal model")
@@ -134,9 +135,11 @@ class _Search:
                 partial(likeliest, fits, self.rounds, added, best),
                 partial(_as_added, added, best),
             )
-            instead = set(kept) - set(added)
+            instead, refuted = set(kept) - set(added), False
             added = kept
-            if not instead or frozenset(added) in seen:
+            for h in [h for h in added if h.random and not h.of_recording]:
+                added, best, refuted = self._if_whole(added, best, h)
+            if not refuted and (not instead or frozenset(added) in seen):
                 break
         return Trace(
             fits.fitting,
@@ -152,6 +155,20 @@ class _Search:
             self.cut_short,
             posterior,
         )
+
+    def _if_whole(self, added: Added, best: Fitted, process: Hypothesis) -> tuple[Added, Fitted, bool]:
+        """Return a model without one of its random processes, unless nothing else seems to be missing beside that.
+
+        It takes up whatever is slow. In the place of what is missing it leaves what that does quickly, so innovations
+        stay coloured, or beside values that are implausible.
+        """
+        fits, rest = self.candidate_fits, tuple(h for h in added if h != process)
+        less = fits.fit(rest, fits.without(best.point, process, rest))
+        before, after = (fits.judge(a, f.point).drives for a, f in ((rest, less), (added, best)))
+        if colour_left(before, after) <= EXCESS and not beyond_belief(best, added):
+            return added, best, False
+        fits.refute(process)
+        return rest, less, True
 
     def _forward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
         """Return a model with what round after round adds, until nothing is accepted, and its fit."""

@@ -98,7 +98,7 @@ def _lessened(
         new = {h: rest for h, rest in rests.items() if frozenset(rest) not in fits.models}
         if new:
             fits.say(f"still needed? {listed([h.name.replace('_', ' ') for h in new])}")
-            starts = [(rest, partial(_without, fits, best.point, h, rest)) for h, rest in new.items()]
+            starts = [(rest, partial(fits.without, best.point, h, rest)) for h, rest in new.items()]
             fits.fit_all(starts, best.objective, afresh=False, needed=best.objective - fits.doubt)
             reached |= {h: fits.models[frozenset(rest)][1].objective for h, rest in new.items()}
         left = ()
@@ -297,11 +297,12 @@ def _fit_alternatives(
     open_: dict[frozenset[Hypothesis], tuple[Added, Callable[[], Point]]] = {}
     for h in added:
         rest = tuple(k for k in added if k != h)
-        base = _without(fits, best.point, h, rest)
+        base = fits.without(best.point, h, rest)
         if lost[h] < HOPEFUL and h not in needed:
             open_[frozenset(rest)] = rest, partial(replace, base)
         for likes in _stand_ins(rounds, h, rest, lost[h]):
-            for c in [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models][:TRIED]:
+            untried = [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models]
+            for c in [c for c in untried if c.hypothesis not in fits.refuted][:TRIED]:
                 other = (*rest, c.hypothesis)
                 open_[frozenset(other)] = other, partial(fits.start, base, c.score)
         for many in _all_at_once(rounds, h, rest):
@@ -357,12 +358,3 @@ def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Cand
         return min(linear, own.bic - c.bic) if c.fitted else linear  # what was fitted nearly as well may be right
 
     return sorted((c for c in found if behind(c) < HOPEFUL), key=lambda c: -c.bic)
-
-
-def _without(fits: CandidateFits, point: Point, h: Hypothesis, rest: Added) -> Point:
-    """Return a point with what is a hypothesis's own as stated."""
-    kept = {n for k in rest for n in (*k.shared, *k.change_times)}
-    rows = [fits.augmented.row(n) for n in (*h.shared, *h.change_times) if n not in kept]
-    values = point.values.copy()
-    values[rows] = fits.augmented.stated()[rows, None]
-    return replace(point, values=values)

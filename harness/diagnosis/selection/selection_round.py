@@ -132,9 +132,9 @@ class SelectionRound:
         return self.log_odds(s), -s.freedom
 
     def open(self) -> list[Hypothesis]:
-        """Return what is not in force yet."""
+        """Return what is not in force yet, and not refuted."""
         free = self.candidate_fits.free
-        taken = {n for h in self.added for n in h.amplitudes} | set(free)
+        taken = {n for h in (*self.added, *self.candidate_fits.refuted) for n in h.amplitudes} | set(free)
         found = (still_open(h, taken) for h in hypotheses(self.candidate_fits.augmented, free))
         return [h for h in found if h is not None]
 

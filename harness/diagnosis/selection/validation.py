@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import ERROR_NEEDED, EXCESS, LITTLE
+from harness.diagnosis.criteria import ERROR_NEEDED, EXCESS, LITTLE, WHITE
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -63,6 +63,20 @@ def predicts_better(after: Judgement, before: Judgement) -> bool:
     """
     explicable = max(before.normalised_excess_mse - EXCESS, 0.0)
     return after.normalised_excess_mse <= EXCESS + (1 - ERROR_NEEDED) * explicable
+
+
+def colour_left(before: Sequence[DriveJudgement], after: Sequence[DriveJudgement]) -> float:
+    """Return which share of their squared correlations innovations keep at most; those that are white keep nothing.
+
+    A series that is too short, or missing, is not tested (NaN) and is no evidence against the second model.
+
+    Args:
+        before: A model on some recordings.
+        after: Another one there.
+    """
+    earlier, later = ([w for d in drives for w in d.whiteness] for drives in (before, after))
+    coloured = [(b, a) for b, a in zip(earlier, later, strict=True) if min(a.ljung_box, a.periodogram) < WHITE]
+    return max((a.correlation / b.correlation for b, a in coloured), default=0.0)
 
 
 class HeldOut:
