@@ -29,6 +29,11 @@ def test_two_models_are_weighed_among_themselves_however_much_likelier_a_third_i
     assert compared.likeliest(models) is models[2]
 
 
+def same_point(point, *_):
+    """Stand in for a point with less in it."""
+    return point
+
+
 def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     """A search from the likeliest model so far: an addition less, or others in their place."""
     gain, mass, inertia, cog, lag = (
@@ -39,7 +44,6 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     monkeypatch.setattr(comparison, "losses", lambda fits, added, best: {h: lost.get(h, 0.0) for h in added})
     for module in (comparison, acceptance):
         monkeypatch.setattr(module, "cosine", lambda one, other: 0.95)
-    monkeypatch.setattr(comparison, "_without", lambda fits, point, h, rest: point)
     monkeypatch.setattr(comparison, "replace", lambda point: point)
 
     def tried(*names):
@@ -51,7 +55,7 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
 
     rounds = [tried(gain, lag), tried(mass, inertia, cog)]
 
-    def found(likely, *added, refused=()):
+    def found(likely, *added, refused=(), refuted=None):
         best = SimpleNamespace(point=None, objective=0.0)
         models = {frozenset(a): (a, best) for a in (added, *refused)}
 
@@ -59,9 +63,14 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
             models.update({frozenset(a): (a, best) for a, start in choices if start() is best.point})
 
         fits = SimpleNamespace(
-            models=models, doubt=0.5 * HOPEFUL, fit_all=fit_all, start=lambda base, score: base, say=print
+            models=models,
+            doubt=0.5 * HOPEFUL,
+            refuted={refuted},
+            fit_all=fit_all,
+            start=lambda base, score: base,
+            without=same_point,
+            say=print,
         )
-
         compared = SimpleNamespace(
             likeliest=lambda models: max(models, key=lambda m: likely.get(frozenset(m[0]), 0.0)),
             posterior=lambda: None,
@@ -85,6 +94,7 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     lost[gain] = 2 * HOPEFUL  # beyond doubt: not fitted without it, but what takes over nine tenths of it is tried
     assert found({frozenset([gain]): 0.1, frozenset(): 0.3}, gain) == {gain}
     assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {lag}
+    assert found({frozenset([gain]): 0.1, alone: 0.3}, gain, refuted=lag) == {gain}
     lost[gain] = 20 * HOPEFUL
     assert found({frozenset([gain]): 0.1, alone: 0.3}, gain) == {gain}
     rounds[0].candidates[1].fitted = lag  # a near tie of two fits says more than their linear responses
@@ -104,7 +114,6 @@ def test_what_is_beyond_doubt_beside_more_is_not_tried_without_it_again(monkeypa
     """A model with less in it is less likely still; unless what it is compared with has become so much less likely."""
     odd, drift, bank = (Hypothesis(n, "effect", (n,)) for n in ("odd", "drift", "bank"))
     monkeypatch.setattr(comparison, "losses", lambda fits, added, best: dict.fromkeys(added, 0.0))
-    monkeypatch.setattr(comparison, "_without", lambda fits, point, h, rest: point)
     most = {(odd, drift, bank): 0.0, (odd, bank): -1.1, (odd, drift): -0.9, (drift,): -1.0, (bank,): -1.15, (): -9.0}
 
     def asked(of_rest):
@@ -120,7 +129,7 @@ def test_what_is_beyond_doubt_beside_more_is_not_tried_without_it_again(monkeypa
             return SimpleNamespace(point=None, objective=objectives[frozenset(added)])
 
         models = {frozenset(a): (a, fitted(a)) for a in [(odd, drift, bank)]}
-        fits = SimpleNamespace(models=models, doubt=doubt, fit_all=fit_all, say=print)
+        fits = SimpleNamespace(models=models, doubt=doubt, fit_all=fit_all, without=same_point, say=print)
         likelier = SimpleNamespace(likeliest=lambda pair: next((m for m in pair if odd not in m[0]), pair[0]))
         added, _, needed = comparison._lessened(fits, likelier, *models[frozenset((odd, drift, bank))])
         assert added == (drift, bank)

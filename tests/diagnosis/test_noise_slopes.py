@@ -58,7 +58,7 @@ def test_they_are_those_of_the_filter_over_dual_numbers(gaps):
 
 def test_an_intensity_is_a_variance_of_its_state(augmented):
     """Differences of the likelihood, with a gyroscope that drifts and a tyre's parameter that moves as well."""
-    drift = next(h for h in hypotheses(augmented, FREE) if h.random)
+    drift = next(h for h in hypotheses(augmented, FREE) if h.random and h.of_recording)
     drives = [augmented.drive(driven(88 + i, duration=25.0), f"drive {i}") for i in range(2)]
     fitting = Fitting(augmented, drives, first_variances(augmented, drives))
     start = fitting.first()

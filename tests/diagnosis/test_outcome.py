@@ -21,7 +21,6 @@ from harness.diagnosis.report.summary import _rounds
 from harness.diagnosis.report.vehicle_picture import picture
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
-from harness.diagnosis.residuals.random_process import _left
 from harness.diagnosis.residuals.regressors import Regressor
 from harness.diagnosis.residuals.unmodelled import find_unmodelled
 from harness.diagnosis.result.answer import gap
@@ -33,7 +32,7 @@ from harness.diagnosis.selection.forward_selection import Trace, first_variances
 from harness.diagnosis.selection.forward_selection import trace as search_for
 from harness.diagnosis.selection.posterior import Alike, Model, Posterior
 from harness.diagnosis.selection.score_test import Score
-from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.diagnosis.selection.validation import HeldOut, Judgement, colour_left
 from harness.identification.whiteness import whiteness
 from harness.models.assembly.plan import Planner
 from harness.models.quantities import words
@@ -245,7 +244,8 @@ def test_a_missing_output_and_a_short_drive_are_no_obstacle():
     short = np.random.default_rng(1).normal(size=(120, 2))  # shorter than the largest lag
     found = cross_correlation([short, short], [short, short], 0.01)
     assert np.isfinite(found.values).all()
-    assert _left(whiteness(short[:, 0]), whiteness(nothing[:, 0])) == 0.0
+    before, after = (SimpleNamespace(whiteness=[whiteness(series[:, 0])]) for series in (short, nothing))
+    assert colour_left([before], [after]) == 0.0
 
 
 def test_a_signal_that_overflows_leaves_the_figure_of_correlations_to_the_others():

@@ -23,22 +23,13 @@ LAG = Hypothesis("lag", "effect", ("lag",))
 def fits_of(likeliest):
     """Return a stand-in for the fits whose log-likelihood is a parabola about a size of each drift, over a grid."""
 
-    def on_grids(point, names):
-        found = [point]
-        for name in names:
-            for size in (1.0, 2.0, 4.0):
-                values = point.values.copy()
-                values[NAMES.index(name)] = size
-                found.append(dataclasses.replace(point, values=values))
-        return found
-
     def log_likelihoods(drives, points):
         return np.array([7.0 - sum((p.values[i, 0] - likeliest[i]) ** 2 for i in range(2)) for p in points])
 
+    model = SimpleNamespace(parameters=[SimpleNamespace(grid=(1.0, 2.0, 4.0)) for _ in NAMES])
     return SimpleNamespace(
-        augmented=SimpleNamespace(row=NAMES.index, log_likelihoods=log_likelihoods),
+        augmented=SimpleNamespace(row=NAMES.index, log_likelihoods=log_likelihoods, model=model),
         fitting=SimpleNamespace(drives=[SimpleNamespace(measurements=np.zeros((9, 1)))], candidates=list),
-        on_grids=on_grids,
     )
 
 
@@ -77,7 +68,7 @@ def test_several_processes_are_fitted_in_place_of_each_where_they_lead(monkeypat
     monkeypatch.setattr(rounds, "log_odds", lambda _: odds)
     monkeypatch.setattr(rounds, "objections", lambda c, before: ["worse"] if refused else [])
     fitting = SimpleNamespace(noise_held=False)
-    candidate_fits = SimpleNamespace(fitting=fitting, augmented=None, free=(), say=lambda _: None)
+    candidate_fits = SimpleNamespace(fitting=fitting, augmented=None, free=(), refuted=set(), say=lambda _: None)
     one = rounds.SelectionRound(candidate_fits, (), [SimpleNamespace(point=None)], 1)
     monkeypatch.setattr(one, "fit", lambda scores: asked.extend(s.hypothesis.name for s in scores))
     for name, value in {"predicted_bic_gain": lambda s: s.gain, "judged": lambda s: s, "tried": list}.items():

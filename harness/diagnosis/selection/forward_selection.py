@@ -135,11 +135,14 @@ class _Search:
                 partial(likeliest, fits, self.rounds, added, best),
                 partial(_as_added, added, best),
             )
-            instead, refuted = set(kept) - set(added), False
+            instead = set(kept) - set(added)
             added = kept
-            for h in [h for h in added if h.random and not h.of_recording]:
-                added, best, refuted = self._if_whole(added, best, h)
-            if not refuted and (not instead or frozenset(added) in seen):
+            if instead and frozenset(added) not in seen:
+                continue
+            processes = [h for h in added if h.random and not h.of_recording]
+            for h in processes:
+                added, best = self._if_whole(added, best, h)
+            if not fits.refuted.intersection(processes):
                 break
         return Trace(
             fits.fitting,
@@ -156,7 +159,7 @@ class _Search:
             posterior,
         )
 
-    def _if_whole(self, added: Added, best: Fitted, process: Hypothesis) -> tuple[Added, Fitted, bool]:
+    def _if_whole(self, added: Added, best: Fitted, process: Hypothesis) -> tuple[Added, Fitted]:
         """Return a model without one of its random processes, unless nothing else seems to be missing beside that.
 
         It takes up whatever is slow. In the place of what is missing it leaves what that does quickly, so innovations
@@ -166,9 +169,9 @@ class _Search:
         less = fits.fit(rest, fits.without(best.point, process, rest))
         before, after = (fits.judge(a, f.point).drives for a, f in ((rest, less), (added, best)))
         if colour_left(before, after) <= EXCESS and not beyond_belief(best, added):
-            return added, best, False
+            return added, best
         fits.refute(process)
-        return rest, less, True
+        return rest, less
 
     def _forward(self, added: Added, best: Fitted) -> tuple[Added, Fitted]:
         """Return a model with what round after round adds, until nothing is accepted, and its fit."""
