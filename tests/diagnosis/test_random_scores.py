@@ -1,6 +1,5 @@
 """Random processes in a round: what they promise, alone and several at once, and which of them are fitted."""
 
-import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
