@@ -32,7 +32,7 @@ os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # this project'
 SIMULATED = 1024
 """Different runs; more are these again."""
 
-LONG = 10.0
+LONG = 5.0
 """Seconds after which no further round is begun."""
 
 
@@ -324,7 +324,7 @@ def table_of(
     ours: Mapping[str, Sequence[float]],
     forms: Sequence[Form] = FORMS,
 ) -> Table:
-    """Return steps per second of each form, and of this project's filters beside the best of them, as a table.
+    """Return steps per second of each form, printed as they come, and of this project's filters, as a table.
 
     Args:
         problem: The problem.
@@ -342,6 +342,7 @@ def table_of(
             found = [problem.rate(form, n, rounds) for n in runs]
             best = [max(rate, most) for (rate, _), most in zip(found, best, strict=True)]
             row = [f"{rate / 1e6:,.2f}" for rate, _ in found]
+            print("measured:", kind.upper(), form.name, *row, flush=True)
             table.add_row(kind.upper(), form.name, *row, f"{max(seconds for _, seconds in found):.0f}")
         table.add_row(kind.upper(), "this project", *(f"{rate / 1e6:,.1f}" for rate in ours[kind]))
         times = [f"{rate / most:.2f}" for rate, most in zip(ours[kind], best, strict=True)]

@@ -111,7 +111,9 @@ def test_what_is_there_is_not_computed_again_and_verified_on_a_card(finished) ->
 
 def test_the_next_units_are_prepared_while_the_card_computes(tmp_path) -> None:
     study = tmp_path / "tiny.toml"
-    study.write_text(STUDY.replace('duration = "1 s"', 'duration = "0.2 s"').replace("samples = 2", "samples = 16"))
+    start, end = STUDY.index("estimator = ["), STUDY.index("[plant]")
+    text = f'{STUDY[:start]}estimator = [{{ name = "EKF", kind = "ekf" }}]\n{STUDY[end:]}'
+    study.write_text(text.replace("samples = 2", "samples = 16"))
     simulated_script(
         str(study),
         script="""
