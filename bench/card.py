@@ -1,6 +1,6 @@
 """Print filter steps per second on a graphics card, and how far its scores are from the processor's.
 
-``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives. ``--jax`` measures the same filters
+``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives. ``--jax`` measures the same
 written for JAX on the same card (``bench.card_jax``). Beside the differences stands how far the processor's scores move
 by rounding alone, which decides where a filter diverges.
 """
@@ -169,11 +169,12 @@ def main(arguments: list[str] | None = None) -> None:
 def beside_jax(
     measured: Measurement, rates: Mapping[int, Mapping[str, float]], rounds: int, forms: Sequence[int]
 ) -> Table:
-    """Return the same filters written for JAX as a table: these forms, or all."""
+    """Return the same written for JAX as a table: these forms, or all."""
     from bench import card_jax
 
     evaluator = measured.evaluator
     names = {each.kind: each.name for each in evaluator.study.estimators if each.kind in ("ekf", "ukf")}
+    names |= {card_jax.SIMULATION: "simulation with noise"}
     ours = {kind: [of_runs[name] for of_runs in rates.values()] for kind, name in names.items()}
     problem = card_jax.Problem(evaluator, measured.drive, measured.samples)
     chosen = [form for i, form in enumerate(card_jax.FORMS) if form.kind in names and (not forms or i in forms)]

@@ -1,8 +1,8 @@
-"""A UKF and an EKF written for JAX, on the problem of ``bench.card``: what a compiler of arrays makes of it.
+"""A UKF, an EKF and a simulation written for JAX, on the problem of ``bench.card``.
 
-``python -m bench.card --jax`` measures them beside this project's. The equations are the source of the compiled belief,
-executed over JAX (``bench.peers.problem``). A step does less than this project's: sums of squared errors, NIS and
-log-likelihood, but neither NEES nor bounds nor divergence.
+``python -m bench.card --jax`` measures them beside this project's. The equations are the source of the compiled models,
+executed over JAX (``bench.peers.problem``). A step does less than this project's: of a filter sums of squared errors,
+NIS and log-likelihood, but neither NEES nor bounds nor divergence; of a simulation no look at where it leaves its range.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # this project'
 
 SIMULATED = 1024
 """Different runs; more are these again."""
+
+SIMULATION = "simulation"
 
 LONG = 5.0
 """Seconds after which no further round is begun."""
@@ -71,19 +73,19 @@ class Sums(NamedTuple):
 
 
 class Form(NamedTuple):
-    """A way to write a filter.
+    """A way to write a filter, or the simulation.
 
     Attributes:
-        kind: ``"ekf"`` or ``"ukf"``.
+        kind: ``"ekf"``, ``"ukf"`` or ``SIMULATION``.
         name: In the table.
-        predict: ``(equations, tuning, state, process, inputs)`` to the predicted state.
+        predict: ``(equations, tuning, state, process, inputs)`` to the predicted state; none of the simulation.
         vmapped: Whether it is written for one run, for ``jax.vmap``, or for arrays whose last axis are the runs.
         entries: Whether mean and covariance are numbers by themselves, the covariance's of its lower triangle.
     """
 
     kind: str
     name: str
-    predict: Callable[[Equations, Any, Any, Any, Any], Any]
+    predict: Callable[[Equations, Any, Any, Any, Any], Any] | None = None
     vmapped: bool = True
     entries: bool = False
 
@@ -203,6 +205,9 @@ FORMS = (
     Form("ukf", "sums, vmap, factor written out", partial(unscented, lower, summed)),
     Form("ukf", "sums, runs last, factor written out", partial(unscented, lower, summed), vmapped=False),
     Form("ukf", "numbers, vmap, factor written out", entries_unscented, entries=True),
+    Form(SIMULATION, "arrays, vmap"),
+    Form(SIMULATION, "arrays, runs last", vmapped=False),
+    Form(SIMULATION, "numbers, vmap", entries=True),
 )
 """From what a textbook suggests to what leaves the compiler nothing to decide."""
 
@@ -234,6 +239,7 @@ def correct(eqs: Equations, state: Any, u: Any, y: Any, variances: Any) -> tuple
 def estimated(form: Form, compiled: CompiledModel, tuning: Floats, seen: Seen, told: Told) -> Sums:
     """Run a filter over all samples, of one run or of all, and return what its scores are made of."""
     eqs = equations_of(compiled, told.constants, JAX)
+    assert form.predict is not None
 
     def sample(carried: Any, now: Any) -> tuple[Any, None]:
         state, sums = carried
@@ -251,6 +257,31 @@ def estimated(form: Form, compiled: CompiledModel, tuning: Floats, seen: Seen, t
     begun = first, Sums(jnp.zeros_like(seen.truth[0]), nothing, nothing)
     (_, sums), _ = lax.scan(sample, begun, (seen.inputs[:-1], seen.inputs[1:], seen.measured[1:], seen.truth[1:]))
     return sums
+
+
+def simulated(form: Form, compiled: CompiledModel, inputs: Any, noise: Any, told: Told) -> Any:
+    """Simulate one run or all; return signals and measurements of each sample, of a form of numbers row by row.
+
+    Args:
+        form: How it is written.
+        compiled: The plant.
+        inputs: ``(samples, nu)``.
+        noise: Standard normal numbers ``(samples, nx + ny)`` or ``(samples, nx + ny, runs)``.
+        told: Of the plant; its variance is not read.
+    """
+    eqs, gathered = equations_of(compiled, told.constants, JAX), tuple if form.entries else stacked
+    spread = jnp.sqrt(jnp.concatenate([told.process, told.measurement]))
+
+    def sample(x: Any, now: Any) -> tuple[Any, Any]:
+        u, drawn = now
+        moved = [*eqs.ahead(x, u), *eqs.output(x, u)]
+        moved = [each + spread[i] * drawn[i] for i, each in enumerate(moved)]
+        return gathered(moved[: compiled.nx]), (gathered(eqs.signals(x, u)), gathered(moved[compiled.nx :]))
+
+    first, drawn = told.mean, noise
+    if form.entries:
+        first, drawn = tuple(first), tuple(jnp.moveaxis(noise, 1, 0))
+    return lax.scan(sample, first, (inputs, drawn))[1]
 
 
 class Problem:
@@ -292,6 +323,20 @@ class Problem:
         run = partial(estimated, form, self.compiled, tuple(map(float, tuning)))
         return jax.jit(jax.vmap(run, in_axes=(Seen(None, -1, -1), -1), out_axes=-1) if form.vmapped else run)
 
+    def simulation(self, form: Form) -> Any:
+        """Return the simulation of a batch of runs, ``(inputs, noise, told)``."""
+        run = partial(simulated, form, self.evaluator.compiled.plant)
+        return jax.vmap(run, in_axes=(None, -1, -1), out_axes=1) if form.vmapped else run
+
+    def plant(self, runs: int) -> Told:
+        """Return what the plant holds in so many runs."""
+        held = self.evaluator.in_batches(
+            self.evaluator.compiled.plant,
+            self.unit,
+            self.evaluator.parameters(self.unit, self.evaluator.cases(self.unit), "plant"),
+        )
+        return Told(*(tiled(in_a_row(each, 2), runs) for each in (*held, held.first)))
+
     def wanted(self, kind: str) -> Sums:
         """Return the sums of this project's estimator, on the processor."""
         told = self.begun[kind], self.batch, self.believed
@@ -309,12 +354,32 @@ class Problem:
         seen = Seen(self.seen.inputs, *(jnp.take(jax.device_put(each), repeated, axis=-1) for each in self.seen[1:]))
         begin = time.perf_counter()
         run = self.filter(form).lower(seen, told).compile()
-        compiled, times = time.perf_counter() - begin, []
-        while len(times) < rounds and sum(times) < LONG:
-            begin = time.perf_counter()
-            jax.tree.map(np.asarray, run(seen, told))
-            times.append(time.perf_counter() - begin)
-        return runs * self.samples / min(times), compiled
+        compiled = time.perf_counter() - begin
+        return runs * self.samples / shortest(lambda: jax.tree.map(np.asarray, run(seen, told)), rounds), compiled
+
+    def rate_of_simulation(self, form: Form, runs: int, rounds: int) -> tuple[float, float]:
+        """Return the same of the simulation, noise drawn; signals and measurements stay on the device."""
+        plant, told = self.evaluator.compiled.plant, self.plant(runs)
+        inputs = self.evaluator.compiled.drives[self.unit.drive].plant[: self.samples, :, 0]
+        width = self.samples, plant.nx + plant.ny, runs
+
+        def drawn_and_simulated(seed: Any, told: Told) -> Any:
+            return self.simulation(form)(inputs, jax.random.normal(jax.random.key(seed), width), told)
+
+        begin = time.perf_counter()
+        run = jax.jit(drawn_and_simulated).lower(0, told).compile()
+        compiled = time.perf_counter() - begin
+        return runs * self.samples / shortest(lambda: jax.block_until_ready(run(0, told)), rounds), compiled
+
+
+def shortest(work: Callable[[], object], rounds: int) -> float:
+    """Return how long work takes, the quickest of some rounds; of fewer where it takes long."""
+    times: list[float] = []
+    while len(times) < rounds and sum(times) < LONG:
+        begin = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begin)
+    return min(times)
 
 
 def table_of(
@@ -324,27 +389,28 @@ def table_of(
     ours: Mapping[str, Sequence[float]],
     forms: Sequence[Form] = FORMS,
 ) -> Table:
-    """Return steps per second of each form, printed as they come, and of this project's filters, as a table.
+    """Return steps per second of each form, printed as they come, and of this project, as a table.
 
     Args:
         problem: The problem.
         runs: At once.
         rounds: Of which the quickest counts.
-        ours: Steps per second of this project's filters, by kind.
+        ours: Steps per second of this project, by kind.
         forms: Those that are measured.
     """
     table = Table(title=f"million steps per second, JAX {jax.__version__} on {jax.devices()[0].device_kind}, float64")
-    for name in ("filter", "written with", *(f"{n:,} runs" for n in runs), "compiled in s"):
-        table.add_column(name, justify="left" if name in ("filter", "written with") else "right")
+    for name in ("what", "written with", *(f"{n:,} runs" for n in runs), "compiled in s"):
+        table.add_column(name, justify="left" if name in ("what", "written with") else "right")
     for kind in dict.fromkeys(form.kind for form in forms):
         best = [0.0] * len(runs)
         for form in (each for each in forms if each.kind == kind):
-            found = [problem.rate(form, n, rounds) for n in runs]
+            measure = problem.rate_of_simulation if kind == SIMULATION else problem.rate
+            found = [measure(form, n, rounds) for n in runs]
             best = [max(rate, most) for (rate, _), most in zip(found, best, strict=True)]
             row = [f"{rate / 1e6:,.2f}" for rate, _ in found]
-            print("measured:", kind.upper(), form.name, *row, flush=True)
-            table.add_row(kind.upper(), form.name, *row, f"{max(seconds for _, seconds in found):.0f}")
-        table.add_row(kind.upper(), "this project", *(f"{rate / 1e6:,.1f}" for rate in ours[kind]))
+            print("measured:", kind, form.name, *row, flush=True)
+            table.add_row(kind, form.name, *row, f"{max(seconds for _, seconds in found):.0f}")
+        table.add_row(kind, "this project", *(f"{rate / 1e6:,.1f}" for rate in ours[kind]))
         times = [f"{rate / most:.2f}" for rate, most in zip(ours[kind], best, strict=True)]
-        table.add_row(kind.upper(), "this project, times JAX's best", *times, end_section=True)
+        table.add_row(kind, "this project, times JAX's best", *times, end_section=True)
     return table

@@ -1,4 +1,4 @@
-"""Filters of the joint study written for JAX: the scores of this project's, whichever way they are written."""
+"""Filters and simulation of the joint study written for JAX: this project's numbers, whichever way they are written."""
 
 import dataclasses
 
@@ -7,7 +7,8 @@ import pytest
 
 from bench.engine import ROOT
 from harness.config import load_study
-from harness.study.evaluate import StudyEvaluator
+from harness.engine.standard_normal import standard_normal
+from harness.study.evaluate import StudyEvaluator, in_a_row
 
 pytest.importorskip("jax", reason="only `make bench PEERS=1` installs JAX")
 
@@ -24,7 +25,11 @@ def given():
     return card_jax.Problem(StudyEvaluator(study), 0, SAMPLES, RUNS)
 
 
-@pytest.mark.parametrize("form", card_jax.FORMS, ids=lambda form: f"{form.kind}, {form.name}")
+FILTERS = [form for form in card_jax.FORMS if form.kind != card_jax.SIMULATION]
+SIMULATIONS = [form for form in card_jax.FORMS if form.kind == card_jax.SIMULATION]
+
+
+@pytest.mark.parametrize("form", FILTERS, ids=lambda form: f"{form.kind}, {form.name}")
 def test_each_form_gives_the_scores_of_this_project(given, form):
     found = given.filter(form)(given.seen, given.told(form.kind, RUNS))
     wanted = given.wanted(form.kind)
@@ -33,9 +38,28 @@ def test_each_form_gives_the_scores_of_this_project(given, form):
         np.testing.assert_allclose(np.asarray(getattr(found, name)), values, rtol=1e-10, err_msg=name)
 
 
+@pytest.mark.parametrize("form", SIMULATIONS, ids=lambda form: form.name)
+def test_each_form_simulates_what_this_project_does(given, form):
+    evaluator, plant = given.evaluator, given.evaluator.compiled.plant
+    words = evaluator.noise.words(given.unit, evaluator.cases(given.unit))
+    noise = in_a_row(standard_normal(words, SAMPLES, plant.nx + plant.ny), 3)
+    inputs = evaluator.compiled.drives[0].plant[:SAMPLES, :, 0]
+    found = given.simulation(form)(inputs, noise, given.plant(RUNS))
+    for part, values in zip(found, (given.batch.truth, given.batch.measurements), strict=True):
+        got = np.stack(part, axis=1) if form.entries else np.asarray(part)
+        got = np.moveaxis(got, 1, 2) if form.vmapped and not form.entries else got
+        wanted = in_a_row(values, 3)
+        scale = np.maximum(np.abs(wanted).max(axis=(0, 2), keepdims=True), 1e-300)
+        np.testing.assert_allclose(got / scale, wanted / scale, atol=1e-10)
+
+
 def test_the_table_sets_the_best_form_beside_this_project(given):
-    chosen = [form for form in card_jax.FORMS if form.kind == "ekf"][:2]
-    table = card_jax.table_of(given, [RUNS], 1, {"ekf": [1e6]}, chosen)
+    table = card_jax.table_of(given, [RUNS], 1, {"ekf": [1e6]}, FILTERS[:2])
     *rates, ours, times = table.columns[2].cells
     assert ours == "1.0"
     assert float(times) == pytest.approx(1 / max(map(float, rates)), abs=0.05 / max(map(float, rates)) + 0.01)
+
+
+def test_the_simulation_is_measured_with_its_noise(given):
+    table = card_jax.table_of(given, [RUNS], 1, {card_jax.SIMULATION: [1e6]}, SIMULATIONS[1:2])
+    assert float(next(iter(table.columns[2].cells))) > 0
