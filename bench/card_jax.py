@@ -2,7 +2,7 @@
 
 ``python -m bench.card --jax`` measures them beside this project's. The equations are the source of the compiled models,
 executed over JAX (``bench.peers.problem``). A step does less than this project's: of a filter sums of squared errors,
-NIS and log-likelihood, but neither NEES nor bounds nor divergence; of a simulation no look at where it leaves its range.
+NIS and log-likelihood, but neither NEES nor bounds nor divergence; of a simulation not where it leaves its range.
 """
 
 from __future__ import annotations

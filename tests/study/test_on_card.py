@@ -168,6 +168,21 @@ sys.exit(1)
     )
 
 
+def test_specialised_kernels_are_kept(tmp_path) -> None:
+    study = tmp_path / "tiny.toml"
+    study.write_text(STUDY)
+    simulated_script(
+        str(study),
+        script="""
+from harness.engine.cuda import specialise
+
+specialise.specialised = lambda *_: sys.exit("specialised again")
+again = CardEvaluator(StudyEvaluator(study))
+assert [a.__module__ for a in again.loops] == [b.__module__ for b in card.loops]
+""",
+    )
+
+
 def test_further_processes_compile_for_the_card(tmp_path) -> None:
     study = tmp_path / "tiny.toml"
     study.write_text(STUDY)
