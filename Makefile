@@ -155,9 +155,9 @@ short-runs: $(VENV)/dev.stamp ## compute RUNS=1000000 short runs, once more, and
 endurance: $(VENV)/dev.stamp ## run Kalman-type filters for HOURS=24 of simulated time and look at their covariances
 	$(BIN)/python -m bench.endurance $(if $(HOURS),--hours $(HOURS))
 
-bench: $(VENV)/$(if $(PEERS),peers,dev).stamp ## print the speed table (PEERS=1: other libraries on the same problem; DEVICE=cuda: on a graphics card)
-	$(if $(DEVICE),$(BIN)/python -m pip install -q -e '.[cuda]')
-	$(BIN)/python -m bench$(if $(DEVICE),.card)$(if $(PEERS),.peers)
+bench: $(VENV)/$(if $(PEERS),peers,dev).stamp ## print the speed table (PEERS=1: other libraries on the same problem; DEVICE=cuda: on a graphics card; both: JAX there)
+	$(if $(DEVICE),$(BIN)/python -m pip install -q -e '.[cuda]' $(if $(PEERS),'jax[cuda13]'))
+	$(BIN)/python -m bench$(if $(DEVICE),.card$(if $(PEERS), --jax),$(if $(PEERS),.peers))
 
 lock: ## renew the lock files from pyproject.toml (needs uv)
 	uv pip compile -q --python-version 3.11 --no-header --no-annotate --no-emit-index-url --upgrade pyproject.toml requirements-build.in -o requirements.lock

@@ -1,13 +1,15 @@
 """Print filter steps per second on a graphics card, and how far its scores are from the processor's.
 
-``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives. Beside it stands how far the
-processor's scores move by rounding alone, which decides where a filter diverges.
+``make bench DEVICE=cuda``; of the joint study (11 states) on one of its drives. ``--jax`` measures the same
+written for JAX on the same card (``bench.card_jax``). Beside the differences stands how far the processor's scores move
+by rounding alone, which decides where a filter diverges.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from bench.engine import ROOT
+from bench.engine import ROOT, tiled
 from harness.config import Study, load_study
 from harness.engine.cuda.kernels import CardKernel, name_of_card
 from harness.estimation.contract import load_estimator
@@ -41,11 +43,6 @@ def joint_study(path: Path = ROOT / "studies" / "joint.toml", kinds: Sequence[st
         chosen = [(kind, load_estimator(kind).Settings().model_dump()) for kind in kinds]
         estimators = tuple(dataclasses.replace(plain, name=kind, kind=kind, settings=s) for kind, s in chosen)
     return dataclasses.replace(study, estimators=estimators, history=(), over_time=None)
-
-
-def tiled(array: Any, runs: int, axis: int = -1) -> Any:
-    """Return an array with its runs repeated up to so many."""
-    return np.take(array, np.arange(runs) % array.shape[axis], axis=axis)
 
 
 def seconds_of(work: Callable[[], object], rounds: int) -> float:
@@ -143,7 +140,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--samples", type=int, default=2000)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--kinds", nargs="+", default=(), help="estimators in place of the study's")
+    parser.add_argument("--jax", type=int, nargs="*", metavar="FORM", help="JAX as well; which of the forms it knows")
     given = parser.parse_args(arguments)
+    if given.jax is not None and importlib.util.find_spec("jax") is None:
+        parser.error("--jax takes JAX: pip install 'jax[cuda13]'")
     console = Console(width=140)
     begin = time.perf_counter()
     measured = Measurement(joint_study(kinds=given.kinds), samples=given.samples)
@@ -156,12 +156,29 @@ def main(arguments: list[str] | None = None) -> None:
         row = [f"{rates[runs][name] / 1e6:,.1f}" for runs in given.runs]
         table.add_row(name, *row, *map(str, resources(kernel_of(measured, name))))
     console.print(table)
+    if given.jax is not None:
+        console.print(beside_jax(measured, rates, given.rounds, given.jax))
     unit = measured.parts[0].unit
     runs = f"{unit.stop - unit.first:,} runs of {given.samples} samples"
     title = f"largest relative difference of scores from the processor's, {runs}"
     console.print(table_of(title, measured.differences()))
     title = "the same of the processor's from its own with inputs that are one rounding error larger"
     console.print(table_of(title, rounding(measured.evaluator, unit)))
+
+
+def beside_jax(
+    measured: Measurement, rates: Mapping[int, Mapping[str, float]], rounds: int, forms: Sequence[int]
+) -> Table:
+    """Return the same written for JAX as a table: these forms, or all."""
+    from bench import card_jax
+
+    evaluator = measured.evaluator
+    names = {each.kind: each.name for each in evaluator.study.estimators if each.kind in ("ekf", "ukf")}
+    names |= {card_jax.SIMULATION: "simulation with noise"}
+    ours = {kind: [of_runs[name] for of_runs in rates.values()] for kind, name in names.items()}
+    problem = card_jax.Problem(evaluator, measured.drive, measured.samples)
+    chosen = [form for i, form in enumerate(card_jax.FORMS) if form.kind in names and (not forms or i in forms)]
+    return card_jax.table_of(problem, list(rates), rounds, ours, chosen)
 
 
 def table_of(title: str, rows: dict[str, dict[str, float]]) -> Table:

@@ -6,6 +6,7 @@ import dataclasses
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
@@ -37,6 +38,11 @@ def mass_study(*kinds: str) -> Study:
     study = load_study(ROOT / "studies" / "mass.toml")
     chosen = tuple(e for e in study.estimators if not kinds or e.kind in kinds)
     return dataclasses.replace(study, estimators=chosen, history=())
+
+
+def tiled(array: Any, runs: int, axis: int = -1) -> Any:
+    """Return an array with its runs repeated up to so many."""
+    return np.take(array, np.arange(runs) % array.shape[axis], axis=axis)
 
 
 def step_times(samples: int = 2000, rounds: int = 15) -> dict[str, float]:

@@ -12,27 +12,10 @@ from cuthbert.filtering import filter as cuthbert_filter
 from cuthbert.gaussian import moments
 from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, UKFHyperParams, extended_kalman_filter, unscented_kalman_filter
 
+from bench.peers.jax_numbers import JAX
 from bench.peers.problem import UNSCENTED, Problem, equations
 from bench.peers.reference import first_prediction
 from harness.common.arrays import Floats
-
-jax.config.update("jax_enable_x64", True)
-
-JAX = {
-    "sin": jnp.sin,
-    "cos": jnp.cos,
-    "tan": jnp.tan,
-    "atan": jnp.arctan,
-    "tanh": jnp.tanh,
-    "exp": jnp.exp,
-    "log": jnp.log,
-    "sqrt": jnp.sqrt,
-    "absolute": jnp.abs,
-    "sign": jnp.sign,
-    "where": jnp.where,
-    "maximum": jnp.maximum,
-    "minimum": jnp.minimum,
-}
 
 Filter = Callable[[Any], Any]
 """Measurements of one run ``(steps, ny)`` to means ``(steps, nx)``."""

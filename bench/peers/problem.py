@@ -153,6 +153,7 @@ class Equations:
         ahead_and_slope: ``(x, u)`` to the next state and its Jacobian ``(nx, nx)``.
         drift: ``(x, u)`` to the derivative of the state.
         output: ``(x, u)`` to the measured quantities.
+        signals: ``(x, u)`` to the quantities that are scored.
         output_and_slope: ``(x, u)`` to those and their Jacobian ``(ny, nx)``.
 
     All return object arrays.
@@ -162,16 +163,26 @@ class Equations:
     ahead_and_slope: Callable[[Any, Any], Any]
     drift: Callable[[Any, Any], Any]
     output: Callable[[Any, Any], Any]
+    signals: Callable[[Any, Any], Any]
     output_and_slope: Callable[[Any, Any], Any]
 
 
 def equations(given: Problem, numbers: Mapping[str, Any], kind: Callable[[float], Any] = float) -> Equations:
-    """Return the equations over other numbers.
+    """Return the equations of a problem over other numbers; see ``equations_of``."""
+    constants = np.array([kind(value) for value in given.constants[:, 0]], dtype=object)
+    return equations_of(given.compiled, constants, numbers, kind)
+
+
+def equations_of(
+    compiled: CompiledModel, constants: Any, numbers: Mapping[str, Any], kind: Callable[[float], Any] = float
+) -> Equations:
+    """Return the equations of a model over other numbers.
 
     Args:
-        given: The problem.
+        compiled: The model.
+        constants: Of the model, a sequence of numbers.
         numbers: The functions ``sin, cos, tan, atan, tanh, exp, log, sqrt, absolute, sign, where, maximum, minimum``.
-        kind: What a constant of the model becomes.
+        kind: What a number that stands in the equations becomes.
     """
     names: dict[str, Any] = dict(numbers)
     names |= {
@@ -184,9 +195,8 @@ def equations(given: Problem, numbers: Mapping[str, Any], kind: Callable[[float]
         "select": numbers["where"],
         "splat": kind,
     }
-    exec(compile(_IMPORT.sub("", inspect.getsource(given.compiled.kernels)), "model", "exec"), names)
-    nx, ny, nw = names["NX"], names["NY"], names["NW"]
-    constants = np.array([kind(value) for value in given.constants[:, 0]], dtype=object)
+    exec(compile(_IMPORT.sub("", inspect.getsource(compiled.kernels)), "model", "exec"), names)
+    nx, ny, ns, nw = names["NX"], names["NY"], names["NS"], names["NW"]
 
     def empty(*shape: int) -> Any:
         return np.full(shape, kind(0.0), dtype=object)
@@ -211,12 +221,17 @@ def equations(given: Problem, numbers: Mapping[str, Any], kind: Callable[[float]
         names["output"](x, u, constants, result)
         return result
 
+    def signals(x: Any, u: Any) -> Any:
+        result = empty(ns)
+        names["signals"](x, u, constants, result)
+        return result
+
     def output_and_slope(x: Any, u: Any) -> Any:
         result, slope = empty(ny), empty(ny, nx)
         names["output_jacobian"](x, u, constants, result, slope)
         return result, slope
 
-    return Equations(ahead, ahead_and_slope, drift, output, output_and_slope)
+    return Equations(ahead, ahead_and_slope, drift, output, signals, output_and_slope)
 
 
 def _put(value: Any, array: Any, *index: int) -> None:

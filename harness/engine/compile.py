@@ -108,7 +108,9 @@ _generated: set[str] = set()
 
 
 def is_on_disk(function: Dispatcher) -> bool:
-    """Return whether numba's cache has machine code of a function (of any processor); yes without a cache."""
+    """Return whether numba's cache has machine code of a function (of any processor or card); yes without a cache."""
+    if not hasattr(function, "stats"):
+        return True  # numba's simulator of a card compiles nothing
     names, folder = f"{function.py_func.__module__}.{function.py_func.__name__}-*.nbi", function.stats.cache_path
     return folder is None or any(Path(folder).glob(names))
 

@@ -14,14 +14,19 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Any, Protocol
 
 from harness.common import components
 from harness.config import Study
 from harness.engine.compile import is_on_disk
+from harness.study.devices import on_card
 from harness.study.evaluate import StudyEvaluator
 
 _WORTH = 3
-"""Missing kernels for each further process: its start takes as long as the compilation of one."""
+"""Missing kernels for each further process: its start takes as long as the compilation of one.
+
+On a card a kernel takes several times as long, so each is worth a process.
+"""
 
 _START = (
     "import sys; sys.path[:] = sys.argv[1:]; from harness.common.process import collect_rarely; "
@@ -29,7 +34,26 @@ _START = (
 )
 
 
-def compile_kernels(evaluator: StudyEvaluator, processes: int, say: Callable[[str], None]) -> None:
+class Compiles(Protocol):
+    """What kernels are compiled of: ``StudyEvaluator``, or ``CardEvaluator`` for a card."""
+
+    @property
+    def study(self) -> Study:
+        """The study."""
+
+    @property
+    def kernels(self) -> int:
+        """Number of kernels."""
+
+    @property
+    def loops(self) -> list[Any]:
+        """The compiled functions."""
+
+    def warm_up(self, index: int) -> str:
+        """Compile one of them and return its name."""
+
+
+def compile_kernels(evaluator: Compiles, processes: int, say: Callable[[str], None]) -> None:
     """Compile the kernels of a study, or load them from the cache.
 
     Args:
@@ -38,7 +62,9 @@ def compile_kernels(evaluator: StudyEvaluator, processes: int, say: Callable[[st
         say: Told in words what is done.
     """
     missing = deque(missing_kernels(evaluator))
-    left, further = set(range(evaluator.kernels)), min(processes - 1, len(missing) // _WORTH)
+    left = set(range(evaluator.kernels))
+    worth = len(missing) // _WORTH if evaluator.study.device == "cpu" else max(0, len(missing) - 1)
+    further = min(processes - 1, worth)
 
     def load(index: int) -> None:
         left.discard(index)
@@ -51,7 +77,7 @@ def compile_kernels(evaluator: StudyEvaluator, processes: int, say: Callable[[st
         load(index)
 
 
-def missing_kernels(evaluator: StudyEvaluator) -> list[int]:
+def missing_kernels(evaluator: Compiles) -> list[int]:
     """Return which kernels are in no cache, in their order; of those that are the same, the first."""
     loops = evaluator.loops
     return [loops.index(loop) for loop in dict.fromkeys(loops) if not is_on_disk(loop)]
@@ -106,7 +132,9 @@ def serve() -> None:
     source, answers = sys.stdin.buffer, sys.stdout.buffer
     found, study = pickle.loads(source.read(int.from_bytes(source.read(8), "little")))
     components.take_over(found)
-    evaluator = StudyEvaluator(study)
+    evaluator: Compiles = StudyEvaluator(study)
+    if study.device != "cpu":
+        evaluator = on_card().CardEvaluator(evaluator)
     while True:
         answers.write(b"ready\n")
         answers.flush()

@@ -1,12 +1,13 @@
 """Evaluate units of a study on a graphics card: a thread for each run, many units at once.
 
 The kernels are those of processors (``harness.engine.cuda``), the random numbers as well. Simulated signals stay on the
-card; only sums of scores leave it.
+card; only sums of scores leave it. While it computes, the processor prepares the next units and enters the last ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.config import Study
 from harness.engine.cuda import loops
 from harness.engine.cuda.kernels import CardKernel
 from harness.engine.cuda.kernels import check_card as check_card
@@ -98,6 +100,26 @@ class Begun(NamedTuple):
     memory: Floats
 
 
+class Prepared(NamedTuple):
+    """Units of one drive that are computed at once, with what a card is told of their plants and by each estimator."""
+
+    drive: int
+    parts: Sequence[Part]
+    loaded: Loaded
+    begun: Sequence[Begun]
+
+
+class Computed(NamedTuple):
+    """What comes back of them: where each run left its range, and the sums of each estimator."""
+
+    left_at: Floats
+    sums: Sequence[Sums]
+
+
+Scored = tuple[Unit, dict[str, NDArray[np.generic]]]
+"""A unit with its scores as ``StudyEvaluator.evaluate`` gives them."""
+
+
 class CardEvaluator:
     """A study ready to evaluate units on a card.
 
@@ -125,35 +147,52 @@ class CardEvaluator:
         self.simulate_kernel = CardKernel("simulate", loops.simulate_runs, compiled.plant)
         self._copy, self._hold = (CardKernel(f.__name__, f) for f in (loops.copy_row, loops.hold_row))
         within = bool(compiled.belief.model.within)
-        self.estimate_kernels = [
-            CardKernel(
-                f"estimate_{each.kind}",
+        of_kind = {
+            kind: CardKernel(
+                f"estimate_{kind}",
                 loops.estimate_runs,
                 compiled.belief,
-                kernels_of(load_estimator(each.kind), parameters=within),
+                kernels_of(load_estimator(kind), parameters=within),
             )
-            for each in compiled.estimators
-        ]
+            for kind in dict.fromkeys(each.kind for each in compiled.estimators)
+        }
+        self.estimate_kernels = [of_kind[each.kind] for each in compiled.estimators]
         self._layers = [cuda.to_device(np.asarray(table)) for table in (wi_double, ki_double, fi_double)]
 
-    def evaluate(self, units: Sequence[Unit]) -> Iterator[tuple[Unit, dict[str, NDArray[np.generic]]]]:
-        """Evaluate units; give each with its scores as ``StudyEvaluator.evaluate`` does, in any order."""
+    def evaluate(self, units: Sequence[Unit]) -> Iterator[Scored]:
+        """Evaluate units; give each with its scores, in any order."""
         units = yield from self._over_time(units)
-        drives = sorted({unit.drive for unit in units})
-        for drive in drives:
-            parts: list[Part] = []
-            room = self._runs_at_once(drive)
-            for unit in (u for u in units if u.drive == drive):
-                part = self.part(unit)
-                if parts and sum(p.held.first.size for p in parts) + part.held.first.size > room * self._nx:
-                    yield from self._together(drive, parts)
-                    parts = []
-                parts.append(part)
-            yield from self._together(drive, parts)
+        batches = list(self._batches(units))
+        card = ThreadPoolExecutor(1)  # it waits for the card, without the lock that this thread needs
+        computing: tuple[Prepared, Future[Computed]] | None = None
+        try:
+            for drive, batch in batches:
+                prepared = self._prepared(drive, batch)
+                following = prepared, card.submit(self._computed, prepared)
+                if computing is not None:
+                    yield from self._entered(*computing)
+                computing = following
+            if computing is not None:
+                yield from self._entered(*computing)
+        finally:
+            card.shutdown(cancel_futures=True)
 
-    def _over_time(
-        self, units: Sequence[Unit]
-    ) -> Generator[tuple[Unit, dict[str, NDArray[np.generic]]], None, Sequence[Unit]]:
+    def _batches(self, units: Sequence[Unit]) -> Iterator[tuple[int, list[Unit]]]:
+        """Return the units that are computed together, and their drive."""
+        study = self._evaluator.study
+        for drive in sorted({unit.drive for unit in units}):
+            batch: list[Unit] = []
+            room = left = self._runs_at_once(drive)
+            for unit in (u for u in units if u.drive == drive):
+                runs = -(-unit.runs(study) // LANES) * LANES
+                if batch and runs > left:
+                    yield drive, batch
+                    batch, left = [], room
+                batch.append(unit)
+                left -= runs
+            yield drive, batch
+
+    def _over_time(self, units: Sequence[Unit]) -> Generator[Scored, None, Sequence[Unit]]:
         """Evaluate those whose errors are kept over time, which the processor does; return the others."""
         evaluator, others = self._evaluator, []
         for unit in units:
@@ -163,23 +202,30 @@ class CardEvaluator:
                 yield unit, evaluator.evaluate(unit)
         return others
 
-    def warm_up(self, tell: Callable[[str], object]) -> None:
-        """Compile all kernels, which takes some seconds for each, and tell which one it is.
-
-        Args:
-            tell: Told before each.
-        """
-        evaluator = self._evaluator
-        part = self.part(Unit(0, 0, 0, 0, 1))
-        tell("compiling the simulation for the card")
-        simulated = self.simulate(0, self.loaded([part]), samples=3)
-        for e, spec in enumerate(evaluator.study.estimators):
-            tell(f"compiling {spec.name} for the card")
-            self.sums(e, self.estimate(e, simulated, self.believed(e, [part])))
+    @property
+    def study(self) -> Study:
+        """The study."""
+        return self._evaluator.study
 
     @property
-    def _nx(self) -> int:
-        return self._evaluator.compiled.plant.nx
+    def loops(self) -> list[Any]:
+        """The kernels that ``warm_up`` compiles; estimators that differ in settings alone share one."""
+        return [each.function for each in (self.simulate_kernel, *self.estimate_kernels)]
+
+    @property
+    def kernels(self) -> int:
+        """Number of kernels that ``warm_up`` compiles."""
+        return len(self.loops)
+
+    def warm_up(self, index: int) -> str:
+        """Compile one kernel (0 is the simulation, then the estimators) and return its name; ``range(kernels)``."""
+        part = self.part(Unit(0, 0, 0, 0, 1))
+        if index == 0:
+            self.simulate(0, self.loaded([part]), samples=3)
+            return "simulation"
+        e, (truth, measured, left) = index - 1, self._room(3, part.held.first.shape[-1])
+        self.sums(e, self.estimate(e, self._simulated(0, truth, measured, left), self.believed(e, [part])))
+        return self.study.estimators[e].name
 
     def _runs_at_once(self, drive: int) -> int:
         """Return how many runs of a drive are on the card at a time."""
@@ -197,20 +243,29 @@ class CardEvaluator:
         plant, believed = evaluator.parameters(unit, cases, "plant"), evaluator.parameters(unit, cases, "belief")
         return Part(unit, cases, plant, believed, evaluator.in_batches(evaluator.compiled.plant, unit, plant))
 
-    def _together(self, drive: int, parts: Sequence[Part]) -> Iterator[tuple[Unit, dict[str, NDArray[np.generic]]]]:
-        """Evaluate units of one drive at once."""
-        evaluator = self._evaluator
-        results = [evaluator.pending(part.unit) for part in parts]
-        starts = np.cumsum([0, *(-(-len(part.cases) // LANES) * LANES for part in parts)])[:-1]
-        simulated = self.simulate(drive, self.loaded(parts))
-        left = simulated.left_at.copy_to_host().reshape(-1)
-        for e, estimator in enumerate(evaluator.compiled.estimators):
-            totals = self.sums(e, self.estimate(e, simulated, self.believed(e, parts)))
-            for part, result, start in zip(parts, results, starts, strict=True):
-                own = slice(int(start), int(start) + len(part.cases))
+    def _prepared(self, drive: int, units: Sequence[Unit]) -> Prepared:
+        """Return what a card needs to evaluate units of one drive at once."""
+        parts = [self.part(unit) for unit in units]
+        begun = [self.believed(e, parts) for e in range(len(self.estimate_kernels))]
+        return Prepared(drive, parts, self.loaded(parts), begun)
+
+    def _computed(self, prepared: Prepared) -> Computed:
+        """Simulate and estimate on the card, and wait for it."""
+        simulated = self.simulate(prepared.drive, prepared.loaded)
+        sums = [self.sums(e, self.estimate(e, simulated, begun)) for e, begun in enumerate(prepared.begun)]
+        return Computed(simulated.left_at.copy_to_host().reshape(-1), sums)
+
+    def _entered(self, prepared: Prepared, computing: Future[Computed]) -> Iterator[Scored]:
+        """Wait for the card; give each unit with its scores."""
+        evaluator, (left, sums) = self._evaluator, computing.result()
+        start = 0
+        for part in prepared.parts:
+            result, own = evaluator.pending(part.unit), slice(start, start + len(part.cases))
+            for e, (estimator, totals) in enumerate(zip(evaluator.compiled.estimators, sums, strict=True)):
                 scores = estimator.scores(Sums(totals.errors[..., own], totals.per_run[:, own]))
                 evaluator.enter(result, part.unit, e, left[own], scores)
-        yield from zip((part.unit for part in parts), results, strict=True)
+            start += -(-len(part.cases) // LANES) * LANES
+            yield part.unit, result
 
     def loaded(self, parts: Sequence[Part]) -> Loaded:
         """Return what a card is told of the plants of some units."""
@@ -236,8 +291,7 @@ class CardEvaluator:
         samples, own = inputs.shape[0], len(plant.signal_names)
         noise = cuda.device_array((samples, plant.nx + plant.ny, runs))
         self._draw(runs, _sent(loaded.words), *self._layers, noise)
-        truth = cuda.device_array((samples, max(1, len(compiled.truth_names)), runs))
-        measured, left = cuda.device_array((samples, max(1, plant.ny), runs)), cuda.device_array((1, runs))
+        truth, measured, left = self._room(samples, runs)
         self.simulate_kernel(
             runs, inputs, inputs, _sent(held.constants), _sent(np.sqrt(held.process_noise)),
             _sent(np.sqrt(held.measurement_noise)), _sent(simulator.limits), _sent(simulator.needed),
@@ -247,6 +301,17 @@ class CardEvaluator:
             values = _sent(loaded.parameters)
             for i in range(len(loaded.parameters)):
                 self._hold(runs, values, i, truth, own + i)
+        return self._simulated(drive, truth, measured, left)
+
+    def _room(self, samples: int, runs: int) -> tuple[Any, Any, Any]:
+        """Return arrays on the card for what is simulated: truth, measurements, where each run left its range."""
+        rows = max(1, len(self._evaluator.compiled.truth_names)), max(1, self._evaluator.compiled.plant.ny)
+        truth, measured = (cuda.device_array((samples, n, runs)) for n in rows)
+        return truth, measured, cuda.device_array((1, runs))
+
+    def _simulated(self, drive: int, truth: Any, measured: Any, left: Any) -> Simulated:
+        """Return what estimators take of the signals of a plant."""
+        runs = truth.shape[2]
         return Simulated(self._known(drive, truth, measured, runs), truth, self._measured(measured, runs), left)
 
     def _known(self, drive: int, truth: Any, measured: Any, runs: int) -> Any:

@@ -258,7 +258,7 @@ def _on_card(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], cons
     """Evaluate units on a graphics card; return each when it is in the store."""
     with console.status("compiling kernels for the card (only the first start takes long)") as status:
         card = on_card().CardEvaluator(evaluator)
-        card.warm_up(status.update)
+        compile_kernels(card, joblib.cpu_count(), status.update)
     for unit, result in card.evaluate(todo):
         store.write(unit, result)
         yield unit

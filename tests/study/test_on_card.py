@@ -56,6 +56,27 @@ def simulated(*arguments: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+def simulated_script(*arguments: str, script: str) -> None:
+    """Run Python where numba simulates a card; ``card`` is the study's there."""
+    begin = """
+import dataclasses, sys, threading
+import numpy as np
+from harness.config import load_study
+from harness.study import compiling
+from harness.study.design import Unit
+from harness.study.evaluate import StudyEvaluator
+from harness.study.on_card import CardEvaluator
+
+study = dataclasses.replace(load_study(sys.argv[1]), device="cuda")
+card = CardEvaluator(StudyEvaluator(study))
+"""
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", begin + script, *arguments],
+        capture_output=True, text=True, env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, subprocess.CompletedProcess[str]]:
     folder = tmp_path_factory.mktemp("card")
@@ -86,6 +107,109 @@ def test_what_is_there_is_not_computed_again_and_verified_on_a_card(finished) ->
     verified = simulated("verify", str(out), "--study", str(study))
     assert verified.returncode == 0
     assert "the same bits" in verified.stdout + verified.stderr
+
+
+def test_the_next_units_are_prepared_while_the_card_computes(tmp_path) -> None:
+    study = tmp_path / "tiny.toml"
+    start, end = STUDY.index("estimator = ["), STUDY.index("[plant]")
+    text = f'{STUDY[:start]}estimator = [{{ name = "EKF", kind = "ekf" }}]\n{STUDY[end:]}'
+    study.write_text(text.replace("samples = 2", "samples = 16"))
+    simulated_script(
+        str(study),
+        script="""
+parts = [Unit(0, 0, 0, first, first + 4) for first in (0, 4, 8)]
+wanted = [next(card.evaluate([unit]))[1] for unit in parts]
+prepare, compute, prepared = card._prepared, card._computed, []
+further = threading.Event()
+
+def preparing(drive, units):
+    prepared.append(units)
+    if len(prepared) == 2:
+        further.set()
+    return prepare(drive, units)
+
+def computing(batch):
+    assert further.wait(60), "nothing was prepared meanwhile"
+    return compute(batch)
+
+card._prepared, card._computed, card._runs_at_once = preparing, computing, lambda drive: 8
+found = list(card.evaluate(parts))
+assert prepared == [[unit] for unit in parts]
+assert [unit for unit, _ in found] == parts
+for (_, got), each in zip(found, wanted):
+    assert got.keys() == each.keys()
+    for name in got:
+        np.testing.assert_array_equal(got[name], each[name])
+card._runs_at_once = lambda drive: 100
+together = list(card.evaluate(parts))
+assert len(prepared) == 4
+for (_, got), each in zip(together, wanted):
+    np.testing.assert_array_equal(got["rmse"], each["rmse"])
+""",
+    )
+
+
+def test_an_error_on_the_card_ends_the_study(tmp_path) -> None:
+    study = tmp_path / "tiny.toml"
+    study.write_text(STUDY)
+    simulated_script(
+        str(study),
+        script="""
+def failing(batch):
+    raise MemoryError("full")
+
+card._computed = failing
+try:
+    list(card.evaluate([Unit(0, 0, 0, 0, 2)]))
+except MemoryError:
+    sys.exit(0)
+sys.exit(1)
+""",
+    )
+
+
+def test_specialised_kernels_are_kept(tmp_path) -> None:
+    study = tmp_path / "tiny.toml"
+    study.write_text(STUDY)
+    simulated_script(
+        str(study),
+        script="""
+from harness.engine.cuda import specialise
+
+specialise.specialised = lambda *_: sys.exit("specialised again")
+again = CardEvaluator(StudyEvaluator(study))
+assert [a.__module__ for a in again.loops] == [b.__module__ for b in card.loops]
+""",
+    )
+
+
+def test_further_processes_compile_for_the_card(tmp_path) -> None:
+    study = tmp_path / "tiny.toml"
+    study.write_text(STUDY)
+    simulated_script(
+        str(study),
+        script="""
+taken, elsewhere, take = [], threading.Event(), compiling._taken
+
+def taking(end):
+    here = threading.current_thread() is threading.main_thread()
+    if here and not elsewhere.wait(300):
+        sys.exit("no further process began")
+    index = take(end)
+    if not here:
+        taken.append(index)
+        elsewhere.set()
+    return index
+
+compiling._taken = taking
+compiling.missing_kernels = lambda evaluator: list(range(evaluator.kernels))
+said = []
+compiling.compile_kernels(card, 2, said.append)
+assert taken[0] == 4, taken
+assert said[0] == "compiled simulation; 4 to go", said
+assert len(said) == 5, said
+""",
+    )
 
 
 def test_a_result_is_continued_on_what_began_it(finished) -> None:

@@ -11,12 +11,13 @@ from typing import Any
 
 from numba import config, cuda
 
+from harness.common.cache import kept
 from harness.common.errors import ModelError, UserError
+from harness.common.sources import digest
 from harness.engine import kernel_names
 from harness.engine.compile import CompiledModel, Exchange, load_source, written_over
-from harness.engine.cuda import compiling, linalg, loops
+from harness.engine.cuda import compiling, linalg, loops, specialise
 from harness.engine.cuda import lanes as threads
-from harness.engine.cuda.specialise import specialised
 from harness.engine.cuda.write import for_card
 from harness.engine.kernel_source import Kernel, kernel_source
 from harness.engine.simd import inner, lanes, memory
@@ -58,6 +59,12 @@ def model_on_card(kernels: ModuleType) -> ModuleType:
     return load_source(f"card_{name}", _VERSION + written_over(inspect.getsource(kernels), CARD))
 
 
+def _specialised(general: ModuleType, entry: str) -> str:
+    """Return a module specialised for its sizes, which takes seconds, kept from earlier processes."""
+    key = f"{general.__name__} {entry} {digest([specialise])}"  # the name tells all that the module is made from
+    return kept("specialised", key, lambda: specialise.specialised(general, entry).encode()).decode()
+
+
 class CardKernel:
     """A function of runs ready for a card.
 
@@ -82,7 +89,7 @@ class CardKernel:
         meant = {simd.outer_sum: linalg.outer_sum, simd.sigma_mean: linalg.sigma_mean, turned: loops.carried_over}
         source = _VERSION + written_over(kernel_source(stem, [function], model, meant | dict(given or {})), CARD)
         general = load_source(f"card_{stem}", source)
-        text = specialised(general, function.__name__)
+        text = _specialised(general, function.__name__)
         if "np.empty(" in text or "np.zeros(" in text:
             raise ModelError(f"'{stem}' makes arrays whose sizes are not known before it runs, which no card can have")
         special = load_source(f"card_{stem}", _VERSION + text)
