@@ -1,4 +1,4 @@
-"""The twelve cases: what is missing in each, and how one is drawn and written.
+"""The thirteen cases: what is missing in each, and how one is drawn and written.
 
 The seed of a case decides its tyres, its logger and its three drives. What a tracer gets are ``d1.csv``, ``d2.csv``,
 ``d3.csv``, ``map.toml`` and ``nominal.toml``; ``truth.json`` is for the scoring.
@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.foreign.driver import DURATION, Driver, draw_speed, draw_wind, half_steps
+from bench.foreign.driver import DURATION, Driver, draw_bank, draw_speed, draw_wind, half_steps
 from bench.foreign.logger import Logger, csv_text, draw_delays, map_text, record
 from bench.foreign.nominal import nominal_text
-from bench.foreign.vehicle import STEP, Floats, Truck, integrate, truck
+from bench.foreign.vehicle import BANK, STEP, Floats, Truck, integrate, truck
 
 DRIVES = ("d1", "d2", "d3")
 TRUTH = "truth.json"
@@ -44,6 +44,7 @@ class Case:
         acts: Fields of ``Truck`` that make the effects.
         shares: In which the trailer's axles carry its rear load.
         wind: Whether there is any.
+        uneven: Whether the bank of the road varies.
         later_friction: To which the road's friction changes in each drive, if it does.
         gain: Of the articulation sensor.
         articulation_noise: Its standard deviation in degrees; drawn if ``None``.
@@ -62,6 +63,7 @@ class Case:
     acts: Mapping[str, float] = field(default_factory=dict)
     shares: tuple[float, float, float] = (1.0, 1.0, 1.0)
     wind: bool = False
+    uneven: bool = False
     later_friction: float | None = None
     gain: float = 1.0
     articulation_noise: float | None = None
@@ -155,6 +157,14 @@ _ALL = (
         acts={"locked_differential": 8.6e5},
         five=True,
     ),
+    Case(
+        "m",
+        1313,
+        "effect",
+        "a bank of the road that goes from level to level, up to 0.03 rad",
+        ("road_bank_varying",),
+        uneven=True,
+    ),
 )
 CASES = {case.name: case for case in _ALL}
 """By their letter."""
@@ -199,13 +209,16 @@ def _drive(
     """Return what is recorded of one drive, and what happened in it."""
     rng = np.random.default_rng(seed)
     t = half_steps(seconds)
-    u = np.zeros((t.size, 5))
+    u = np.zeros((t.size, 6))
     u[:, 1], u[:, 2] = draw_speed(rng, t, fast=case.fast)
     u[:, 0] = Driver(rng, t, u[:, 1]).steering(case.hardest)
     story: dict[str, Any] = {}
     if case.wind:
         u[:, 3], story["gust"] = draw_wind(rng, t)
         u[:, 4] = WIND_AHEAD * u[:, 3]
+    if case.uneven:
+        u[:, BANK] = draw_bank(rng, t)
+        story["bank"] = round(float(u[:, BANK].std()), 4)
     if case.later_friction is not None:
         begin = float(rng.uniform(42, 72))
         driven = driven._replace(later_friction=case.later_friction, friction_change=begin)

@@ -1,4 +1,4 @@
-"""What a drive is put to: random manoeuvres one after another, a speed that changes meanwhile, and wind.
+"""What a drive is put to: random manoeuvres one after another, a speed that changes meanwhile, wind, and the road.
 
 A manoeuvre asks for a lateral acceleration; the steering-wheel angle is that of the published truck in a steady bend.
 Everything is laid out at half steps, which Runge-Kutta reads.
@@ -176,3 +176,15 @@ def draw_wind(rng: np.random.Generator, t: Floats) -> tuple[Floats, tuple[float,
         wanders[k] = wanders[k - 1] * math.exp(-0.1 / 2.0) + shocks[k] * math.sqrt(1 - math.exp(-0.2 / 2.0))
     turbulent = 1 + 0.15 * np.interp(t, np.arange(wanders.size) * 0.1, wanders)
     return force * turbulent, (round(begin, 1), round(begin + duration, 1))
+
+
+def draw_bank(rng: np.random.Generator, t: Floats) -> Floats:
+    """Return the bank of a road (rad, left side higher): levels up to 0.03 held for 3 to 10 s, and ramps between."""
+    bank, now, level = np.zeros(t.size), 0.0, rng.uniform(-0.03, 0.03)
+    bank += level
+    while now < t[-1]:
+        now += rng.uniform(3, 10)
+        following, ramp = rng.uniform(-0.03, 0.03), rng.uniform(1.5, 4)
+        bank += (following - level) * smooth_step((t - now) / ramp)
+        now, level = now + ramp, following
+    return bank

@@ -74,7 +74,7 @@ PUBLISHED = {
 }
 """What is published about the vehicle, in SI units (Ziaukas 2023)."""
 
-WHEEL, SPEED, SPEED_RATE, SIDE_FORCE, YAW_MOMENT = range(5)
+WHEEL, SPEED, SPEED_RATE, SIDE_FORCE, YAW_MOMENT, BANK = range(6)
 """Columns of the inputs: steering wheel (rad), the trailer's speed (m/s) and its rate (m/s^2), wind on the trailer (N
 and N m)."""
 
@@ -249,7 +249,7 @@ def _bodies(y, u, delta, p, dy, out):
     ct, st = math.cos(y[_THETA]), math.sin(y[_THETA])
     u2, v2 = _trailer_velocity(y, p)
     h, a2, m1, m2 = p.kingpin, p.trailer_kingpin, p.tractor_mass, p.trailer_mass
-    gravity = -GRAVITY * math.sin(p.bank)
+    gravity = -GRAVITY * math.sin(p.bank + u[BANK])
     along = u[SPEED_RATE] + SPEED_GAIN * (u[SPEED] - u2) - v2 * r2
     across = y[_F21] + y[_F22] + y[_F23] + u[SIDE_FORCE] + m2 * gravity
     kx = ct * h * r1 * r1 + a2 * r2 * r2
@@ -301,7 +301,7 @@ def integrate(u, p, step):
     """Return the outputs of a drive from straight ahead, by Runge-Kutta of fourth order.
 
     Args:
-        u: Inputs at every half step, ``(2 n + 1, 5)``.
+        u: Inputs at every half step, ``(2 n + 1, 6)``.
         p: The truck.
         step: In s.
 

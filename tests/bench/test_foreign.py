@@ -14,12 +14,13 @@ from bench.attribution.score import CURVE, FAILED
 from bench.foreign import run
 from bench.foreign.__main__ import main
 from bench.foreign.cases import CASES, DRIVES, TRUTH, write_case
-from bench.foreign.driver import Driver, draw_speed, draw_wind, half_steps, wheel_angle
+from bench.foreign.driver import Driver, draw_bank, draw_speed, draw_wind, half_steps, wheel_angle
 from bench.foreign.logger import SPEED_STEP, Logger, record
 from bench.foreign.nominal import nominal_text
 from bench.foreign.run import TRACE, run_case, task_of
 from bench.foreign.score import compare, gathered, score, table
 from bench.foreign.vehicle import (
+    BANK,
     GRAVITY,
     OUTPUTS,
     PUBLISHED,
@@ -48,7 +49,7 @@ STATED = {"mass": 1000.0, "ratio": 20.0}
 def driven(angle, seconds=6.0, speed=20.0, p=None):
     """Return the outputs of a drive at a steady speed; the steering-wheel angle is a number or a function of s."""
     t = half_steps(seconds)
-    u = np.zeros((t.size, 5))
+    u = np.zeros((t.size, 6))
     u[:, WHEEL], u[:, SPEED] = angle(t) if callable(angle) else angle, speed
     return integrate(u, p or truck(), STEP)
 
@@ -138,7 +139,10 @@ def test_a_steady_bend_follows_the_linear_handling_formula(speed):
 def test_a_bank_and_wind_push_to_the_lower_and_to_the_lee_side():
     banked = driven(0.0, p=truck()._replace(bank=0.02))
     assert banked[-1, R1] < 0.0
-    u = np.zeros((half_steps(4.0).size, 5))
+    u = np.zeros((half_steps(6.0).size, 6))
+    u[:, SPEED], u[:, BANK] = 20.0, 0.02
+    assert (integrate(u, truck(), STEP) == banked).all()
+    u = np.zeros((half_steps(4.0).size, 6))
     u[:, SPEED], u[:, YAW_MOMENT] = 20.0, 1e4
     assert integrate(u, truck(), STEP)[500, R2] > 0.0
 
@@ -184,6 +188,16 @@ def test_the_gust_blows_when_it_is_said_to():
     wind, (begin, end) = draw_wind(np.random.default_rng(3), t)
     within = (t > begin + 2) & (t < end)
     assert wind[within].mean() > 2 * wind[~within].mean() > 0
+
+
+def test_the_bank_goes_from_level_to_level_without_a_jump():
+    t = half_steps(120.0)
+    bank = draw_bank(np.random.default_rng(3), t)
+    assert 0.005 < bank.std() < 0.03
+    assert np.abs(bank).max() <= 0.03
+    held = np.abs(np.diff(bank)) < 1e-12
+    assert 0.3 < held.mean() < 0.9
+    assert np.abs(np.diff(bank)).max() < 1.9 * 0.06 / 1.5 * (t[1] - t[0])
 
 
 # --- the logger
@@ -270,7 +284,7 @@ def test_a_case_is_a_task_with_the_sensors_of_its_logger_and_the_published_value
 
 
 def test_cases_name_effects_of_the_library_and_parameters_of_the_vehicle():
-    assert "".join(CASES) == "abcdefghijkl"
+    assert "".join(CASES) == "abcdefghijklm"
     for case in CASES.values():
         assert {split(name)[0] for name in case.effects} <= set(EFFECTS.names())
         assert case.values.keys() <= PUBLISHED.keys()
