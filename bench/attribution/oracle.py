@@ -70,15 +70,17 @@ def _oracle(sealed: Mapping[str, Any], task: Task, augmented: AugmentedModel) ->
 def true_hypotheses(augmented: AugmentedModel, effect: Mapping[str, Any]) -> tuple[Hypothesis, ...]:
     """Return the smallest hypothesis of the library that holds what is true, or several that together do, or nothing.
 
-    Where the seal has no values to go by it is everything that the library's effect has, or one of its places: then
-    all places are returned, and the drives decide.
+    A random process is none: of an oracle a simulation is asked, which predicts no process. Where the seal has no
+    values to go by it is everything that the library's effect has, or one of its places: then all places are returned,
+    and the drives decide.
 
     Args:
         augmented: The model with the library.
         effect: From ``sealed.json``.
     """
     needed = _needed(effect)
-    own = [h for h in hypotheses(augmented, ()) if h.kind == "effect" and split(h.name)[0] == effect["name"]]
+    effects = (h for h in hypotheses(augmented, ()) if h.kind == "effect" and not h.random)
+    own = [h for h in effects if split(h.name)[0] == effect["name"]]
     if not effect["in_library"] or not own:
         return ()
     if not needed:

@@ -356,14 +356,17 @@ def test_cases_are_chosen_by_vehicle_and_magnitude():
     assert not any(n.endswith(("-small", "-large")) or n.startswith("semitrailer") for n in names)
 
 
+PROCESSES = ("road_bank_varying",)
+
+
 def library(vehicle):
     """Return what the oracle asks of a compiled model, without compiling one."""
     spec = finely({"vehicle": vehicle, **NOMINAL[vehicle]}, 0.01, "test")
     there = placements(spec.vehicle, spec.tyre, spec.sensors)
     placed = tuple(n for n in there if not getattr(load_effect(n), "NOISE", None))
-    files = tuple(dict.fromkeys(split(n)[0] for n in placed))
+    files = tuple(dict.fromkeys([*(split(n)[0] for n in placed), *PROCESSES]))
     names = assemble(spec.vehicle, spec.tyre, files, spec.sensors, optional=True).parameter_names
-    return SimpleNamespace(nominal=spec.model(), placements=placed, drifts=(), names=names)
+    return SimpleNamespace(nominal=spec.model(), placements=placed, processes=PROCESSES, names=names)
 
 
 @pytest.mark.parametrize("vehicle", sorted(NOMINAL))
