@@ -107,10 +107,14 @@ def _pieces(
     for disturbance_input in disturbance_inputs:
         response = model.responses(ranking.input_directions(disturbance_input)[drive], terms)
         columns.append(response.reshape(len(signals) * ny, -1).astype(np.float32))
-    X, r = np.concatenate(columns, axis=1), residual.reshape(-1).astype(np.float32)
+    X, r = np.concatenate(columns, axis=1), residual.reshape(-1)
     length = round(PIECE / model.step) * ny
-    cuts = [slice(s, s + length) for s in range(0, len(r), length)]
-    return np.array([X[c].T @ X[c] for c in cuts], dtype=float), np.array([X[c].T @ r[c] for c in cuts], dtype=float)
+    pieces = []
+    for begin in range(0, len(r), length):
+        x = X[begin : begin + length].astype(float)  # where a linearised model grows its squares need the range
+        pieces.append((x.T @ x, x.T @ r[begin : begin + length]))
+    gram, pull = zip(*pieces, strict=True)
+    return np.array(gram), np.array(pull)
 
 
 def _sparse(gram: Floats, pull: Floats, fixed: int) -> Floats:
