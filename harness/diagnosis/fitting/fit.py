@@ -39,8 +39,8 @@ _ROUGHLY = 100 * ENOUGH
 """Predicted gain at which they end."""
 
 _SLOW = 0.01
-"""Share of its gain so far below which a step of a first turn under stated noise ends it: what comes near the best is
-fitted on, and where a model is not right steps go on gaining little."""
+"""Share of its gain so far below which a step of a first turn ends it: what comes near the best is fitted on, and where
+a model is not right steps go on gaining little."""
 
 TURNS = 3
 """Most turns of a fit: a turn is so many steps."""
@@ -178,7 +178,8 @@ class Fitting:
                 for together in (groups, *([j] for j in range(int(parameters.sum()), n))):
                     z = _along(objective, z, together)
             most = turns * iterations
-            found = maximise(objective, z, every, most, ENOUGH, 3 * ENOUGH, least=least, variances=~parameters)
+            share = _SLOW if turns == 1 else 0.0
+            found = maximise(objective, z, every, most, ENOUGH, 3 * ENOUGH, share, least, variances=~parameters)
             ended = found.hopeless or found.predicted < 10 * ENOUGH
             return found, ended
 

@@ -159,7 +159,10 @@ class CandidateFits:
         return found
 
     def start(self, point: Point, s: Score) -> Point:
-        """Return the best start for a joint fit: what the score predicts, or a value of the amplitudes' grids."""
+        """Return the best start for a joint fit: what the score predicts or less, or a value of the amplitudes' grids.
+
+        Of a large effect, or in another model than the one it was predicted for, the best may be none of it yet.
+        """
         h, row = s.hypothesis, self.augmented.row
         values = point.values.copy()
         for name, value in zip(h.shared, [*s.amplitudes, *s.shapes], strict=True):
@@ -167,9 +170,10 @@ class CandidateFits:
         for j, name in enumerate(h.change_times):
             values[row(name)] = s.change_times[:, j]
         starts = [replace(point, values=values)]
-        for share in (0.5, 0.25):
+        rows = [row(n) for n in h.amplitudes]
+        graded = any(self.augmented.model.parameters[r].grid for r in rows)  # there no slope leads away from none of it
+        for share in (0.5, 0.25) if graded else (0.5, 0.25, 0.0):
             less = values.copy()
-            rows = [row(n) for n in h.amplitudes]
             less[rows] = point.values[rows] + share * (values[rows] - point.values[rows])
             starts.append(replace(point, values=less))
         return self.fitting.best([*starts[1:], *self.on_grids(starts[0], h.amplitudes)])
