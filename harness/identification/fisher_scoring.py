@@ -20,8 +20,8 @@ ENOUGH = 1e-3
 
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)
 _LENGTHS = (0.5, 0.2, 2.0, 4.0)
-"""Of the full step: a valley may bend sooner than any damping tells, and where the model is wrong the information is not
-the curvature, which makes steps too short."""
+"""Of the full step: a valley may bend sooner than any damping tells, and where the model is wrong the information is
+not the curvature, which makes steps too short."""
 _LEAST = -0.9
 """Smallest relative step of a variance, behind which its logarithm takes the step."""
 _EVER_SMALLER = 1e3

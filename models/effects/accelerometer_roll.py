@@ -1,7 +1,7 @@
 """A lateral accelerometer rolls out of the bend with its body and measures part of gravity.
 
 The body rolls by ``k`` times its lateral acceleration, behind the second-order motion of its springs and dampers;
-positive ``k`` rolls to the outside. The reading is ``a cos(phi) + g sin(phi)``. What the roll's own acceleration
+positive ``k`` rolls to the outside, as every body on springs does. The reading is ``a cos(phi) + g sin(phi)``. What the roll's own acceleration
 adds above the roll axis is left out.
 """
 
@@ -20,7 +20,7 @@ STATES: tuple[str, ...] = ("leaning_lateral_acceleration", "leaning_rate_lateral
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
-        "roll_gain", "k_R", "rad*s^2/m", -0.05, 0.05, "roll angle per lateral acceleration, outwards", neutral=0.0
+        "roll_gain", "k_R", "rad*s^2/m", 0.0, 0.05, "roll angle per lateral acceleration, outwards", neutral=0.0
     ),
     _body_roll.roll_frequency("roll_frequency"),
 )

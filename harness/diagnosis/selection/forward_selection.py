@@ -196,14 +196,14 @@ class _Search:
     def _round(self, added: Added, best: Fitted, number: int) -> tuple[SelectionRound | None, list[Round]]:
         """Try everything once; return what was tried and the round, or two."""
         tried = selection_round(self.candidate_fits, added, [best], number)
-        return tried, self._passed(tried)
+        return tried, self._passed(tried, number)
 
     def _lost(self, why: str) -> tuple[SelectionRound | None, list[Round]]:
         """Note why a round could not be computed; return that nothing was tried."""
         self.cut_short = f"it could not be computed: {why}"
         return None, []
 
-    def _passed(self, tried: SelectionRound) -> list[Round]:
+    def _passed(self, tried: SelectionRound, number: int) -> list[Round]:
         """Return a round; if its best candidate is hopeful, with the next one if that adds something to it.
 
         Of two effects one may cause the simulation error and the other most of the innovations: then neither passes
@@ -214,7 +214,7 @@ class _Search:
         if found.hopeful is not None:
             assert found.hopeful.fitted is not None
             with_it = (*tried.added, *found.hopeful.hypothesis.single)
-            further = selection_round(self.candidate_fits, with_it, [found.hopeful.fitted], tried.number + 1).decided(
+            further = selection_round(self.candidate_fits, with_it, [found.hopeful.fitted], number + 1).decided(
                 room - 1
             )
             if further.added is not None:

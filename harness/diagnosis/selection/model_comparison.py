@@ -1,27 +1,28 @@
 """Compare all models that a trace has fitted: gather them, predict the held-out drives with each, weigh them.
 
-What acts like an addition and was not fitted in its place, because it promised less, is fitted here, and so is the
-model without it: a hypothesis that was not tried has no probability. What was added stays where it is likely. Later
-additions make earlier ones redundant, or what was missing was taken for something else at first and for the rest of it
-thereafter: a search goes on from the likeliest model so far, until none is likelier.
+What may stand in the place of an addition is fitted (``alternatives``), and so is the model without it: a hypothesis
+that was not tried has no probability. What was added stays where it is likely. Later additions make earlier ones
+redundant, or what was missing was taken for something else at first and for the rest of it thereafter: a search goes on
+from the likeliest model so far, until none is likelier.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS, TRIED
+from harness.diagnosis.criteria import HOPEFUL, HORIZONS, PRIORS
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
 from harness.diagnosis.innovations.prediction import Ahead, Prediction
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
-from harness.diagnosis.selection.acceptance import Candidate, Round, acts_alike, same
+from harness.diagnosis.selection.acceptance import Candidate, Round, same
+from harness.diagnosis.selection.alternatives import Alternatives
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
 from harness.diagnosis.selection.posterior import (
     Alike,
@@ -36,7 +37,6 @@ from harness.diagnosis.selection.posterior import (
     shared_horizons,
 )
 from harness.diagnosis.selection.priors import log_odds, log_size, log_stand_in
-from harness.diagnosis.selection.score_test import cosine
 from harness.diagnosis.selection.wald import losses
 from harness.models.quantities import listed
 
@@ -66,12 +66,12 @@ def likeliest(
         added: What they added.
         best: The fit with all of it.
     """
-    compared = _Comparison(fits, rounds)
+    compared, alternatives = _Comparison(fits, rounds), Alternatives(fits)
     seen: set[frozenset[Hypothesis]] = set()
     while True:
         added, best, needed = _lessened(fits, compared, added, best)
         seen.add(frozenset(added))
-        _fit_alternatives(fits, rounds, added, best, needed)
+        alternatives.fit(added, best, needed)
         kept, fitted = compared.likeliest([m for m in fits.models.values() if _may_follow(m[0], added)])
         if frozenset(kept) in seen:
             return added, best, compared.posterior()
@@ -279,82 +279,3 @@ def _tried(h: Hypothesis, rounds: Sequence[Round]) -> tuple[Round, Candidate] | 
         return any(o.fitted is not None for o in (c, *at_once))
 
     return next(((r, c) for r in rounds for c in r.candidates if c.hypothesis == h and fitted(r, c)), None)
-
-
-def _fit_alternatives(
-    fits: CandidateFits, rounds: Sequence[Round], added: Added, best: Fitted, needed: Container[Hypothesis]
-) -> None:
-    """Fit what may stand in the place of each addition, and the model without it, if that was not fitted yet.
-
-    Args:
-        fits: Of the same drives.
-        rounds: Of the selection.
-        added: What the model has.
-        best: Its fit.
-        needed: Without which it is out of the question.
-    """
-    lost = losses(fits, added, best)
-    open_: dict[frozenset[Hypothesis], tuple[Added, Callable[[], Point]]] = {}
-    for h in added:
-        rest = tuple(k for k in added if k != h)
-        base = fits.without(best.point, h, rest)
-        if lost[h] < HOPEFUL and h not in needed:
-            open_[frozenset(rest)] = rest, partial(replace, base)
-        for likes in _stand_ins(rounds, h, rest, lost[h]):
-            untried = [c for c in likes if frozenset({*rest, c.hypothesis}) not in fits.models]
-            for c in [c for c in untried if c.hypothesis not in fits.refuted][:TRIED]:
-                other = (*rest, c.hypothesis)
-                open_[frozenset(other)] = other, partial(fits.start, base, c.score)
-        for many in _all_at_once(rounds, h, rest):
-            other = (*(k for k in rest if not set(k.amplitudes) <= set(many.amplitudes)), many)
-            open_[frozenset(other)] = other, partial(replace, base)  # where the single one is, which explains most
-    new = [model for key, model in open_.items() if key not in fits.models]
-    if new:
-        fits.say("fitting what may stand in the place of what was found")
-        fits.fit_all(new, best.objective, afresh=False, needed=best.objective - fits.doubt)
-
-
-def _stand_ins(rounds: Sequence[Round], h: Hypothesis, rest: Added, lost: float) -> list[list[Candidate]]:
-    """Return what may stand in the place of an addition: what acts like it, and like another that is wrong beside it.
-
-    Of several wrong parameters none alone reaches an effect that resembles their sum, and what that leaves is then
-    taken for one of them: so what acts like that one may stand in the place of the effect. A late channel is not
-    replaced, and a random process resembles no parameters.
-    """
-    found = [] if (own := _tried(h, rounds)) is None else [_like(*own, rest, lost)]
-    for p in rest if h.kind == "effect" and not (h.clock or h.random) else ():
-        if p.kind == "parameter" and (its := _tried(p, rounds)) is not None:
-            found.append([c for c in _like(*its, rest) if c.hypothesis.kind == "parameter"])
-    return found
-
-
-def _all_at_once(rounds: Sequence[Round], h: Hypothesis, rest: Added) -> list[Hypothesis]:
-    """Return all parameters at once, if an addition is an effect of the vehicle beside a single one.
-
-    Of several wrong parameters one may explain nearly all, and an effect the rest; a round that one explains fits no
-    others with it.
-    """
-    of_vehicle = h.kind == "effect" and not h.of_recording
-    if not of_vehicle or not any(p.kind == "parameter" and not p.many for p in rest):
-        return []
-    return list(dict.fromkeys(c.hypothesis for c in rounds[0].candidates if c.hypothesis.name == ALL_PARAMETERS))
-
-
-def _like(r: Round, own: Candidate, rest: Added, lost: float = 0.0) -> list[Candidate]:
-    """Return what acts like a hypothesis and what else was fitted beside it, the most promising first.
-
-    Left out is what would not take over enough of what is lost without the hypothesis, if that is beyond doubt.
-    """
-    others = [c for c in r.candidates if c.hypothesis not in (own.hypothesis, *rest)]
-    others = [c for c in others if not c.hypothesis.parts and c.score.excited]
-    angles = {id(c): cosine(c.score, own.score) for c in others}
-    told_apart = [c for c in others if not (c.hypothesis.many or same(c.score, own.score))]
-    found = [c for c in others if c.fitted or (c in told_apart and acts_alike(c.score, own.score))]
-
-    def behind(c: Candidate) -> float:
-        if c.fitted and own.hypothesis.name == ALL_PARAMETERS:
-            return 0.0  # all of them at once took up what later additions explain, too
-        linear = (1.0 - angles[id(c)] ** 2) * lost
-        return min(linear, own.bic - c.bic) if c.fitted else linear  # what was fitted nearly as well may be right
-
-    return sorted((c for c in found if behind(c) < HOPEFUL), key=lambda c: -c.bic)

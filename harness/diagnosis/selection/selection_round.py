@@ -42,7 +42,7 @@ def selection_round(candidate_fits: CandidateFits, added: Added, without: list[F
         without: Fits of that model, the likeliest last.
         number: Of the round, to be told.
     """
-    tried = SelectionRound(candidate_fits, added, without, number)
+    tried = SelectionRound(candidate_fits, added, without, f"round {number}")
     again = tried.run()
     return tried if again is None else selection_round(candidate_fits, added, [*without, again], number)
 
@@ -54,11 +54,11 @@ class SelectionRound:
         candidate_fits: Fits and judges.
         added: What the model has already.
         without: Fits of that model, the likeliest last.
-        number: Of the round, to be told.
+        name: Of the round, to be told.
     """
 
-    def __init__(self, candidate_fits: CandidateFits, added: Added, without: list[Fitted], number: int) -> None:
-        self.candidate_fits, self.added, self.without, self.number = candidate_fits, added, without, number
+    def __init__(self, candidate_fits: CandidateFits, added: Added, without: list[Fitted], name: str) -> None:
+        self.candidate_fits, self.added, self.without, self.name = candidate_fits, added, without, name
         self.promised: list[Score] = []
         self.shortlist: list[Score] = []
         self.fits: dict[Hypothesis, Fitted] = {}
@@ -96,7 +96,7 @@ class SelectionRound:
 
     def say(self, what: str) -> None:
         """Tell what is being done in this round."""
-        self.candidate_fits.say(f"round {self.number}: {what}")
+        self.candidate_fits.say(f"{self.name}: {what}")
 
     def rank(self) -> None:
         """Score everything that is not in force yet, and choose what is worth a fit."""

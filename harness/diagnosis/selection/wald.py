@@ -5,8 +5,7 @@ With its amplitudes where it is absent, all else that the fit moved goes where i
 is; noise that is fitted again may take up half of it. Without bounds that is Wald's statistic. They matter where
 several together do the same: channels that are late against the steering wheel cannot be early instead.
 
-What loses a gain that is beyond doubt need not be fitted again without it; neither need what stands in its place with
-a response of cosine ``c`` to its own, because that takes over the share ``c^2`` of the loss at most.
+What loses a gain that is beyond doubt need not be fitted again without it.
 """
 
 from __future__ import annotations

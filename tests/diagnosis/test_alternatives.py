@@ -1,0 +1,84 @@
+"""What may stand in the place of an addition is asked of the drives in the model without it, with all else in it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from harness.diagnosis.criteria import TRIED
+from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.selection import alternatives
+from harness.diagnosis.selection.alternatives import Alternatives
+from harness.diagnosis.selection.candidate_fits import CandidateFits
+from harness.diagnosis.selection.forward_selection import first_variances
+from harness.diagnosis.selection.model_comparison import likeliest
+from harness.diagnosis.selection.validation import HeldOut
+from support.driven_car import FREE, driven
+
+
+@pytest.fixture(scope="module")
+def fits(augmented):
+    """Return fits to drives of a car with another yaw inertia whose steering wheel is off its middle."""
+    recordings = [driven(seed, ["steering_offset"], steering_offset=0.01, yaw_inertia=3200.0) for seed in (41, 42, 43)]
+    drives = [augmented.drive(r, f"drive {i}") for i, r in enumerate(recordings)]
+    variances = first_variances(augmented, drives)
+    fitting = Fitting(augmented, drives[:2], variances, driven=drives)
+    return CandidateFits(fitting, HeldOut(augmented, drives[2:], variances), FREE, lambda _: None)
+
+
+def with_(fits, *names):
+    known = {h.name: h for h in hypotheses(fits.augmented, fits.free)}
+    added = tuple(known[n] for n in names)
+    point = fits.fit((), fits.fitting.first()).point
+    values = point.values.copy()
+    for h in added:  # one step from where they have no slope
+        for name, value in zip(h.shared, [1e-3] * len(h.amplitudes) + [9.0] * len(h.shapes), strict=True):
+            values[fits.augmented.row(name)] = value
+    return added, fits.fit(added, replace(point, values=values))
+
+
+def test_what_no_round_has_seen_takes_the_place_of_what_is_wrong(fits):
+    """Roll steer was taken for the inertia before the offset was known; no round tried the inertia beside that."""
+    found, _, posterior = likeliest(fits, [], *with_(fits, "roll_steer", "steering_offset"))
+    assert {h.name for h in found} == {"yaw_inertia", "steering_offset"}
+    assert posterior.models[0].share > 0.9
+
+
+def test_nothing_takes_the_place_of_a_late_channel(fits):
+    added, best = with_(fits, "steering_delay")
+    before = set(fits.models)
+    Alternatives(fits).fit(added, best, set())
+    assert set(fits.models) - before <= {frozenset()}
+
+
+def test_many_parameters_must_promise_more_and_what_says_the_same_is_not_tried(monkeypatch):
+    own, twin, many, *others = (
+        Hypothesis(n, "effect", (n,)) for n in ("own", "twin", ALL_PARAMETERS, *(f"other {i}" for i in range(5)))
+    )
+    calls = []
+
+    def found(gain_of_many):
+        def score(h, gain):
+            return SimpleNamespace(hypothesis=h, gain=gain)
+
+        scores = [score(many, gain_of_many), score(own, 90.0), score(twin, 90.0), *(score(h, 80.0) for h in others)]
+
+        class Ranked:
+            def __init__(self, *given):
+                calls.append(given)
+                self.promised, self.shortlist = scores, scores[:-1]
+
+            def rank(self):
+                pass
+
+        monkeypatch.setattr(alternatives, "SelectionRound", Ranked)
+        monkeypatch.setattr(alternatives, "same", lambda one, other: {one.hypothesis, other.hypothesis} == {own, twin})
+        asked = Alternatives(SimpleNamespace(models={frozenset(): ((), None)}))
+        first = [s.hypothesis for s in asked._stand_ins(own, ())]
+        assert [s.hypothesis for s in asked._stand_ins(own, ())] == first
+        return first
+
+    assert found(100.0) == [many, *others[: TRIED - 1]]
+    assert found(85.0) == others[:TRIED]
+    assert len(calls) == 2  # the same model is ranked once
