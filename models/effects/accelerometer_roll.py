@@ -1,8 +1,8 @@
 """A lateral accelerometer rolls out of the bend with its body and measures part of gravity.
 
-The body rolls by ``k`` times its lateral acceleration, behind the second-order motion of its springs and dampers;
-positive ``k`` rolls to the outside, as every body on springs does. The reading is ``a cos(phi) + g sin(phi)``. What the roll's own acceleration
-adds above the roll axis is left out.
+The body rolls by ``k`` times its lateral acceleration, behind the second-order motion of its springs and dampers,
+to the outside as every body on springs does. The reading is ``a cos(phi) + g sin(phi)``. What the roll's own
+acceleration adds above the roll axis is left out.
 """
 
 from __future__ import annotations
