@@ -19,9 +19,7 @@ READS: tuple[str, ...] = ("lateral_acceleration{body}",)
 STATES: tuple[str, ...] = ("leaning_lateral_acceleration", "leaning_rate_lateral_acceleration")
 
 PARAMETERS: tuple[Parameter, ...] = (
-    Parameter(
-        "roll_gain", "k_R", "rad*s^2/m", 0.0, 0.05, "roll angle per lateral acceleration, outwards", neutral=0.0
-    ),
+    Parameter("roll_gain", "k_R", "rad*s^2/m", 0.0, 0.05, "roll angle per lateral acceleration, outwards", neutral=0.0),
     _body_roll.roll_frequency("roll_frequency"),
 )
 
