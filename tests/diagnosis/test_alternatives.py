@@ -82,3 +82,20 @@ def test_many_parameters_must_promise_more_and_what_says_the_same_is_not_tried(m
     assert found(100.0) == [many, *others[: TRIED - 1]]
     assert found(85.0) == others[:TRIED]
     assert len(calls) == 2  # the same model is ranked once
+
+
+def test_a_fit_starts_without_what_was_predicted_for_another_model(fits):
+    """No amplitude of it is likelier than far too much; but what has no slope there starts at a value of its grid."""
+    known = {h.name: h for h in hypotheses(fits.augmented, fits.free)}
+    point = fits.fit((), fits.fitting.first()).point
+
+    def started(name, amplitude):
+        h = known[name]
+        shapes = [fits.augmented.model.parameters[fits.augmented.row(n)].grid[0] for n in h.shapes]
+        score = SimpleNamespace(hypothesis=h, amplitudes=[amplitude] * len(h.amplitudes), shapes=shapes)
+        found = fits.start(point, score)
+        return [found.values[fits.augmented.row(n), 0] for n in h.amplitudes]
+
+    assert started("steering_offset", 0.2) == [0.0]
+    assert started("steering_offset", 0.02) == [0.01]  # half of twice what is there
+    assert started("steering_backlash", 0.3)[0] > 0.0
