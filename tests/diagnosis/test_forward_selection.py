@@ -54,8 +54,8 @@ def test_what_was_added_on_a_detour_takes_no_room_and_late_channels_take_one():
         room.append(left)
         return SimpleNamespace(added=None, hopeful=None)
 
-    tried = SimpleNamespace(number=7, decided=decided, decided_by_sensor=decided)
+    tried = SimpleNamespace(decided=decided, decided_by_sensor=decided)
     for added in ((), (LAG,), (*late, LAG), tuple(late)):
         tried.added = added
-        search._Search(None, 3, RAISED)._passed(tried)
+        search._Search(None, 3, RAISED)._passed(tried, 7)
     assert room == [3, 3, 2, 2, 1, 1, 2, 2]
