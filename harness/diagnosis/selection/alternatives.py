@@ -7,6 +7,7 @@ fitted, with all else in it, and the score test asks of everything what it would
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Container, Iterable
 from dataclasses import replace
 from functools import partial
@@ -49,7 +50,7 @@ class Alternatives:
         rests = {h: tuple(k for k in added if k != h) for h in added}
         open_ = [h for h in added if not h.clock or (lost[h] < HOPEFUL and h not in needed)]
         less: _Models = {frozenset(rests[h]): (rests[h], partial(fits.without, best.point, h, rests[h])) for h in open_}
-        self._fit_new(less, best, -float("inf"))
+        self._fit_new(less, best, -math.inf)
         places: _Models = {}
         many: dict[Hypothesis, Score] = {}
         for h in (h for h in added if not h.clock):
