@@ -70,8 +70,7 @@ SAME = 0.999
 
 TRIED = 3
 """Hypotheses that are fitted beyond those that promise enough: what acts like the best of a round, what may stand
-in the place of an addition; and curves at most. Further ones act like these. So many of a round's fits, the most
-promising, set what the others must promise."""
+in the place of an addition; and curves at most. Further ones act like these."""
 
 ROUNDS = 5
 """Largest number of additions: two effects, and what the recordings have of their own."""

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from harness.common.last_used import LastUsed
-from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, TRIED
+from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.hypotheses import hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
@@ -70,9 +70,9 @@ def test_what_is_far_behind_or_has_ended_is_not_fitted_on(monkeypatch, behind, e
     assert asked[2:] == [(("one",), "end", 3, False)] * fitted_on
 
 
-def test_the_first_few_set_what_the_others_must_promise_and_the_best_what_is_fitted_on_must(monkeypatch):
+def test_the_first_sets_what_the_others_must_promise_and_the_best_what_is_fitted_on_must(monkeypatch):
     """All have most of the best one's gain over a base far below, so all are fitted on."""
-    reached = {"a": 1000.0, "b": 3000.0, "c": 2000.0, "d": 2500.0, "e": 3600.0}
+    reached = {"a": 3000.0, "b": 1000.0, "c": 2000.0, "d": 2500.0, "e": 3600.0}
     doubt, asked = 0.5 * HOPEFUL, {}
 
     def fit(self, added, start, turns=3, afresh=True, least=0.0):
@@ -85,5 +85,23 @@ def test_the_first_few_set_what_the_others_must_promise_and_the_best_what_is_fit
     models = [((name,), lambda: "start") for name in reached]
     fits.fit_all(models, base=-1e4, needed=-500.0)
     names = [*reached]
-    assert [asked[name, 1] for name in names] == [-500.0] * TRIED + [3000.0 - doubt] * 2
+    assert [asked[name, 1] for name in names] == [-500.0] + [3000.0 - doubt] * 4
     assert [asked[name, 3] for name in names] == [3600.0 - doubt] * 5
+
+
+def test_the_same_fit_is_scored_once_and_again_where_more_is_asked():
+    """What is out of the question by then has no score."""
+    asked = []
+
+    def score(tried):
+        asked.append(list(tried))
+        return [SimpleNamespace(hypothesis=h) for h in tried]
+
+    fits = CandidateFits.__new__(CandidateFits)
+    fits._scores = {}
+    one, other = object(), object()
+    found = [
+        fits.scores_at(point, tried, score) for point, tried in ((one, "ab"), (one, "b"), (other, "b"), (one, "bc"))
+    ]
+    assert asked == [["a", "b"], ["b"], ["b", "c"]]
+    assert [[s.hypothesis for s in scores] for scores in found] == [["a", "b"], ["b"], ["b"], ["b", "c"]]

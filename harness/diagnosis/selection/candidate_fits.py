@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from harness.config.parameter_set import stated_std
-from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST, TRIED
+from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -57,6 +57,7 @@ class CandidateFits:
         self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
         self.refuted: set[Hypothesis] = set()
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
+        self._scores: dict[int, tuple[set[Hypothesis], list[Score], Point]] = {}
 
     def fit(
         self,
@@ -102,7 +103,7 @@ class CandidateFits:
     ) -> list[Fitted]:
         """Fit models at once, and to the end only those that come near the best of them.
 
-        The first few set what the others have to promise within their first turn.
+        The first, on all threads, sets what the others have to promise within their first turn.
 
         After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
         most of the gain of the best one, because a large effect may take more than a turn. One that has ended there
@@ -125,10 +126,9 @@ class CandidateFits:
             return self.fit(added, found.point, afresh=False, least=max(needed, best - self.doubt)) if near else found
 
         share = self.augmented.share
-        # Not as many first as there are threads, whose number must change nothing.
-        found = share(partial(first_turn, needed), models[:TRIED])
+        found = [first_turn(needed, model) for model in models[:1]]
         useful = max([needed, *(f.objective - self.doubt for f in found)])
-        found += share(partial(first_turn, useful), models[TRIED:])
+        found += share(partial(first_turn, useful), models[1:])
         best = max([least, *(f.objective for f in found)])
         far = max(BIC_NEEDED, MOST * (best - base))
         return share(lambda tried: further(tried[0][0], tried[1]), list(zip(models, found, strict=True)))
@@ -143,6 +143,16 @@ class CandidateFits:
         if key not in self._judged:  # beside the point, whose id is its own as long as it is kept
             self._judged[key] = self.held_out.judge(added, point), point
         return self._judged[key][0]
+
+    def scores_at(
+        self, point: Point, tried: Sequence[Hypothesis], score: Callable[[Sequence[Hypothesis]], list[Score]]
+    ) -> list[Score]:
+        """Return the scores of hypotheses at a fit that ended at a point; what was scored there is not scored again."""
+        scored, scores, _ = self._scores.get(id(point), (set[Hypothesis](), [], point))
+        if not scored.issuperset(tried):
+            scored, scores = set(tried), score(tried)
+            self._scores[id(point)] = scored, scores, point  # which is kept, so that its id stays its own
+        return [s for s in scores if s.hypothesis in tried]
 
     def bic(self, gain: float, freedom: float) -> float:
         """Return a gain in log-likelihood as gain in BIC."""

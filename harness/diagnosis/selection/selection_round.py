@@ -101,10 +101,7 @@ class SelectionRound:
     def rank(self) -> None:
         """Score everything that is not in force yet, and choose what is worth a fit."""
         self.say("score test of every effect and every fixed parameter")
-        fits, open_ = self.candidate_fits, self.open()
-        scores = ScoreTest(fits.fitting, self.best).of([h for h in open_ if not h.random])
-        processes = [] if fits.fitting.noise_held else [h for h in open_ if h.random]
-        scores += random_scores(fits, self.best.point, processes)
+        scores = self.candidate_fits.scores_at(self.best.point, self.open(), self.scores)
 
         def promise(s: Score) -> float:
             return self.predicted_bic_gain(s) + 2.0 * self.log_odds(s)
@@ -118,6 +115,13 @@ class SelectionRound:
         self.shortlist = [s for s in (*distinct(plain), *random) if self.predicted_bic_gain(s) > enough]
         several = [s for s in self.shortlist if s.hypothesis.random and s.hypothesis.parts]
         self.shortlist = [s for s in self.shortlist if s not in several or self.leads_its_parts(s)]
+
+    def scores(self, tried: Sequence[Hypothesis]) -> list[Score]:
+        """Return the scores of hypotheses at the fit without addition; under stated noise nothing is random."""
+        fits = self.candidate_fits
+        scores = ScoreTest(fits.fitting, self.best).of([h for h in tried if not h.random])
+        processes = [] if fits.fitting.noise_held else [h for h in tried if h.random]
+        return scores + random_scores(fits, self.best.point, processes)
 
     @cached_property
     def _odds(self) -> dict[tuple[str, str], float]:
@@ -237,7 +241,7 @@ class SelectionRound:
 
         reached = max((f.objective for f in self.fits.values()), default=-math.inf)
         models = [((*self.added, *s.hypothesis.single), partial(start, s)) for s in scores]
-        found = fits.fit_all(models, reached, self.best.objective)
+        found = fits.fit_all(models, reached, self.best.objective, needed=reached - fits.doubt)
         self.fits |= {s.hypothesis: f for s, f in zip(scores, found, strict=True)}
         fits.augmented.share(self.judged, scores)
 
