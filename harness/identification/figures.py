@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from harness.common.arrays import Floats
 from harness.identification.contract import Fit
 from harness.identification.result import Judged
 from harness.models.quantities import quantity, words
@@ -17,32 +18,44 @@ _PANEL = 1.35
 _POINTS = 1500
 """Drawn per line: more than a printer resolves on the width of a page."""
 
+_INTERVALS = 240
+"""Over which the error is averaged: half a second of two minutes, so that the noise of a sensor does not hide it."""
+
+ERROR = f"Error: measured less simulated, in means over each {_INTERVALS}th of the drive."
+"""What a caption says of it."""
+
 _BEFORE, _AFTER = style.looks(["before", "after"]).values()
 
 
 def over_time(judged: Judged, outputs: list[str], tallest: float = style.TALLEST) -> bytes:
-    """Return measured and simulated outputs, one panel per output, in a figure of at most so many inches."""
+    """Return measured and simulated outputs and the error, a row per output, in a figure of at most so many inches."""
     panel = min(_PANEL, (tallest - 1.2) / len(outputs))
     with style.drawing():
         fig = style.figure(1.1 + panel * len(outputs))
-        panels = fig.subplots(len(outputs), 1, sharex=True, squeeze=False)[:, 0]
+        rows = fig.subplots(len(outputs), 2, sharex=True, squeeze=False, width_ratios=(3, 2))
         some = slice(None, None, max(1, len(judged.drive.time) // _POINTS))
         time = judged.drive.time[some]
-        for a, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
-            q = quantity(name)
-            axes.plot(time, q.scale * judged.drive.measurements[some, a], color="#9a9a9a", lw=0.6)
-            axes.plot(time, q.scale * judged.free[0, some, a], color=_BEFORE.line, ls=_BEFORE.dashes, lw=1.0)
-            axes.plot(time, q.scale * judged.free[1, some, a], color=_AFTER.line, ls=_AFTER.dashes, lw=1.0)
-            seen = judged.drive.measurements[:, a][np.isfinite(judged.drive.measurements[:, a])]
-            if seen.size:
-                reach = 1.5 * q.scale * max(float(np.abs(seen).max()), 1e-12)
-                low, high = axes.get_ylim()
-                axes.set_ylim(max(low, -reach), min(high, reach))  # a simulation that diverges must not hide the rest
+        for a, ((axes, errors), name) in enumerate(zip(rows, outputs, strict=True)):
+            q, measured = quantity(name), judged.drive.measurements[:, a]
+            axes.plot(time, q.scale * measured[some], color="#9a9a9a", lw=0.6)
+            for free, look in zip(judged.free[:, :, a], (_BEFORE, _AFTER), strict=True):
+                axes.plot(time, q.scale * free[some], color=look.line, ls=look.dashes, lw=1.0)
+                middle, mean = _means(judged.drive.time, measured - free)
+                errors.plot(middle, q.scale * mean, color=look.line, lw=0.8)
+            seen = measured[np.isfinite(measured)]
+            if seen.size:  # a simulation that diverges must not hide the rest
+                most = q.scale * max(float(np.abs(seen).max()), 1e-12)
+                for each, reach in ((axes, 1.5 * most), (errors, most)):
+                    low, high = each.get_ylim()
+                    each.set_ylim(max(low, -reach), min(high, reach))
             # Above the panel: beside it the words would be longer than a low panel is high.
             axes.set_title(f"{q.words}{style.in_unit(q.unit)}", loc="left")
-            axes.yaxis.set_major_locator(MaxNLocator(nbins=4 if panel > 0.7 * _PANEL else 2))
-            axes.grid(True)
-        panels[-1].set_xlabel("time in s")
+            errors.set_title(f"error{style.in_unit(q.unit)}", loc="left")
+            for each in (axes, errors):
+                each.yaxis.set_major_locator(MaxNLocator(nbins=4 if panel > 0.7 * _PANEL else 2))
+                each.grid(True)
+        for each in rows[-1]:
+            each.set_xlabel("time in s")
         handles = [
             Line2D([], [], color="#9a9a9a", lw=0.9, label="measured"),
             Line2D([], [], color=_BEFORE.line, ls=_BEFORE.dashes, label="simulated before"),
@@ -50,6 +63,17 @@ def over_time(judged: Judged, outputs: list[str], tallest: float = style.TALLEST
         ]
         style.head(fig, f"Does the simulation follow {judged.drive.name}?", handles)
         return style.svg(fig)
+
+
+def _means(time: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return the middle of intervals and the mean of what is known in each, NaN where nothing is."""
+    each = max(1, len(time) // _INTERVALS)
+    n = len(time) // each * each
+    parts = values[:n].reshape(-1, each)
+    known = np.isfinite(parts)
+    count = known.sum(axis=1)
+    mean = np.where(known, parts, 0.0).sum(axis=1) / np.where(count, count, np.nan)
+    return time[:n].reshape(-1, each).mean(axis=1), mean
 
 
 def periodograms(judged: list[Judged], outputs: list[str]) -> bytes:

@@ -180,7 +180,7 @@ def _over_time(fit: Fit, judged: list[Judged]) -> list[Block]:
         blocks.append(
             Drawing(
                 partial(figures.over_time, j, outputs),
-                f"{j.drive.name} ({role}): measured, and simulated before and after the fit.",
+                f"{j.drive.name} ({role}): measured, and simulated before and after the fit. {figures.ERROR}",
                 f"Outputs over time of {j.drive.name}: measured and simulated before and after the fit.",
             )
         )

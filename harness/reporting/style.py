@@ -16,6 +16,7 @@ from urllib.parse import quote, unquote
 from weakref import WeakKeyDictionary
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
@@ -237,29 +238,38 @@ def _told(found: re.Match[str]) -> str:
 
 
 def _lay_out(fig: Figure) -> None:
-    """Give the panels, which stand below each other, all the room that their labels leave, in equal shares.
+    """Give the panels all the room that their labels leave: rows equal shares, columns those of their grid.
 
     Matplotlib's constrained layout does the same for any arrangement, but measures every artist twice, which takes
     as long as drawing. Here only axes, labels and titles are measured, once.
     """
     width, height = fig.get_size_inches() * fig.dpi
     renderer = RendererSVG(width, height, io.StringIO(), image_dpi=int(fig.dpi))
-    left, right, over = 0.0, 0.0, []
+    first = fig.axes[0].get_subplotspec()
+    assert first is not None  # every panel is of subplots
+    grid, places = first.get_gridspec(), []
+    left, right = np.zeros(grid.ncols), np.zeros(grid.ncols)
+    above, below = np.zeros(grid.nrows), np.zeros(grid.nrows)
     for axes in fig.axes:
         _fold_title(axes, renderer)
         box, outer = axes.get_window_extent(renderer), axes.get_tightbbox(renderer, bbox_extra_artists=[])
+        at = axes.get_subplotspec()
         assert outer is not None
-        left, right = max(left, box.x0 - outer.x0), max(right, outer.x1 - box.x1)
-        over.append((max(outer.y1 - box.y1, 0.0), max(box.y0 - outer.y0, 0.0)))
+        assert at is not None
+        row, column = at.rowspan.start, at.colspan.start
+        places.append((axes, row, column))
+        left[column], right[column] = max(left[column], box.x0 - outer.x0), max(right[column], outer.x1 - box.x1)
+        above[row], below[row] = max(above[row], outer.y1 - box.y1), max(below[row], box.y0 - outer.y0)
     pad = _PAD * fig.dpi
     top = _used.get(fig, 0.0) * fig.dpi
-    room = height - top - sum(above + below + 2 * pad for above, below in over)
-    share = max(room / len(over), 0.2 * fig.dpi)
-    y = height - top
-    for axes, (above, below) in zip(fig.axes, over, strict=True):
-        y -= pad + above + share
-        axes.set_position(((left + pad) / width, y / height, 1.0 - (left + right + 2 * pad) / width, share / height))
-        y -= below + pad
+    left, right, above, below = left + pad, right + pad, above + pad, below + pad
+    tall = max((height - top - above.sum() - below.sum()) / grid.nrows, 0.2 * fig.dpi)
+    ratios = np.array(grid.get_width_ratios())
+    wide = (width - left.sum() - right.sum()) * ratios / ratios.sum()
+    x = np.cumsum(left + wide + right) - right - wide
+    y = height - top - np.cumsum(above + tall + below) + below
+    for axes, row, column in places:
+        axes.set_position((x[column] / width, y[row] / height, wide[column] / width, tall / height))
 
 
 def _fold_title(axes: Axes, renderer: RendererSVG) -> None:

@@ -311,6 +311,32 @@ def test_the_first_page_says_where_the_likeliest_model_is_not_what_was_added(out
     assert said[1] == "less than 1 in 100: what the search added; its criteria differ"
 
 
+def test_what_is_less_likely_is_told_by_what_it_has_in_place_of_the_likeliest(outcome):
+    """Where little differs; what differs in more than it shares is told whole."""
+    fitted, zero = outcome.trace.nominal, np.zeros(len(HORIZONS))
+    lag, roll, arm, compliance = (
+        Alike((Hypothesis(name, "effect", ()),), (1.0,))
+        for name in ("steering_lag", "accelerometer_roll", "sensor_lever_arm", "steering_compliance")
+    )
+
+    def told(*added):
+        alone = Interval(0.0, 0.0, 0.0)
+        models = (
+            Model((lag, roll, arm), fitted, 0.0, zero, alone, 0.7, 0.7),
+            Model(added, fitted, 0.0, zero, alone, 0.3, 0.3),
+        )
+        posterior = Posterior(models, 0.0, zero)
+        return likely(dataclasses.replace(outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior)))[:2]
+
+    assert told(lag, roll) == [
+        "7 in 10: steering lag, accelerometer roll and sensor lever arm",
+        "3 in 10: the same without sensor lever arm",
+    ]
+    assert told(lag, roll, arm, compliance)[1] == "3 in 10: the same with steering compliance besides"
+    assert told(compliance, roll, arm)[1] == "3 in 10: the same with steering compliance in place of steering lag"
+    assert told(compliance, arm)[1] == "3 in 10: steering compliance and sensor lever arm"
+
+
 def test_without_probabilities_the_rest_is_written(outcome, tmp_path):
     record = reported(outcome, tmp_path)[1]
     assert record["posterior"] is record["confusable"] is None

@@ -31,21 +31,40 @@ def table(rows):
     return Sheet(["name", "value"], [[f"row {k}", "1"] for k in range(rows)], "Numbers.")
 
 
-def laid_out(folder, *blocks):
-    """Return how figures stand on paper, what each was given, and the pages of the headings by their text."""
+def asked(folder, blocks, *questions):
+    """Return the compiler of a document, laid out, and what it answers to queries of its own."""
     written, files = source(Document("Title", blocks))
     template = Path(harness.reporting.__file__).parent / "template.typ"
     (folder / "template.typ").write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
-    where = "#context [#metadata(query(heading).map(h => (h.body.text, h.location().page())))<headings>]"
+    where = "\n".join(f"#context [#metadata({q})<q{k}>]" for k, q in enumerate(questions))
     (folder / "report.typ").write_text(f"{written}\n{where}\n", encoding="utf-8")
     for name, svg in files.items():
         (folder / name).write_bytes(svg)
     compiler = typst.Compiler(folder / "report.typ", root=folder, sys_inputs={"medium": "paper"})
     lay_out(compiler, folder)
+    return compiler, [json.loads(compiler.query(f"<q{k}>", field="value"))[0] for k in range(len(questions))]
+
+
+def laid_out(folder, *blocks):
+    """Return how figures stand on paper, what each was given, and the pages of the headings by their text."""
+    compiler, (headings,) = asked(folder, blocks, "query(heading).map(h => (h.body.text, h.location().page()))")
     placed = [Placed(**p) for p in json.loads(compiler.query("<placed>", field="value"))]
     rooms = {int(n): Room(**r) for n, r in json.loads((folder / "rooms.json").read_text()).items()}
-    (headings,) = json.loads(compiler.query("<headings>", field="value"))
     return placed, rooms, dict(headings)
+
+
+@pytest.mark.parametrize("lines", range(40, 56, 2))
+def test_a_long_table_begins_with_some_rows_and_its_heading(tmp_path, lines):
+    """The last row that begins on a page ends 51 points above its edge."""
+    (table_at, y, heading_at) = asked(
+        tmp_path,
+        [text(lines), Heading("A"), table(30)],
+        "query(figure).first().location().page()",
+        "query(figure).first().location().position().y / 1pt",
+        "query(heading).first().location().page()",
+    )[1]
+    assert table_at == heading_at
+    assert y < 842 - 51 - 80
 
 
 def test_two_headings_do_not_wait_for_their_figures(tmp_path):

@@ -67,5 +67,25 @@ def test_of_many_outputs_in_a_low_figure_every_panel_is_whole(monkeypatch):
     renderer = RendererSVG(*(fig.get_size_inches() * fig.dpi), io.StringIO(), image_dpi=72)
     boxes = [axes.get_tightbbox(renderer) for axes in fig.axes]
     assert all(box.x0 >= 0 and box.y0 >= 0 and box.x1 <= fig.get_window_extent().x1 for box in boxes)
-    assert all(above.y0 > below.y1 - 1 for above, below in itertools.pairwise(boxes))  # none covers the next one
+    for column in (boxes[::2], boxes[1::2]):
+        assert all(above.y0 > below.y1 - 1 for above, below in itertools.pairwise(column))  # none covers the next one
+    assert all(signal.x1 < error.x0 + 1 for signal, error in zip(boxes[::2], boxes[1::2], strict=True))
     assert min(axes.get_window_extent(renderer).height for axes in fig.axes) > 14
+
+
+def test_the_error_is_shown_without_the_noise_of_the_sensor(monkeypatch):
+    """A model that is 0.02 off in the second half of a drive, under noise of 0.1, with a gap."""
+    drawn, was = [], style.svg
+    monkeypatch.setattr(style, "svg", lambda fig: drawn.append(fig) or was(fig))
+    time = np.arange(0, 120, 0.005)
+    measured = 0.1 * np.random.default_rng(1).standard_normal(len(time)) + 0.02 * (time > 60)
+    measured[2000:2400] = np.nan
+    drive = SimpleNamespace(name="d", time=time, measurements=measured[:, None])
+    before = np.zeros((len(time), 1))
+    after = 0.02 * (time > 60)[:, None]
+    figures.over_time(SimpleNamespace(drive=drive, free=np.stack([before, after])), ["lateral_acceleration"])
+    lines = [line.get_ydata() for line in drawn[0].axes[1].get_lines()]
+    assert np.nanmean(lines[0][122:]) == pytest.approx(0.02, abs=0.004)
+    assert np.nanmean(lines[1][122:]) == pytest.approx(0.0, abs=0.004)
+    assert np.nanstd(lines[1]) == pytest.approx(0.1 / 10, rel=0.2)  # of means over 100 samples
+    assert np.isnan(lines[0]).sum() == 4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report.figures import called
@@ -27,7 +28,7 @@ def likely(outcome: Outcome) -> list[str]:
         return []
     chosen = [m for m in found.models if m.share >= _LEAST]
     shown, others = (chosen[:_SHOWN], chosen[_SHOWN:]) if len(chosen) > _SHOWN + 1 else (chosen, [])
-    lines = [f"{in_words(m.share)}: {_explained(outcome.trace, m)}" for m in shown]
+    lines = [f"{in_words(m.share)}: {_explained(outcome.trace, m, shown[0])}" for m in shown]
     if others:
         lines.append(f"{in_words(sum(m.share for m in others))}: one of {len(others)} others")
     added = frozenset(outcome.trace.added)
@@ -49,13 +50,23 @@ def in_words(probability: float) -> str:
     return f"{round(10 * probability)} in 10" if tenths else f"{round(100 * probability)} in 100"
 
 
-def _explained(trace: Trace, m: Model) -> str:
-    """Return what a model has, with sizes; that nothing is missing, if it has nothing."""
+def _explained(trace: Trace, m: Model, first: Model) -> str:
+    """Return what a model has, with sizes; how it differs from the likeliest one, where that is less to say."""
     if not m.added:
         return "nothing is missing"
     moved = m.fitted.coordinates
     errors = dict(zip((c.name for c in moved), trace.fitting.standard_errors(m.fitted), strict=True))
-    return listed([_one(trace, m, alike, errors) for alike in m.added])
+
+    def sized(added: Sequence[Alike]) -> str:
+        return listed([_one(trace, m, alike, errors) for alike in added])
+
+    (more, less) = ([a for a in one.added if a not in other.added] for one, other in ((m, first), (first, m)))
+    if m is first or len(more) + len(less) >= len(m.added):
+        return sized(m.added)
+    if not less:
+        return f"the same with {sized(more)} besides"
+    without = listed([_name(a.hypotheses[0]) for a in less])
+    return f"the same with {sized(more)} in place of {without}" if more else f"the same without {without}"
 
 
 def _one(trace: Trace, m: Model, alike: Alike, errors: dict[str, float]) -> str:

@@ -248,7 +248,7 @@ def _over_time(outcome: Outcome) -> list[Drawing]:
     return [
         Drawing(
             partial(fit_figures.over_time, j, outputs, style.TALLEST if j is not held_out[0] else _ON_FIRST_PAGE),
-            f"{j.drive.name}, held out: measured, and simulated before and after.",
+            f"{j.drive.name}, held out: measured, and simulated before and after. {fit_figures.ERROR}",
             f"Outputs over time of {j.drive.name}: measured, nominal and amended model.",
         )
         for j in held_out
