@@ -38,7 +38,6 @@ from harness.diagnosis.selection.posterior import (
 )
 from harness.diagnosis.selection.priors import log_odds, log_size, log_stand_in
 from harness.diagnosis.selection.wald import losses
-from harness.models.quantities import listed
 
 
 @dataclass(frozen=True)
@@ -83,31 +82,26 @@ def _lessened(
 ) -> tuple[Added, Fitted, set[Hypothesis]]:
     """Return a model without those of its additions, one after the other, without which it is likelier, and its fit.
 
-    And the additions without which it is out of the question, because with more in it it was so already.
+    And the additions without which it was out of the question.
     """
     left = added
-    reached: dict[Hypothesis, float] = {}  # without it, with as much in the model or more
-
-    def needed() -> set[Hypothesis]:
-        return {h for h, objective in reached.items() if objective < best.objective - fits.doubt}
-
+    reached: dict[Hypothesis, float] = {}  # without it
     while left:
         lost = losses(fits, added, best)
-        open_ = [h for h in left if lost[h] < HOPEFUL and h not in needed()]
-        rests = {h: tuple(k for k in added if k != h) for h in open_}
-        new = {h: rest for h, rest in rests.items() if frozenset(rest) not in fits.models}
-        if new:
-            fits.say(f"still needed? {listed([h.name.replace('_', ' ') for h in new])}")
-            starts = [(rest, partial(fits.without, best.point, h, rest)) for h, rest in new.items()]
-            fits.fit_all(starts, best.objective, afresh=False, needed=best.objective - fits.doubt)
-            reached |= {h: fits.models[frozenset(rest)][1].objective for h, rest in new.items()}
+        open_ = [h for h in left if lost[h] < HOPEFUL]
         left = ()
-        for h, rest in rests.items():
+        for i, h in enumerate(open_):
+            rest = tuple(k for k in added if k != h)
+            if frozenset(rest) not in fits.models:
+                fits.say(f"still needed? {h.name.replace('_', ' ')}")
+                start = partial(fits.without, best.point, h, rest)
+                fits.fit_all([(rest, start)], best.objective, afresh=False, needed=best.objective - fits.doubt)
+                reached[h] = fits.models[frozenset(rest)][1].objective
             kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])
             if set(kept) == set(rest):
-                added, best, left = kept, fitted, tuple(open_[open_.index(h) + 1 :])
+                added, best, left = kept, fitted, tuple(open_[i + 1 :])
                 break
-    return added, best, needed()
+    return added, best, {h for h, objective in reached.items() if objective < best.objective - fits.doubt}
 
 
 def _may_follow(one: Added, added: Added) -> bool:
