@@ -1,6 +1,7 @@
 """Candidates that are fitted and judged at once: in the same bits whatever the number of threads, and no further than
 they lead."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -70,8 +71,9 @@ def test_what_is_far_behind_or_has_ended_is_not_fitted_on(monkeypatch, behind, e
     assert asked[2:] == [(("one",), "end", 3, False)] * fitted_on
 
 
-def test_the_first_sets_what_the_others_must_promise_and_the_best_what_is_fitted_on_must(monkeypatch):
-    """All have most of the best one's gain over a base far below, so all are fitted on."""
+@pytest.mark.parametrize(("base", "promise"), [(-1e4, -500.0), (2000.0, 2500.0), (2900.0, 2750.0), (math.inf, 2750.0)])
+def test_the_first_sets_what_the_others_must_promise_and_the_best_what_is_fitted_on_must(monkeypatch, base, promise):
+    """Most of the first one's gain over a base, or to be in question; what has that of the best one's is fitted on."""
     reached = {"a": 3000.0, "b": 1000.0, "c": 2000.0, "d": 2500.0, "e": 3600.0}
     doubt, asked = 0.5 * HOPEFUL, {}
 
@@ -83,10 +85,11 @@ def test_the_first_sets_what_the_others_must_promise_and_the_best_what_is_fitted
     fits = CandidateFits.__new__(CandidateFits)
     fits.augmented, fits.doubt = SimpleNamespace(share=lambda do, what: [do(x) for x in what]), doubt
     models = [((name,), lambda: "start") for name in reached]
-    fits.fit_all(models, base=-1e4, needed=-500.0)
+    fits.fit_all(models, base=base, needed=-500.0)
     names = [*reached]
-    assert [asked[name, 1] for name in names] == [-500.0] + [3000.0 - doubt] * 4
-    assert [asked[name, 3] for name in names] == [3600.0 - doubt] * 5
+    assert [asked[name, 1] for name in names] == [-500.0] + [promise] * 4
+    if base == -1e4:
+        assert [asked[name, 3] for name in names] == [3600.0 - doubt] * 5
 
 
 def test_the_same_fit_is_scored_once_and_again_where_more_is_asked():

@@ -103,7 +103,8 @@ class CandidateFits:
     ) -> list[Fitted]:
         """Fit models at once, and to the end only those that come near the best of them.
 
-        The first, on all threads, sets what the others have to promise within their first turn.
+        The first, on all threads, sets what the others have to promise within their first turn: to come so near that
+        they are in question, or most of its gain, because of a large effect slopes promise too little.
 
         After one turn of a fit a model that is far behind stays there: by what counts as a lead, and with less than
         most of the gain of the best one, because a large effect may take more than a turn. One that has ended there
@@ -127,7 +128,7 @@ class CandidateFits:
 
         share = self.augmented.share
         found = [first_turn(needed, model) for model in models[:1]]
-        useful = max([needed, *(f.objective - self.doubt for f in found)])
+        useful = max([needed, *(f.objective - max(self.doubt, MOST * (f.objective - base)) for f in found)])
         found += share(partial(first_turn, useful), models[1:])
         best = max([least, *(f.objective for f in found)])
         far = max(BIC_NEEDED, MOST * (best - base))

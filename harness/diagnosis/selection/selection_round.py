@@ -241,7 +241,7 @@ class SelectionRound:
 
         reached = max((f.objective for f in self.fits.values()), default=-math.inf)
         models = [((*self.added, *s.hypothesis.single), partial(start, s)) for s in scores]
-        found = fits.fit_all(models, reached, self.best.objective, needed=reached - fits.doubt)
+        found = fits.fit_all(models, reached, self.best.objective)
         self.fits |= {s.hypothesis: f for s, f in zip(scores, found, strict=True)}
         fits.augmented.share(self.judged, scores)
 
