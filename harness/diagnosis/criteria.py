@@ -81,7 +81,8 @@ With the right structure it is rarely below 1e-4; the margin covers noise varian
 
 FARTHER = 4.0
 """Largest ratio of the excess of the simulation to the one expected of a random process; beyond it something else is
-missing. A slow process may well reach twice its standard deviation in a drive."""
+missing. A slow process may well reach twice its standard deviation in a drive, that of a gyroscope that drifts as well
+as any other."""
 
 PRIORS = Priors(
     odds={

@@ -352,9 +352,7 @@ def test_a_hundredth_of_the_first_error_is_nothing_that_is_missing():
     found = SimpleNamespace(unmodelled=None, random_process=None)
 
     def named(before, after):
-        judged = [
-            SimpleNamespace(normalised_excess_mse=normalised_excess_mse) for normalised_excess_mse in (before, after)
-        ]
+        judged = [Judgement(0.0, np.zeros(1), np.array([excess]), (), None) for excess in (before, after)]
         return SimpleNamespace(
             effects=("lifted_axle",),
             rounds=(failed,),
@@ -391,6 +389,19 @@ def test_a_model_that_left_its_range_makes_nothing_little():
     assert leaves_nothing(judged(0.9), judged(100.0))
     assert not leaves_nothing(judged(0.9), judged(np.inf))
     assert leaves_nothing(judged(0.04), judged(np.inf))
+
+
+def test_a_drift_that_reaches_twice_its_deviation_leaves_nothing_and_hides_no_other_signal():
+    """A tenth of the first signal's floor is that of a drift, so that four times as much is an excess of 0.3."""
+
+    def judged(*excess):
+        return Judgement(0.0, np.zeros(2), np.array(excess), (), None, wander=np.array([0.1, 0.0]))
+
+    before = judged(2.0, 2.0)
+    assert leaves_nothing(judged(0.3, 0.04), before)
+    assert judged(0.4, 0.04).unexplained == pytest.approx(0.14)
+    assert not leaves_nothing(judged(0.4, 0.0), before)
+    assert not leaves_nothing(judged(0.0, 0.1), before)
 
 
 def test_frequencies_are_shown_in_hertz_and_rates_in_degrees():

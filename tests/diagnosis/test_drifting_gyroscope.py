@@ -99,6 +99,15 @@ def test_the_floor_of_the_simulation_error_holds_what_a_drift_adds(augmented, dr
     np.testing.assert_allclose(loud[:, others], quiet[:, others], rtol=1e-9)
 
 
+def test_a_judgement_says_which_share_of_its_floor_a_drift_has(augmented, drift, found):
+    held_out: HeldOut = found.held_out
+    points = [with_drift(augmented, found.final.point, s) for s in (0.0, 0.01)]
+    quiet, loud = (held_out.judge((drift,), point) for point in points)
+    floors, with_it = (held_out.floors(point)[:, drift.output] for point in points)
+    assert not np.any(quiet.wander)
+    assert loud.wander[drift.output] == pytest.approx(np.mean(1.0 - floors / with_it))
+
+
 def test_an_intensity_is_sought_by_its_logarithm_and_without_slopes(augmented, drift):
     *moved, last = coordinates(augmented, FREE, (drift,), 2)
     assert (last.name, last.kind, last.logarithmic) == (PARAMETER, "intensity", True)

@@ -212,7 +212,8 @@ def find_unmodelled(
 
         free = tuple(augmented.share(run, range(len(held_out.drives))))
         error, normalised_excess_mses = simulation_error(held_out.drives, free, held_out.floors(point))
-        judgement = Judgement(before.log_likelihood + gain + by_curves, error, normalised_excess_mses, (), point)
+        likelihood = before.log_likelihood + gain + by_curves
+        judgement = Judgement(likelihood, error, normalised_excess_mses, (), point, wander=before.wander)
         shift = {c.name: point.value(c) for c in moved}
         return UnmodelledDisturbance(tuple(curves), shift, gain + by_curves, judgement, tuple(turnings))
 

@@ -18,10 +18,10 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
 
     Something is still missing if the innovations of the final model on the held-out drives are coloured, whatever was
     added: then an effect may have been mistaken for another. So it is if the simulation error there, with the
-    unmodelled disturbance if one was found, exceeds the sensor noise, and either one was found or the last round held a
-    hypothesis that gained enough but was not accepted. A random process is accepted where it leaves white innovations,
-    or almost. Many wrong parameters explain nothing if one would be wrong by an implausible factor. A search that was
-    cut short has not tried everything.
+    unmodelled disturbance if one was found, exceeds the sensor noise and what random processes may do, and either one
+    was found or the last round held a hypothesis that gained enough but was not accepted. A random process is accepted
+    where it leaves white innovations, or almost. Many wrong parameters explain nothing if one would be wrong by an
+    implausible factor. A search that was cut short has not tried everything.
     """
     if trace.cut_short or beyond_belief(trace.final, trace.added):
         return "unresolved"
@@ -29,7 +29,7 @@ def verdict_of(trace: Trace, found: Where, coloured: bool) -> Verdict:
         return "amended" if found.random_process.white else "unresolved"
     if coloured and (trace.effects or found.unmodelled is None):
         return "unresolved"
-    if found.unmodelled is not None and final_judgement(trace, found).normalised_excess_mse > EXCESS:
+    if found.unmodelled is not None and final_judgement(trace, found).unexplained > EXCESS:
         return "unresolved"
     if found.unmodelled is None and _failed(trace) and not leaves_nothing(trace.after, trace.before):
         return "unresolved"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.common.arrays import Floats
-from harness.diagnosis.criteria import ERROR_NEEDED, EXCESS, LITTLE, WHITE
+from harness.diagnosis.criteria import ERROR_NEEDED, EXCESS, FARTHER, LITTLE, WHITE
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, moved_to
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
@@ -31,6 +31,7 @@ class Judgement:
         point: Values with which it was judged; change times are those of the held-out drives.
         log_density: Logarithm of the predictive density of the free run, but for a constant: of all outputs, in the
             mean of the samples. Who allows for a larger error, as a random process does, pays for that by its floor.
+        wander: Share of the floor that the random processes of the model add ``(ny,)``.
     """
 
     log_likelihood: float
@@ -39,20 +40,27 @@ class Judgement:
     drives: tuple[DriveJudgement, ...]
     point: Point
     log_density: float = math.nan
+    wander: Floats | float = 0.0
 
     @property
     def normalised_excess_mse(self) -> float:
         """Excess of all outputs together."""
         return float(np.sum(self.normalised_excess_mses))
 
+    @property
+    def unexplained(self) -> float:
+        """The part of that for which no random process stands that strays as far as one may in a drive."""
+        beyond = self.normalised_excess_mses - (FARTHER - 1.0) * self.wander
+        return float(np.sum(np.maximum(beyond, 0.0)))
+
 
 def leaves_nothing(after: Judgement, before: Judgement) -> bool:
-    """Whether the simulation error of a model is within its floor, or a hundredth of another model's.
+    """Whether a model leaves no more unexplained than its floor is uncertain, or a hundredth of another one's excess.
 
     Where the free run of the other model leaves its range, only the floor counts.
     """
     little = LITTLE * before.normalised_excess_mse if np.isfinite(before.normalised_excess_mse) else 0.0
-    return after.normalised_excess_mse <= max(EXCESS, little)
+    return after.unexplained <= max(EXCESS, little)
 
 
 def predicts_better(after: Judgement, before: Judgement) -> bool:
@@ -102,18 +110,23 @@ class HeldOut:
         found = judged_on(self.augmented, self.drives, self.fitting.candidates([here]))
         likelihood = sum(d.log_likelihood for d in found) - 0.5 * change_times * np.log(self.fitting.samples)
         free = [d.simulated for d in found]
-        floor = self.floors(here)
+        wander = self._wander(here)
+        floor = floors(self.drives, self.variances) + wander
         error, normalised_excess_mses = simulation_error(self.drives, free, floor)
         density = _log_density(self.drives, free, floor)
-        return Judgement(likelihood, error, normalised_excess_mses, found, here, density)
+        share = np.mean(wander / floor, axis=0)
+        return Judgement(likelihood, error, normalised_excess_mses, found, here, density, share)
 
     def floors(self, point: Point) -> Floats:
         """Return the variances of the simulation error of a perfect model ``(samples of all drives, ny)``.
 
         Sensors that drift leave more, as far as the model at the point says.
         """
-        drifts = [self.augmented.wander(d, point.values[:, i]) for i, d in enumerate(self.drives)]
-        return floors(self.drives, self.variances) + np.concatenate(drifts)
+        return floors(self.drives, self.variances) + self._wander(point)
+
+    def _wander(self, point: Point) -> Floats:
+        """Return the variances that random processes add to that."""
+        return np.concatenate([self.augmented.wander(d, point.values[:, i]) for i, d in enumerate(self.drives)])
 
     def _own_change_times(self, added: Sequence[Hypothesis], point: Point) -> tuple[Point, int]:
         """Return the point with the change times of these drives: the best of a grid, then of their neighbourhood."""
