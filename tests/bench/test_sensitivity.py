@@ -50,7 +50,7 @@ from types import SimpleNamespace
 from bench.attribution.changed_criteria import changes, make
 [make(c) for c in changes() if c.label == "{label}"]
 from harness.diagnosis.selection.validation import leaves_nothing
-print(leaves_nothing(SimpleNamespace(normalised_excess_mse=0.07), SimpleNamespace(normalised_excess_mse=1.0)))
+print(leaves_nothing(SimpleNamespace(unexplained=0.07), SimpleNamespace(normalised_excess_mse=1.0)))
 """
 
 
