@@ -332,8 +332,8 @@ def test_what_is_less_likely_is_told_by_what_it_has_in_place_of_the_likeliest(ou
         "7 in 10: steering lag, accelerometer roll and sensor lever arm",
         "3 in 10: the same without sensor lever arm",
     ]
-    assert told(lag, roll, arm, compliance)[1] == "3 in 10: the same with steering compliance besides"
-    assert told(compliance, roll, arm)[1] == "3 in 10: the same with steering compliance in place of steering lag"
+    assert told(lag, roll, arm, compliance)[1] == "3 in 10: the same, and besides: steering compliance"
+    assert told(compliance, roll, arm)[1] == "3 in 10: the same, but in place of steering lag: steering compliance"
     assert told(compliance, arm)[1] == "3 in 10: steering compliance and sensor lever arm"
 
 

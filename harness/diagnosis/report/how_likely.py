@@ -64,9 +64,9 @@ def _explained(trace: Trace, m: Model, first: Model) -> str:
     if m is first or len(more) + len(less) >= len(m.added):
         return sized(m.added)
     if not less:
-        return f"the same with {sized(more)} besides"
+        return f"the same, and besides: {sized(more)}"
     without = listed([_name(a.hypotheses[0]) for a in less])
-    return f"the same with {sized(more)} in place of {without}" if more else f"the same without {without}"
+    return f"the same, but in place of {without}: {sized(more)}" if more else f"the same without {without}"
 
 
 def _one(trace: Trace, m: Model, alike: Alike, errors: dict[str, float]) -> str:
