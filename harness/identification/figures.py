@@ -37,7 +37,7 @@ def over_time(judged: Judged, outputs: list[str], tallest: float = style.TALLEST
         time = judged.drive.time[some]
         for a, ((axes, errors), name) in enumerate(zip(rows, outputs, strict=True)):
             q, measured = quantity(name), judged.drive.measurements[:, a]
-            axes.plot(time, q.scale * measured[some], color="#9a9a9a", lw=0.6)
+            axes.plot(time, q.scale * measured[some], color=style.MEASURED, lw=0.6)
             for free, look in zip(judged.free[:, :, a], (_BEFORE, _AFTER), strict=True):
                 axes.plot(time, q.scale * free[some], color=look.line, ls=look.dashes, lw=1.0)
                 middle, mean = _means(judged.drive.time, measured - free)
@@ -57,7 +57,7 @@ def over_time(judged: Judged, outputs: list[str], tallest: float = style.TALLEST
         for each in rows[-1]:
             each.set_xlabel("time in s")
         handles = [
-            Line2D([], [], color="#9a9a9a", lw=0.9, label="measured"),
+            Line2D([], [], color=style.MEASURED, lw=0.9, label="measured"),
             Line2D([], [], color=_BEFORE.line, ls=_BEFORE.dashes, label="simulated before"),
             Line2D([], [], color=_AFTER.line, ls=_AFTER.dashes, label="simulated after"),
         ]

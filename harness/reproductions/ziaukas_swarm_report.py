@@ -257,14 +257,14 @@ def over_time(problem: Setup, name: str, best: SwarmResult) -> bytes:
             axes.set_ylabel(f"{q.words.replace(' ', chr(10), 1)}\n{style.in_unit(q.unit).strip()}")
         for a, (axes, output) in enumerate(zip(panels[2:], model, strict=True)):
             q = quantity(output)
-            axes.plot(time, q.scale * drive.measurements[some, a], color="#9a9a9a", lw=0.6)
+            axes.plot(time, q.scale * drive.measurements[some, a], color=style.MEASURED, lw=0.6)
             axes.plot(time, q.scale * model[output][some], color=_BEST, lw=1.0)
             axes.set_ylabel(f"{q.words.replace(' ', chr(10), 1)}\n{style.in_unit(q.unit).strip()}")
         for axes in panels:
             axes.grid(True)
         panels[-1].set_xlabel("time in s")
         handles = [
-            Line2D([], [], color="#9a9a9a", lw=0.9, label="measured"),
+            Line2D([], [], color=style.MEASURED, lw=0.9, label="measured"),
             Line2D([], [], color=_BEST, lw=1.0, label="simulated, best parameters"),
         ]
         style.head(fig, f"Does the simulation follow {name}?", handles)
