@@ -53,6 +53,12 @@ def laid_out(folder, *blocks):
     return placed, rooms, dict(headings)
 
 
+def test_a_long_table_stands_as_far_below_a_text_as_a_short_one(tmp_path):
+    where = "query(figure).first().location().position().y / 1pt"
+    (short,), (long,) = (asked(tmp_path, [text(10), table(rows)], where)[1] for rows in (4, 30))
+    assert long == pytest.approx(short, abs=0.5)
+
+
 @pytest.mark.parametrize("lines", range(40, 56, 2))
 def test_a_long_table_begins_with_some_rows_and_its_heading(tmp_path, lines):
     """The last row that begins on a page ends 51 points above its edge."""
