@@ -281,6 +281,7 @@ def test_of_two_that_say_the_same_the_likelier_stands_for_both_unless_their_fits
         )  # fmt: skip
 
     forgotten = []
+    selection_round.candidate_fits.joined = lambda added, h: (*added, h)
     selection_round.candidate_fits.forget = lambda added: forgotten.extend(h.name for h in added)
     selection_round.fit, selection_round.judged = fit, judged
     selection_round.taken_back = lambda hypothesis, fitted: None

@@ -7,7 +7,7 @@ import pytest
 
 from harness.diagnosis.criteria import TRIED
 from harness.diagnosis.fitting.fit import Fitting
-from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, hypotheses, still_open
 from harness.diagnosis.selection import alternatives
 from harness.diagnosis.selection.alternatives import Alternatives
 from harness.diagnosis.selection.candidate_fits import CandidateFits
@@ -75,13 +75,50 @@ def test_many_parameters_must_promise_more_and_what_says_the_same_is_not_tried(m
         monkeypatch.setattr(alternatives, "SelectionRound", Ranked)
         monkeypatch.setattr(alternatives, "same", lambda one, other: {one.hypothesis, other.hypothesis} == {own, twin})
         asked = Alternatives(SimpleNamespace(models={frozenset(): ((), None)}))
-        first = [s.hypothesis for s in asked._stand_ins(own, ())]
-        assert [s.hypothesis for s in asked._stand_ins(own, ())] == first
+        monkeypatch.setattr(asked, "_test", lambda *_: None)
+        first = [s.hypothesis for s in asked._stand_ins(own, (), None)]
+        assert [s.hypothesis for s in asked._stand_ins(own, (), None)] == first
         return first
 
     assert found(100.0) == [many, *others[: TRIED - 1]]
     assert found(85.0) == others[:TRIED]
     assert len(calls) == 2  # the same model is ranked once
+
+
+def test_a_fit_in_the_place_of_an_addition_starts_from_what_was_fitted_of_it_elsewhere(fits):
+    """Where what a score predicts is less likely: of a large effect slopes predict little."""
+    known = {h.name: h for h in hypotheses(fits.augmented, fits.free)}
+    offset, inertia = known["steering_offset"], known["yaw_inertia"]
+    added, best = with_(fits, "roll_steer", "steering_offset")
+    rest, row = (offset,), fits.augmented.row("yaw_inertia")
+    fits.fit(rest, fits.without(best.point, added[:1], rest))
+    nothing = SimpleNamespace(hypothesis=inertia, amplitudes=[fits.augmented.stated()[row]], shapes=[])
+
+    def started():
+        point = Alternatives(fits)._start(added[0], rest, best.point, nothing)
+        return point.values[row, 0], fits.fitting.log_likelihood(point)
+
+    fits.models = {key: model for key, model in fits.models.items() if inertia not in key}
+    stated, before = started()
+    assert stated == fits.augmented.stated()[row]
+    elsewhere = fits.fit((offset, inertia, known["sensor_gain@yaw_rate"]), fits.fitting.first())
+    found, after = started()
+    assert found == elsewhere.point.values[row, 0]
+    assert after > before + 100
+
+
+def test_an_effect_at_some_places_and_at_all_others_is_one_everywhere(fits):
+    known = {h.name: h for h in hypotheses(fits.augmented, fits.free)}
+    everywhere, front, rear, lag = (
+        known[n] for n in ("roll_steer", "roll_steer@front", "roll_steer@rear", "steering_lag")
+    )
+    others = still_open(everywhere, front.amplitudes)
+    assert others.amplitudes == rear.amplitudes
+    assert fits.joined((front, lag), others) == (lag, everywhere)
+    assert fits.joined((lag,), front) == (lag, front)
+    assert fits.joined((lag,), everywhere) == (lag, everywhere)
+    late = known["channel_delays"]
+    assert fits.joined((lag,), late) == (lag, *late.parts)
 
 
 def test_a_fit_starts_without_what_was_predicted_for_another_model(fits):

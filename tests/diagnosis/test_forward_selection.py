@@ -38,7 +38,7 @@ def test_rounds_go_on_where_something_took_the_place_of_an_addition(monkeypatch,
     judged = SimpleNamespace(normalised_excess_mse=1.0)
     fits = SimpleNamespace(
         say=lambda _: None, fit=lambda *_: FIT, judge=lambda *_: judged, free=(), held_out=None,
-        fitting=SimpleNamespace(first=lambda: None), refuted=set(),
+        fitting=SimpleNamespace(first=lambda: None), refuted=set(), joined=lambda added, h: (*added, h),
     )  # fmt: skip
     found = search._Search(fits, 8, RAISED).run()
     assert found.added == final

@@ -29,11 +29,6 @@ def test_two_models_are_weighed_among_themselves_however_much_likelier_a_third_i
     assert compared.likeliest(models) is models[2]
 
 
-def same_point(point, *_):
-    """Stand in for a point with less in it."""
-    return point
-
-
 def test_what_was_added_stays_where_it_is_likely(monkeypatch):
     """A search from the likeliest model so far: an addition less, or others in their place."""
     gain, mass, inertia, lag = (Hypothesis(n, "effect", (n,)) for n in ("gain", "mass", "inertia", "lag"))
@@ -78,8 +73,9 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
 def test_one_addition_after_the_other_is_tried_without_and_what_is_beyond_doubt_not_again(monkeypatch):
     """The second and the third are tried in the model without the first, in which they are not in question or are."""
     odd, one, other = (Hypothesis(n, "effect", (n,)) for n in ("odd", "speed_delay", "steering_delay"))
+    unknown = SimpleNamespace(loss=0.0, points=())
     for module in (comparison, alternatives):
-        monkeypatch.setattr(module, "losses", lambda fits, added, best: dict.fromkeys(added, 0.0))
+        monkeypatch.setattr(module, "Curvature", lambda fits, best: SimpleNamespace(without=lambda *_: unknown))
     most = {(odd, one, other): 0.0, (one,): -1.0, (other,): -1.15, (): -9.0}
 
     def asked(of_rest):
@@ -95,7 +91,9 @@ def test_one_addition_after_the_other_is_tried_without_and_what_is_beyond_doubt_
             return SimpleNamespace(point=None, objective=objectives[frozenset(added)])
 
         models = {frozenset(a): (a, fitted(a)) for a in [(odd, one, other)]}
-        fits = SimpleNamespace(models=models, doubt=doubt, fit_all=fit_all, without=same_point, say=print)
+        fits = SimpleNamespace(
+            models=models, doubt=doubt, fit_all=fit_all, fitting=SimpleNamespace(best=min), say=print
+        )
         likelier = SimpleNamespace(likeliest=lambda pair: next((m for m in pair if odd not in m[0]), pair[0]))
         added, _, needed = comparison._lessened(fits, likelier, *models[frozenset((odd, one, other))])
         assert added == (one, other)

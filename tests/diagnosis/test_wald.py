@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.diagnosis.fitting.fit import Fitting
+from harness.diagnosis.fitting.fit import Fitting, Point
 from harness.diagnosis.model.hypotheses import Hypothesis, hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import first_variances
+from harness.diagnosis.selection.score_test import ScoreTest
 from harness.diagnosis.selection.validation import HeldOut
-from harness.diagnosis.selection.wald import losses
+from harness.diagnosis.selection.wald import Curvature
 from harness.identification.coordinates import Coordinate
 from support.driven_car import FREE, driven
 
@@ -25,6 +26,12 @@ def fits(augmented):
     variances = first_variances(augmented, drives)
     fitting = Fitting(augmented, drives[:1], variances, noise_held=True, driven=drives)
     return CandidateFits(fitting, HeldOut(augmented, drives[1:], variances), FREE, lambda _: None)
+
+
+def losses(fits, added, fitted):
+    """Return what is predicted to be lost without each addition."""
+    curvature = Curvature(fits, fitted)
+    return {h: curvature.without((h,), tuple(k for k in added if k != h)).loss for h in added}
 
 
 def test_the_predicted_loss_is_that_of_a_fit_without_it(augmented, fits):
@@ -50,6 +57,37 @@ def test_the_predicted_loss_is_that_of_a_fit_without_it(augmented, fits):
     assert losses(fits, (), fits.fit((), first)) == {}
 
 
+def test_a_fit_without_it_begins_where_everything_else_is_predicted_to_go(augmented, fits):
+    """What was given to the bias of the gyroscope goes to the offset of the steering, and nothing is left to fit."""
+    known = {h.name: h for h in hypotheses(augmented, FREE)}
+    offset, bias = (known[n] for n in ("steering_offset", "sensor_bias@yaw_rate"))
+    both, less = (fits.fit(added, fits.fitting.first()) for added in ((offset, bias), (offset,)))
+    plain, there = Curvature(fits, both).without((bias,), (offset,)).points
+    rows = [augmented.row(n) for n in bias.shared]
+    for point in (plain, there):
+        np.testing.assert_array_equal(point.values[rows, 0], augmented.stated()[rows])
+    np.testing.assert_array_equal(np.delete(plain.values, rows, axis=0), np.delete(both.point.values, rows, axis=0))
+    assert there.value(both.coordinates[-2]) == pytest.approx(less.point.value(less.coordinates[-1]), rel=1e-3)
+    lost = [less.log_likelihood - fits.fitting.log_likelihood(point) for point in (plain, there)]
+    assert abs(lost[1]) < 0.1 * lost[0]
+
+
+def test_what_the_columns_promise_without_an_addition_is_what_those_of_a_fit_without_it_do(augmented, fits):
+    """Also of itself, which gains what it would lose, and of what begins some time: nothing is to be computed again."""
+    known = {h.name: h for h in hypotheses(augmented, FREE)}
+    offset, bias = (known[n] for n in ("steering_offset", "sensor_bias@yaw_rate"))
+    tried = [offset, *(known[n] for n in ("tyre_force_offset@front", "steering_lag", "yaw_inertia", "crosswind"))]
+    both, less = (fits.fit(added, fits.fitting.first()) for added in ((offset, bias), (bias,)))
+    test, alone = ScoreTest(fits.fitting, both), ScoreTest(fits.fitting, less)
+    test.of([h for h in tried if h != offset])
+    found = test.without(offset, offset.shared, fits.without(both.point, (offset,), (bias,))).of(tried)
+    for score, wanted in zip(found, alone.of(tried), strict=True):
+        assert score.gain == pytest.approx(wanted.gain, rel=0.05, abs=0.5), score.hypothesis.name
+        np.testing.assert_allclose(score.amplitudes, wanted.amplitudes, rtol=0.1, atol=2.0 * wanted.error.max())
+    assert found[0].gain > 10
+    assert fits.bic(found[0].gain, 1) == pytest.approx(losses(fits, (offset, bias), both)[offset], rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("common", "loss"),
     [
@@ -68,6 +106,7 @@ def test_what_is_left_goes_no_further_than_its_bounds(common, loss):
         fitting=SimpleNamespace(information=lambda _: np.array([[4.0, common], [common, 4.0]]), drives=[None]),
         augmented=SimpleNamespace(stated=lambda: np.zeros(2)),
         bic=lambda gain, freedom: 2.0 * gain,
+        without=lambda point, gone, rest: Point(np.zeros((2, 1)), np.zeros(0), np.zeros(0)),
     )
     fitted = SimpleNamespace(coordinates=(one, other), point=SimpleNamespace(value=lambda c: at[c.name]))
     assert losses(fits, (h,), fitted)[h] == pytest.approx(2.0 * loss)

@@ -101,11 +101,11 @@ def _instead(outcome: Outcome, v: Value) -> str:
 
 def _certainty(outcome: Outcome) -> list[str]:
     """Return the evidence for each addition."""
-    found = []
+    found, in_force = [], {n for h in outcome.trace.added for n in h.amplitudes}
     for r in outcome.trace.rounds:
         if r.added is None or r.added.held_out is None:
             continue
-        if not set(r.added.hypothesis.single) & set(outcome.trace.added):
+        if not {n for h in r.added.hypothesis.single for n in h.amplitudes} & in_force:
             continue
         gain = r.added.held_out.log_likelihood - r.before.log_likelihood
         text = (
@@ -181,5 +181,5 @@ def _rounds(outcome: Outcome) -> list[str]:
 
 def _in_place(trace: Trace) -> list[Hypothesis]:
     """Return what no round added: it took the place of something."""
-    rounds = {h for r in trace.rounds if r.added is not None for h in r.added.hypothesis.single}
-    return [h for h in trace.added if h not in rounds]
+    rounds = {n for r in trace.rounds if r.added is not None for h in r.added.hypothesis.single for n in h.amplitudes}
+    return [h for h in trace.added if not rounds.issuperset(h.amplitudes)]

@@ -1,14 +1,14 @@
 """Fit what may stand in the place of each addition of a model: as a round of the search that begins without it.
 
 What a round of the search saw was a model that lacked what later ones added. Of two things that are missing it may take
-a third for both, and beside the other one something else is right in its place. So the model without an addition is
-fitted, with all else in it, and the score test asks of everything what it would gain there.
+a third for both, and beside the other one something else is right in its place. So the score test asks of everything
+what it would gain in the model without an addition, with all else in it, which is fitted.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Container
 from dataclasses import replace
 from functools import partial
 
@@ -16,11 +16,11 @@ from harness.diagnosis.criteria import HOPEFUL, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.acceptance import same
-from harness.diagnosis.selection.candidate_fits import Added, CandidateFits
-from harness.diagnosis.selection.score_test import Score
+from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, own_of
+from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
-from harness.diagnosis.selection.wald import losses
+from harness.diagnosis.selection.wald import Curvature
 
 _Models = dict[frozenset[Hypothesis], tuple[Added, Callable[[], Point]]]
 
@@ -46,37 +46,32 @@ class Alternatives:
             best: Its fit.
             needed: Without which it is out of the question.
         """
-        fits, lost = self._fits, losses(self._fits, added, best)
+        fits, curvature = self._fits, Curvature(self._fits, best)
         rests = {h: tuple(k for k in added if k != h) for h in added}
-        open_ = [h for h in added if not h.clock or (lost[h] < HOPEFUL and h not in needed)]
-        less: _Models = {frozenset(rests[h]): (rests[h], partial(fits.without, best.point, h, rests[h])) for h in open_}
-        self._fit_new(less, best, -math.inf)
+        less = {h: curvature.without((h,), rests[h]) for h in added}
+        open_ = [h for h in added if not h.clock or (less[h].loss < HOPEFUL and h not in needed)]
+        models: _Models = {frozenset(rests[h]): (rests[h], partial(fits.fitting.best, less[h].points)) for h in open_}
+        self._fit_new(models, best, -math.inf)
         places: _Models = {}
-        many: dict[Hypothesis, Score] = {}
+        many: dict[Hypothesis, _Models] = {}
         for h in (h for h in added if not h.clock):
-            for s in self._stand_ins(h, rests[h]):
+            for s in self._stand_ins(h, rests[h], best):
+                other = fits.joined(rests[h], s.hypothesis)
+                model: _Models = {frozenset(other): (other, partial(self._start, h, rests[h], best.point, s))}
                 if s.hypothesis.name == ALL_PARAMETERS:
-                    many[h] = s
+                    many[h] = model
                 else:
-                    places |= self._place(rests[h], best, s)
+                    places |= model
         self._fit_new(places, best, best.objective - fits.doubt)
-        left = {h: s for h, s in many.items() if not self._settled(rests[h], [frozenset(added), *places])}
-        for h, s in left.items():
-            self._fit_new(self._place(rests[h], best, s), best, best.objective - fits.doubt)
-
-    def _settled(self, rest: Added, tried: Iterable[frozenset[Hypothesis]]) -> bool:
-        """Whether a model with less than many parameters explains everything; then those need no fit."""
-        before = self._judged(frozenset(rest))
-        return any(leaves_nothing(self._judged(key), before) for key in tried)
+        for h, model in many.items():
+            before = self._judged(frozenset(rests[h]))
+            # With less than many parameters everything is explained: they need no fit.
+            if not any(leaves_nothing(self._judged(key), before) for key in (frozenset(added), *places)):
+                self._fit_new(model, best, best.objective - fits.doubt)
 
     def _judged(self, key: frozenset[Hypothesis]) -> Judgement:
         added, fitted = self._fits.models[key]
         return self._fits.judge(added, fitted.point)
-
-    def _place(self, rest: Added, best: Fitted, s: Score) -> _Models:
-        """Return a model with something in the place of an addition."""
-        other = (*rest, *s.hypothesis.single)
-        return {frozenset(other): (other, partial(self._start, rest, best.point, s))}
 
     def _fit_new(self, models: _Models, best: Fitted, needed: float) -> None:
         new = [model for key, model in models.items() if key not in self._fits.models]
@@ -84,12 +79,26 @@ class Alternatives:
             self._fits.say("fitting what may stand in the place of what was found")
             self._fits.fit_all(new, best.objective, afresh=False, needed=needed)
 
-    def _start(self, rest: Added, found: Point, s: Score) -> Point:
-        """Return where a fit of something in the place of an addition starts, with the noise of the model with that."""
-        point = self._fits.models[frozenset(rest)][1].point
-        return self._fits.start(replace(found, values=point.values), s)
+    def _start(self, h: Hypothesis, rest: Added, found: Point, s: Score) -> Point:
+        """Return where a fit of something in the place of an addition starts, with the noise of the model with that.
 
-    def _stand_ins(self, h: Hypothesis, rest: Added) -> list[Score]:
+        It is what the score predicts in the model without the addition; or what was fitted of the same in another
+        model, because of a large effect slopes predict little: with the parameters of this model, or of that one.
+        """
+        fits = self._fits
+        starts = [fits.start(replace(found, values=fits.models[frozenset(rest)][1].point.values), s)]
+        known = fits.with_addition(s.hypothesis)
+        if known is not None:
+            here = fits.without(found, (h,), rest).values
+            rows = [fits.augmented.row(n) for n in (*s.hypothesis.shared, *s.hypothesis.change_times)]
+            free = [fits.augmented.row(n) for n in fits.free]
+            here[rows] = known.values[rows]
+            there = here.copy()
+            there[free] = known.values[free]
+            starts += [replace(found, values=values) for values in (here, there)]
+        return fits.fitting.best(starts)
+
+    def _stand_ins(self, h: Hypothesis, rest: Added, best: Fitted) -> list[Score]:
         """Return what promises most in the place of an addition, the best first, but for what says the same as it.
 
         Many parameters at once gain whatever is missing, so they have to promise more than what they would replace.
@@ -97,7 +106,7 @@ class Alternatives:
         key = frozenset(rest)
         if key not in self._ranked:
             name = f"in the place of {h.name.replace('_', ' ')}"
-            tried = SelectionRound(self._fits, rest, [self._fits.models[key][1]], name)
+            tried = SelectionRound(self._fits, rest, [self._fits.models[key][1]], name, self._test(h, rest, best))
             tried.rank()
             self._ranked[key] = tried.promised, tried.shortlist
         promised, shortlist = self._ranked[key]
@@ -105,3 +114,14 @@ class Alternatives:
         found = [s for s in shortlist if h not in s.hypothesis.single and not (own and same(s, own))]
         found = [s for s in found if s.hypothesis.name != ALL_PARAMETERS or own is None or s.gain > own.gain]
         return found[:TRIED]
+
+    def _test(self, h: Hypothesis, rest: Added, best: Fitted) -> ScoreTest | None:
+        """Return the score test of a model without an addition, by the columns of the model with it.
+
+        What the drives show of it is then what something else would have to explain, and nothing is to be computed
+        again. Without a random process the filter is another one.
+        """
+        if h.random:
+            return None
+        fits = self._fits
+        return fits.score_test(best).without(h, own_of((h,), rest), fits.without(best.point, (h,), rest))

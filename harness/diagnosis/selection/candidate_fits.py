@@ -11,15 +11,22 @@ from harness.config.parameter_set import stated_std
 from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL, MOST
 from harness.diagnosis.fitting.fit import TURNS, Fitted, Fitting, Point
 from harness.diagnosis.fitting.kept_fits import KeptFits
-from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
-from harness.diagnosis.selection.score_test import Score
+from harness.diagnosis.model.hypotheses import Hypothesis, coordinates, hypotheses
+from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import HeldOut, Judgement
+from harness.models.assembly.placement import split
 
 Say = Callable[[str], None]
 Added = tuple[Hypothesis, ...]
 
 ITERATIONS = 8
 """Most steps of the parameters in a turn of a fit."""
+
+
+def own_of(gone: Added, rest: Added) -> list[str]:
+    """Return the parameters of additions that no other of a model has."""
+    kept = {n for k in rest for n in (*k.shared, *k.change_times)}
+    return [n for h in gone for n in (*h.shared, *h.change_times) if n not in kept]
 
 
 class CandidateFits:
@@ -52,11 +59,13 @@ class CandidateFits:
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
+        self._whole = {h.name: h for h in hypotheses(self.augmented, free)}
         self._log_samples = math.log(fitting.samples)
         self.doubt = math.inf if fitting.noise_held else 0.5 * HOPEFUL
         self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
         self.refuted: set[Hypothesis] = set()
         self._judged: dict[tuple[Added, int], tuple[Judgement, Point]] = {}
+        self._test: tuple[Fitted, ScoreTest] | None = None
         self._scores: dict[int, tuple[set[Hypothesis], list[Score], Point]] = {}
 
     def fit(
@@ -76,6 +85,16 @@ class CandidateFits:
             self.models[frozenset(added)] = added, found
         return found
 
+    def joined(self, added: Added, h: Hypothesis) -> Added:
+        """Return additions with a further one; an effect at some places and at all others is one everywhere."""
+        others = tuple(k for k in added if split(k.name)[0] != h.name)
+        return (*added, *h.single) if len(others) == len(added) else (*others, self._whole[h.name])
+
+    def with_addition(self, h: Hypothesis) -> Point | None:
+        """Return where the likeliest of the models with a hypothesis was fitted; ``None`` if there is none."""
+        found = [fitted for key, (_, fitted) in self.models.items() if key.issuperset(h.single)]
+        return max(found, key=lambda fitted: fitted.objective).point if found else None
+
     def forget(self, added: Added) -> None:
         """Leave a model that was fitted out of what is compared: another one stands for it."""
         del self.models[frozenset(added)]
@@ -85,11 +104,9 @@ class CandidateFits:
         self.refuted.add(h)
         self.models = {key: model for key, model in self.models.items() if h not in key}
 
-    def without(self, point: Point, h: Hypothesis, rest: Added) -> Point:
-        """Return a point with what is a hypothesis's own, and of no other, as stated."""
-        kept = {n for k in rest for n in (*k.shared, *k.change_times)}
-        rows = [self.augmented.row(n) for n in (*h.shared, *h.change_times) if n not in kept]
-        values = point.values.copy()
+    def without(self, point: Point, gone: Added, rest: Added) -> Point:
+        """Return a point with what belongs to some additions, and to no other, as stated."""
+        values, rows = point.values.copy(), [self.augmented.row(n) for n in own_of(gone, rest)]
         values[rows] = self.augmented.stated()[rows, None]
         return replace(point, values=values)
 
@@ -154,6 +171,12 @@ class CandidateFits:
             scored, scores = set(tried), score(tried)
             self._scores[id(point)] = scored, scores, point  # which is kept, so that its id stays its own
         return [s for s in scores if s.hypothesis in tried]
+
+    def score_test(self, fitted: Fitted) -> ScoreTest:
+        """Return the score test at a fit; the last one is kept."""
+        if self._test is None or self._test[0] is not fitted:
+            self._test = fitted, ScoreTest(self.fitting, fitted)
+        return self._test[1]
 
     def bic(self, gain: float, freedom: float) -> float:
         """Return a gain in log-likelihood as gain in BIC."""

@@ -144,6 +144,8 @@ class _Search:
                 added, best = self._if_whole(added, best, h)
             if not fits.refuted.intersection(processes):
                 break
+        in_force = {n for h in added for n in h.amplitudes}
+        of_rounds = [h for r in self.rounds if r.added for h in r.added.hypothesis.single]
         return Trace(
             fits.fitting,
             fits.held_out,
@@ -152,7 +154,7 @@ class _Search:
             best,
             added,
             tuple(self.rounds),
-            tuple(h for r in self.rounds if r.added for h in r.added.hypothesis.single if h not in added),
+            tuple(h for h in of_rounds if not in_force.issuperset(h.amplitudes)),
             fits.judge((), self.nominal.point),
             fits.judge(added, best.point),
             self.cut_short,
@@ -166,7 +168,7 @@ class _Search:
         stay coloured, or beside values that are implausible.
         """
         fits, rest = self.candidate_fits, tuple(h for h in added if h != process)
-        less = fits.fit(rest, fits.without(best.point, process, rest))
+        less = fits.fit(rest, fits.without(best.point, (process,), rest))
         before, after = (fits.judge(a, f.point).drives for a, f in ((rest, less), (added, best)))
         if colour_left(before, after) <= EXCESS and not beyond_belief(best, added):
             return added, best
@@ -191,7 +193,7 @@ class _Search:
             for r in passed:
                 assert r.added is not None
                 assert r.added.fitted is not None
-                added, best = (*added, *r.added.hypothesis.single), r.added.fitted
+                added, best = fits.joined(added, r.added.hypothesis), r.added.fitted
 
     def _round(self, added: Added, best: Fitted, number: int) -> tuple[SelectionRound | None, list[Round]]:
         """Try everything once; return what was tried and the round, or two."""
@@ -213,7 +215,7 @@ class _Search:
         found = tried.decided(room)
         if found.hopeful is not None:
             assert found.hopeful.fitted is not None
-            with_it = (*tried.added, *found.hopeful.hypothesis.single)
+            with_it = self.candidate_fits.joined(tried.added, found.hopeful.hypothesis)
             further = selection_round(self.candidate_fits, with_it, [found.hopeful.fitted], number + 1).decided(
                 room - 1
             )

@@ -37,7 +37,7 @@ from harness.diagnosis.selection.posterior import (
     shared_horizons,
 )
 from harness.diagnosis.selection.priors import log_odds, log_size, log_stand_in
-from harness.diagnosis.selection.wald import losses
+from harness.diagnosis.selection.wald import Curvature
 
 
 @dataclass(frozen=True)
@@ -87,14 +87,16 @@ def _lessened(
     left = added
     reached: dict[Hypothesis, float] = {}  # without it
     while left:
-        lost = losses(fits, added, best)
-        open_ = [h for h in left if lost[h] < HOPEFUL]
+        curvature = Curvature(fits, best)
+        rests = {h: tuple(k for k in added if k != h) for h in left}
+        less = {h: curvature.without((h,), rests[h]) for h in left}
+        open_ = [h for h in left if less[h].loss < HOPEFUL]
         left = ()
         for i, h in enumerate(open_):
-            rest = tuple(k for k in added if k != h)
+            rest = rests[h]
             if frozenset(rest) not in fits.models:
                 fits.say(f"still needed? {h.name.replace('_', ' ')}")
-                start = partial(fits.without, best.point, h, rest)
+                start = partial(fits.fitting.best, less[h].points)
                 fits.fit_all([(rest, start)], best.objective, afresh=False, needed=best.objective - fits.doubt)
                 reached[h] = fits.models[frozenset(rest)][1].objective
             kept, fitted = compared.likeliest([fits.models[frozenset(a)] for a in (added, rest)])

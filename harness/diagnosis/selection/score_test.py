@@ -10,7 +10,8 @@ Engle 1984).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from harness.common.arrays import Floats
-from harness.diagnosis.fitting.fit import Fitted, Fitting, in_rows
+from harness.diagnosis.fitting.fit import Fitted, Fitting, Point, in_rows
 from harness.diagnosis.innovations.innovation_model import Linearisation
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.selection.change_times import Choices, choices, join
@@ -76,13 +77,12 @@ class _Sums:
         return _Sums(self.cross[:, rows], self.square[np.ix_(rows, rows)], self.pull[rows])
 
 
-@dataclass(frozen=True)
+@dataclass
 class _PlainColumns:
-    """Columns of all amplitudes that act at once: the place of each, by drive ``(samples * ny, n)``, and products."""
+    """Columns of amplitudes that act at once: the place of each, and by drive ``(samples * ny, n)``."""
 
     places: dict[_Key, int]
     by_drive: list[Floats]
-    sums: _Sums
 
 
 @dataclass(frozen=True)
@@ -106,32 +106,62 @@ class ScoreTest:
     """
 
     def __init__(self, fitting: Fitting, fitted: Fitted) -> None:
-        self.fitting, self.point = fitting, fitted.point
+        self.fitting, self.point, self._at = fitting, fitted.point, fitted.point
         self.augmented, self.drives = fitting.augmented, fitting.drives
         self.kept = fitting.runs(fitted.point)
         self.residual = [np.nan_to_num(k.whitened).reshape(-1) for k in self.kept]
-        moved = [c for c in fitted.coordinates if c.kind == "parameter"]
-        self.moved = fitting.columns(moved, fitted.point)
+        self._coordinates = [c for c in fitted.coordinates if c.kind == "parameter"]
+        self.moved = fitting.columns(self._coordinates, fitted.point)
         self._outputs = len(self.augmented.model.outputs)
         self._linearisation = Linearisation(self.augmented)
+        self._plain_known = _PlainColumns({}, [np.zeros((len(r), 0)) for r in self.residual])
+        self._held: dict[str, float] = {}
         self._onsets: dict[int, Onsets] = {}
         self._cached: dict[tuple[int, str], Columns] = {}
         self._own: dict[str, tuple[str, ...]] = {}
         self._ranges: dict[str, tuple[float, float]] = {}
-        self._products: dict[tuple[int, str, str], Floats] = {}
+        self._project()
+
+    def _project(self) -> None:
+        """Find with what weights the columns of the fit take part in others."""
+        moved, point = self._coordinates, self.point
         weight = np.array([c.prior**-2.0 for c in moved])
-        away = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
+        away = np.array([c.coordinate(point.value(c)) - c.centre for c in moved])
         information = total([N.T @ N for N in self.moved]) + np.diag(weight)
         self._pull = total([N.T @ r for N, r in zip(self.moved, self.residual, strict=True)]) + weight * away
         self._inverse = np.linalg.pinv(information, rcond=1e-10, hermitian=True)
+        self._products: dict[tuple[int, str, str], Floats] = {}
+
+    def without(self, h: Hypothesis, own: Collection[str], point: Point) -> ScoreTest:
+        """Return the test of a fit without something that this one moved, as the columns at this one predict it.
+
+        Args:
+            h: What is gone; no random process, without which the filter is another one.
+            own: Its parameters that nothing else has.
+            point: The point of this fit with these as stated.
+        """
+        found = copy(self)
+        step = np.zeros(len(self._coordinates))
+        for i, c in enumerate(self._coordinates):
+            if c.name in h.amplitudes:
+                step[i] = c.coordinate(point.value(c)) - c.coordinate(self.point.value(c))
+        kept = [i for i, c in enumerate(self._coordinates) if c.name not in own]
+        found.residual = [r + N @ step for r, N in zip(self.residual, self.moved, strict=True)]
+        found.moved, found._coordinates = [N[:, kept] for N in self.moved], [self._coordinates[i] for i in kept]
+        # Columns of what is in force hold for the shapes that it has.
+        found._held = {n: float(self._at.values[self.augmented.row(n), 0]) for n in h.shapes}
+        found.point, found._ranges = point, {}
+        found._project()
+        return found
 
     def of(self, tried: Sequence[Hypothesis]) -> list[Score]:
         """Return the scores of hypotheses, in their order."""
         plain = [h for h in tried if not h.change_times]
         changes = [h for h in tried if h.change_times]
         share = self.augmented.share
-        columns = self._plain_columns(plain)
-        found = dict(zip(plain, share(lambda h: self._plain(h, columns), plain), strict=True))
+        self._find_columns(plain)
+        sums = self._sums_of(self._plain_known.by_drive)
+        found = dict(zip(plain, share(lambda h: self._plain(h, sums), plain), strict=True))
         share(lambda i: self._change(changes, i), range(len(self.drives)))
         found |= {h: self._change_times(h) for h in changes}
         return [found[h] for h in tried]
@@ -142,21 +172,25 @@ class ScoreTest:
             self.augmented.sensitivities(self.drives[drive], values, self.augmented.along(names), self.kept[drive])
         )
 
-    def _plain_columns(self, plain: Sequence[Hypothesis]) -> _PlainColumns:
-        """Return the columns of all amplitudes at all shapes that act on them, once each."""
+    def _find_columns(self, plain: Sequence[Hypothesis]) -> None:
+        """Find the columns of all amplitudes at all shapes that act on them, once each."""
         for h in sorted(plain, key=lambda h: len(h.shapes)):
             for a in h.amplitudes:
                 self._own.setdefault(a, h.shapes)  # what acts at several places has the shapes of all of them
-        wanted = list(dict.fromkeys(key for h in plain for shapes in self._grid(h) for key in self._keys(h, shapes)))
+        known = self._plain_known
+        asked = dict.fromkeys(key for h in plain for shapes in self._grid(h) for key in self._keys(h, shapes))
+        wanted = [key for key in asked if key not in known.places]
 
         def of_drive(i: int) -> Floats:
-            values = np.repeat(self.point.values[:, [i]], len(wanted), axis=1)
+            values = np.repeat(self._at.values[:, [i]], len(wanted), axis=1)
             for j, (a, shapes) in enumerate(wanted):
                 values[[self.augmented.row(n) for n in self._own[a]], j] = shapes
             return self._sensitivities(i, values, [a for a, _ in wanted])
 
-        by_drive = self.augmented.share(of_drive, range(len(self.drives)))
-        return _PlainColumns({key: j for j, key in enumerate(wanted)}, by_drive, self._sums_of(by_drive))
+        if wanted:
+            new = self.augmented.share(of_drive, range(len(self.drives)))
+            known.by_drive = [np.hstack(both) for both in zip(known.by_drive, new, strict=True)]
+            known.places |= {key: len(known.places) + j for j, key in enumerate(wanted)}
 
     def _keys(self, h: Hypothesis, shapes: tuple[float, ...]) -> list[_Key]:
         """Return the columns of a hypothesis at values of its shapes: each amplitude with the shapes of its own."""
@@ -165,20 +199,22 @@ class ScoreTest:
 
     def _grid(self, h: Hypothesis) -> list[tuple[float, ...]]:
         """Return the shapes at which a hypothesis is tried; a parameter in force already keeps its value."""
-        parameters = [self.augmented.model.parameters[self.augmented.row(n)] for n in h.shapes]
-        return list(
-            itertools.product(
-                *(p.grid or (float(self.point.values[self.augmented.row(p.name), 0]),) for p in parameters)
-            )
-        )
 
-    def _plain(self, h: Hypothesis, columns: _PlainColumns) -> Score:
-        grid = self._grid(h)
+        def values(name: str) -> tuple[float, ...]:
+            row = self.augmented.row(name)
+            if name in self._held:
+                return (self._held[name],)
+            return self.augmented.model.parameters[row].grid or (float(self.point.values[row, 0]),)
+
+        return list(itertools.product(*(values(n) for n in h.shapes)))
+
+    def _plain(self, h: Hypothesis, all_sums: _Sums) -> Score:
+        columns, grid = self._plain_known, self._grid(h)
         chosen = [[columns.places[key] for key in self._keys(h, shapes)] for shapes in grid]
-        gains = [self._promised(h, columns.sums.take(places)).gain for places in chosen]
+        gains = [self._promised(h, all_sums.take(places)).gain for places in chosen]
         best = int(np.argmax(gains))
         X = [x[:, chosen[best]] for x in columns.by_drive]
-        sums, no_times = columns.sums.take(chosen[best]), np.zeros((len(self.drives), 0))
+        sums, no_times = all_sums.take(chosen[best]), np.zeros((len(self.drives), 0))
         return self._judged(h, X, sums, np.array(grid[best]), no_times)
 
     def _sums_of(self, X: Sequence[Floats]) -> _Sums:
@@ -267,7 +303,7 @@ class ScoreTest:
     def _change(self, many: Sequence[Hypothesis], drive: int) -> None:
         """Find the responses to all changes of some hypotheses in a drive at once."""
         if drive not in self._onsets:
-            values, kept = self.point.values[:, drive], self.kept[drive]
+            values, kept = self._at.values[:, drive], self.kept[drive]
             self._onsets[drive] = Onsets(self._linearisation, self.drives[drive], values, kept, self._times(drive))
         wanted = {a: h for h in many for a in h.amplitudes if (drive, a) not in self._cached}
         found = self._onsets[drive].responses(
@@ -277,7 +313,7 @@ class ScoreTest:
 
     def _begun(self, h: Hypothesis, drive: int) -> Floats:
         """Return the point with the first shapes of a hypothesis, and without an end to what begins."""
-        values = self.point.values[:, drive].copy()
+        values = self._at.values[:, drive].copy()
         values[[self.augmented.row(n) for n in h.shapes]] = self._grid(h)[0]
         for m in h.change_times:
             values[self.augmented.row(m)] = self.augmented.model.parameters[self.augmented.row(m)].upper

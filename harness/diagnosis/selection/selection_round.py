@@ -30,6 +30,7 @@ from harness.diagnosis.selection.priors import log_odds
 from harness.diagnosis.selection.random_scores import random_scores
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
+from harness.diagnosis.selection.wald import Curvature
 from harness.models.quantities import listed
 
 
@@ -55,10 +56,19 @@ class SelectionRound:
         added: What the model has already.
         without: Fits of that model, the likeliest last.
         name: Of the round, to be told.
+        test: Of that model, if it is not done at the likeliest of its fits.
     """
 
-    def __init__(self, candidate_fits: CandidateFits, added: Added, without: list[Fitted], name: str) -> None:
+    def __init__(
+        self,
+        candidate_fits: CandidateFits,
+        added: Added,
+        without: list[Fitted],
+        name: str,
+        test: ScoreTest | None = None,
+    ) -> None:
         self.candidate_fits, self.added, self.without, self.name = candidate_fits, added, without, name
+        self._test = test
         self.promised: list[Score] = []
         self.shortlist: list[Score] = []
         self.fits: dict[Hypothesis, Fitted] = {}
@@ -101,7 +111,8 @@ class SelectionRound:
     def rank(self) -> None:
         """Score everything that is not in force yet, and choose what is worth a fit."""
         self.say("score test of every effect and every fixed parameter")
-        scores = self.candidate_fits.scores_at(self.best.point, self.open(), self.scores)
+        fits = self.candidate_fits
+        scores = self.scores(self.open()) if self._test else fits.scores_at(self.best.point, self.open(), self.scores)
 
         def promise(s: Score) -> float:
             return self.predicted_bic_gain(s) + 2.0 * self.log_odds(s)
@@ -119,7 +130,8 @@ class SelectionRound:
     def scores(self, tried: Sequence[Hypothesis]) -> list[Score]:
         """Return the scores of hypotheses at the fit without addition; under stated noise nothing is random."""
         fits = self.candidate_fits
-        scores = ScoreTest(fits.fitting, self.best).of([h for h in tried if not h.random])
+        test = self._test or fits.score_test(self.best)
+        scores = test.of([h for h in tried if not h.random])
         processes = [] if fits.fitting.noise_held else [h for h in tried if h.random]
         return scores + random_scores(fits, self.best.point, processes)
 
@@ -198,7 +210,7 @@ class SelectionRound:
             if same(s, winner.score) and between < BIC_NEEDED:  # what is left between them is where fits end
                 less, for_all = sorted((s, for_all), key=stands)
                 del self.fits[less.hypothesis]
-                self.candidate_fits.forget((*self.added, *less.hypothesis.single))
+                self.candidate_fits.forget(self.candidate_fits.joined(self.added, less.hypothesis))
 
     def decided_by_sensor(self, room: int) -> Round:
         """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
@@ -240,7 +252,7 @@ class SelectionRound:
             return fits.fitting.best(starts)
 
         reached = max((f.objective for f in self.fits.values()), default=-math.inf)
-        models = [((*self.added, *s.hypothesis.single), partial(start, s)) for s in scores]
+        models = [(fits.joined(self.added, s.hypothesis), partial(start, s)) for s in scores]
         found = fits.fit_all(models, reached, self.best.objective)
         self.fits |= {s.hypothesis: f for s, f in zip(scores, found, strict=True)}
         fits.augmented.share(self.judged, scores)
@@ -248,8 +260,9 @@ class SelectionRound:
     def judged(self, s: Score) -> Candidate:
         """Return a hypothesis that was fitted, with its judgement on the held-out drives."""
         fitted = self.fits[s.hypothesis]
-        judged = self.candidate_fits.judge((*self.added, *s.hypothesis.single), fitted.point)
-        return Candidate(s, fitted, self.candidate_fits.bic(fitted.objective - self.best.objective, s.freedom), judged)
+        fits = self.candidate_fits
+        judged = fits.judge(fits.joined(self.added, s.hypothesis), fitted.point)
+        return Candidate(s, fitted, fits.bic(fitted.objective - self.best.objective, s.freedom), judged)
 
     def unfitted(self, s: Score) -> Candidate:
         """Return a hypothesis whose predicted gain is too small for a fit."""
@@ -273,9 +286,10 @@ class SelectionRound:
         """
         h, winner = max(self.fits.items(), key=lambda item: item[1].objective)
         self.say("fitting the model without it again")
-        start, best = self.taken_back(h, winner), self.best.objective
-        start = replace(self.best.point, values=start.values)  # the noise is that of a model without it already
-        again = self.candidate_fits.fit_near(self.added, start, winner.objective, best)
-        fitting = self.candidate_fits.fitting
+        fits, best, fitting = self.candidate_fits, self.best.objective, self.candidate_fits.fitting
+        points = Curvature(fits, winner).without(h.single, self.added).points
+        # The noise is that of a model without it already.
+        start = fitting.best([replace(self.best.point, values=p.values) for p in points])
+        again = fits.fit_near(self.added, start, winner.objective, best)
         lost = fitting.admits(self.best.point) and not fitting.admits(again.point)
         return again if again.objective > best and not lost else self.best
