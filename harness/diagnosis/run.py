@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.progress import progress
 from harness.diagnosis.recording_checks import refuse_recordings
 from harness.diagnosis.result.estimator_gain import Estimated, estimators_on
+from harness.diagnosis.result.estimator_kernels import compile_estimators
 from harness.diagnosis.result.outcome import Outcome, outcome_of
 from harness.diagnosis.result.record import write_outcome
 from harness.diagnosis.result.study_gain import REPEATS, StudyGain, refuse_study, study_gain
@@ -97,6 +99,7 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
             augmented = augmented or augmented_model_of(task)
             outcome = replace(_searched(task, augmented, say, failures, kept), notes=notes)
             write_outcome(outcome, folder)
+            _compile(task, outcome, say)
             for kind in task.estimators:
                 outcome = replace(outcome, estimators=(*outcome.estimators, *_estimated(task, outcome, kind, say)))
             if task.study is not None:
@@ -160,6 +163,13 @@ def drives_of(task: Task, augmented: AugmentedModel) -> tuple[list[Drive], list[
     recordings = task.train + task.test
     drives = [augmented.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
     return drives[: len(task.train)], drives[len(task.train) :]
+
+
+def _compile(task: Task, outcome: Outcome, say: Callable[[str], None]) -> None:
+    """Compile all estimators at once; what fails here is told where it fails again."""
+    jobs = outcome.trace.fitting.augmented.jobs
+    with suppress(Exception):
+        compile_estimators((outcome.nominal, outcome.amended), task.estimators, task.test[0], jobs, say)
 
 
 def _estimated(task: Task, outcome: Outcome, kind: str, say: Callable[[str], None]) -> tuple[Estimated, ...]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
@@ -52,6 +53,11 @@ class Innovations(FilteredModel):
 
         self._plain = loop(self.compiled, time_loops.note_run)
         self._slopes = loop(self.duals, time_loops.note_slopes)
+
+    @property
+    def loop(self) -> Dispatcher:
+        """The compiled loop of the filter over a recording."""
+        return self._plain.innovate
 
     def log_likelihoods(self, drives: Sequence[Drive], candidates: Each, keep_first: bool = False) -> Floats:
         """Return the log-likelihood of each candidate; no run is kept, because the slopes here are not of a run."""

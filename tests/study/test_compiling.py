@@ -8,6 +8,7 @@ import pytest
 
 from harness.common import components
 from harness.config import build_study
+from harness.engine import further_processes
 from harness.engine.compile import is_on_disk
 from harness.models.parameters import kit_2015a
 from harness.models.vehicles import scalar_example
@@ -55,14 +56,14 @@ def test_a_further_process_compiles_from_the_far_end_and_this_one_loads_it(cold,
     hits = [sum(loop.stats.cache_hits.values()) for loop in evaluator.loops]
     assert hits[0] == 0
     assert hits[-1] == 1
-    assert not compiling.missing_kernels(evaluator)
-    monkeypatch.setattr(compiling.subprocess, "Popen", lambda *a, **k: pytest.fail("started for nothing"))
+    assert not further_processes.missing_kernels(evaluator)
+    monkeypatch.setattr(further_processes.subprocess, "Popen", lambda *a, **k: pytest.fail("started for nothing"))
     compiling.compile_kernels(evaluator, 2, said.append)
     assert len(said) == 8
 
 
 def test_a_further_process_that_fails_leaves_its_kernels_to_this_one(cold, monkeypatch):
-    monkeypatch.setattr(compiling, "_START", "raise SystemExit(3)")
+    monkeypatch.setattr(further_processes, "_START", "raise SystemExit(3)")
     evaluator, said = cold(), []
     compiling.compile_kernels(evaluator, 3, said.append)
     assert len(said) == 4
