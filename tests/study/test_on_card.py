@@ -62,6 +62,7 @@ def simulated_script(*arguments: str, script: str) -> None:
 import dataclasses, sys, threading
 import numpy as np
 from harness.config import load_study
+from harness.engine import further_processes
 from harness.study import compiling
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
@@ -189,7 +190,7 @@ def test_further_processes_compile_for_the_card(tmp_path) -> None:
     simulated_script(
         str(study),
         script="""
-taken, elsewhere, take = [], threading.Event(), compiling._taken
+taken, elsewhere, take = [], threading.Event(), further_processes._taken
 
 def taking(end):
     here = threading.current_thread() is threading.main_thread()
@@ -201,8 +202,8 @@ def taking(end):
         elsewhere.set()
     return index
 
-compiling._taken = taking
-compiling.missing_kernels = lambda evaluator: list(range(evaluator.kernels))
+further_processes._taken = taking
+further_processes.missing_kernels = lambda evaluator: list(range(evaluator.kernels))
 said = []
 compiling.compile_kernels(card, 2, said.append)
 assert taken[0] == 4, taken
