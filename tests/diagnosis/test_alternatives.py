@@ -117,6 +117,8 @@ def test_an_effect_at_some_places_and_at_all_others_is_one_everywhere(fits):
     assert fits.joined((front, lag), others) == (lag, everywhere)
     assert fits.joined((lag,), front) == (lag, front)
     assert fits.joined((lag,), everywhere) == (lag, everywhere)
+    effect, parameter = (Hypothesis("steering_ratio", kind, (kind,)) for kind in ("effect", "parameter"))
+    assert fits.joined((effect,), parameter) == (effect, parameter)
     late = known["channel_delays"]
     assert fits.joined((lag,), late) == (lag, *late.parts)
 

@@ -59,7 +59,7 @@ class CandidateFits:
         self.fitting, self.held_out, self.free, self.say = fitting, held_out, free, say
         self.augmented = fitting.augmented
         self._known = stated_std(self.augmented.spec)
-        self._whole = {h.name: h for h in hypotheses(self.augmented, free)}
+        self._effects = {h.name: h for h in hypotheses(self.augmented, free) if h.kind == "effect"}
         self._log_samples = math.log(fitting.samples)
         self.doubt = math.inf if fitting.noise_held else 0.5 * HOPEFUL
         self.models: dict[frozenset[Hypothesis], tuple[Added, Fitted]] = {}
@@ -87,8 +87,8 @@ class CandidateFits:
 
     def joined(self, added: Added, h: Hypothesis) -> Added:
         """Return additions with a further one; an effect at some places and at all others is one everywhere."""
-        others = tuple(k for k in added if split(k.name)[0] != h.name)
-        return (*added, *h.single) if len(others) == len(added) else (*others, self._whole[h.name])
+        places = {k for k in added if k.kind == h.kind and k.name != h.name and split(k.name)[0] == h.name}
+        return (*(k for k in added if k not in places), self._effects[h.name]) if places else (*added, *h.single)
 
     def with_addition(self, h: Hypothesis) -> Point | None:
         """Return where the likeliest of the models with a hypothesis was fitted; ``None`` if there is none."""
