@@ -173,15 +173,21 @@ def test_where_the_filter_leaves_the_range_no_curve_is_sought(trace):
 
 
 def test_what_was_dropped_and_left_no_stand_in_is_told():
-    kept, dropped = (Hypothesis(n, "effect", (n,)) for n in ("steering_lag", "roll_steer"))
+    kept = Hypothesis("steering_lag", "effect", ("steering_lag",))
+    dropped = Hypothesis("roll_steer", "effect", ("front", "rear"))
 
-    def told(*added):
-        rounds = [SimpleNamespace(added=SimpleNamespace(hypothesis=h), reason="passes") for h in (dropped, kept)]
+    def told(*added, of_rounds=(dropped, kept)):
+        rounds = [SimpleNamespace(added=SimpleNamespace(hypothesis=h), reason="passes") for h in of_rounds]
         return _rounds(SimpleNamespace(trace=SimpleNamespace(rounds=rounds, dropped=(dropped,), added=added)))[-1]
 
     assert told(kept) == told() == "Without roll steer the rest is likelier."
     mass = Hypothesis("mass", "parameter", ("mass",))
     assert told(kept, mass) == "In place of roll steer stands what is likelier: mass."
+    rear = Hypothesis("roll_steer@rear", "effect", ("rear",))
+    assert told(kept, rear) == "In place of roll steer stands what is likelier: roll steer, rear."
+    lag = Hypothesis("tyre_lag", "effect", ("lag_front", "lag_rear"))
+    places = [Hypothesis(f"tyre_lag@{n}", "effect", (f"lag_{n}",)) for n in ("front", "rear")]
+    assert told(lag, of_rounds=(dropped, *places)) == "Without roll steer the rest is likelier."
 
 
 def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):

@@ -105,7 +105,7 @@ def _certainty(outcome: Outcome) -> list[str]:
     for r in outcome.trace.rounds:
         if r.added is None or r.added.held_out is None:
             continue
-        if not {n for h in r.added.hypothesis.single for n in h.amplitudes} & in_force:
+        if not any(in_force.issuperset(h.amplitudes) for h in r.added.hypothesis.single):
             continue
         gain = r.added.held_out.log_likelihood - r.before.log_likelihood
         text = (
@@ -181,5 +181,6 @@ def _rounds(outcome: Outcome) -> list[str]:
 
 def _in_place(trace: Trace) -> list[Hypothesis]:
     """Return what no round added: it took the place of something."""
-    rounds = {n for r in trace.rounds if r.added is not None for h in r.added.hypothesis.single for n in h.amplitudes}
-    return [h for h in trace.added if not rounds.issuperset(h.amplitudes)]
+    kept = [h for r in trace.rounds if r.added for h in r.added.hypothesis.single if h not in trace.dropped]
+    of_rounds = {n for h in kept for n in h.amplitudes}
+    return [h for h in trace.added if not of_rounds.issuperset(h.amplitudes)]
