@@ -100,9 +100,9 @@ def fill(document: Document, template: str, title: str, roots: dict[str, Any], *
         document.add_root(model)
     document.title = title
     document.template = Environment().from_string((folder / template).read_text(encoding="utf-8"))
-    unseen = (folder / "unseen.js").read_text(encoding="utf-8")
+    own = [(folder / f"{name}.js").read_text(encoding="utf-8") for name in ("unseen", "keyboard")]
     document.template_variables.update(
-        variables, style=(folder / "page.css").read_text(encoding="utf-8"), script=f"{tables.script()}\n{unseen}"
+        variables, style=(folder / "page.css").read_text(encoding="utf-8"), script="\n".join([tables.script(), *own])
     )
 
 
