@@ -18,6 +18,8 @@ from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.study_gain import REPEATS
 from harness.diagnosis.run import Task, run_changes, run_trace
 from harness.diagnosis.study_file import LoopStudy
+from harness.identification.filtered_model import Candidates
+from harness.identification.judgement import judged_on
 from harness.identification.report import spans_sheet
 from harness.models.quantities import quantity
 from harness.reporting import style
@@ -151,10 +153,11 @@ def held_out(outcome: Outcome, stated: ModelSpec) -> Errors:
     published = augmented.stated()
     for name, value in stated.values.items():
         published[augmented.row(name)] = value
+    at = replace(Candidates.of(augmented.spec), values=published[:, None])
     found: Errors = {}
     for drive, refitted, amended in zip(trace.held_out.drives, trace.before.drives, trace.after.drives, strict=True):
         simulated = {
-            "published": augmented.free_run(drive, published).outputs,
+            "published": judged_on(augmented, [drive], at)[0].simulated,
             "refitted": refitted.simulated,
             "amended": amended.simulated,
         }

@@ -28,6 +28,7 @@ from harness.engine.compile import compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.identification import time_loops
 from harness.identification.data import Drive, drive_from, started_by, steered, step_of
+from harness.identification.free_run import FreeRun, Start
 from harness.identification.input_effects import InputEffects
 from harness.identification.measured_inputs import Between
 from harness.models.assembly.assemble import Model
@@ -125,19 +126,6 @@ class FilterRun:
     whitening: Floats
     gain: Floats
     state: Floats
-
-
-@dataclass(frozen=True)
-class FreeRun:
-    """The free run of the model over a recording.
-
-    Attributes:
-        states: As long as they stay in the range in which the equations hold ``(until, nx)``.
-        outputs: ``(samples, ny)``, NaN from where it left that range.
-    """
-
-    states: Floats
-    outputs: Floats
 
 
 class FilteredModel(ABC):
@@ -406,16 +394,22 @@ class FilteredModel(ABC):
             slopes[:, :, s : s + LANES] = found[:, :, : n - s]
         return slopes
 
-    def free_run(self, drive: Drive, values: Floats) -> FreeRun:
-        """Run the model free over the inputs of a recording, with parameters ``(np,)``."""
-        samples = len(drive.inputs)
+    def free_run(self, drive: Drive, values: Floats, start: Start | None = None) -> FreeRun:
+        """Run the model free over the inputs of a recording.
+
+        Args:
+            drive: The recording.
+            values: Parameters ``(np,)``.
+            start: From ``free_run.found_start``; the first sample and ``first_state`` by default.
+        """
+        begin, first = start or Start(0, self.first_state(drive, values))
         drive, held = self.read_ahead(drive, np.repeat(values[:, None], LANES, axis=1))
-        states, outputs = (np.empty((samples, size, LANES)) for size in (self.compiled.nx, self.compiled.ny))
-        left = np.empty((1, LANES))
-        constants, first = self.compiled.constants(held), self._first(drive, held)
-        self._free.run_free(drive.inputs, drive.between, constants, first, self._limits, states, outputs, left)
-        found, until = outputs[:, :, 0].copy(), int(left[0, 0])
-        found[until:] = np.nan
+        inputs, between, left = drive.inputs[begin:], drive.between[begin:], np.empty((1, LANES))
+        states, outputs = (np.empty((len(inputs), n, LANES)) for n in (self.compiled.nx, self.compiled.ny))
+        constants, lanes = self.compiled.constants(held), np.repeat(first[:, None], LANES, axis=1)
+        self._free.run_free(inputs, between, constants, lanes, self._limits, states, outputs, left)
+        until, found = int(left[0, 0]), np.full(drive.measurements.shape, np.nan)
+        found[begin : begin + until] = outputs[:until, :, 0]
         return FreeRun(states[: max(1, until), :, 0].copy(), found)
 
     def first_state(self, drive: Drive, values: Floats) -> Floats:

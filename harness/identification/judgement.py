@@ -10,6 +10,7 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Each, FilteredModel, FilterRun, for_each
+from harness.identification.free_run import found_start
 from harness.identification.whiteness import Whiteness, whiteness
 
 
@@ -19,8 +20,8 @@ class DriveJudgement:
 
     Attributes:
         drive: The recording.
-        simulated: Outputs of the free run over the inputs ``(samples, ny)``; NaN from where it left the range in
-            which the equations hold.
+        simulated: Outputs of the free run over the inputs ``(samples, ny)``; NaN in the first block, behind which it
+            begins in the state of the filter, and from where it left the range in which the equations hold.
         simulation_error: Root mean square of measurement minus that ``(ny,)``.
         one_step_error: Root mean square of the innovations ``(ny,)``.
         log_likelihood: Of the recording.
@@ -33,6 +34,16 @@ class DriveJudgement:
     one_step_error: Floats
     log_likelihood: float
     whiteness: tuple[Whiteness, ...]
+
+    @property
+    def stays(self) -> bool:
+        """Whether the free run stays in the range in which the equations hold."""
+        return stays(self.simulated)
+
+
+def stays(simulated: Floats) -> bool:
+    """Whether a free run ``(samples, ny)`` stays in the range in which the equations hold."""
+    return bool(np.isfinite(simulated[-1]).all())
 
 
 def judged_on(model: FilteredModel, drives: Sequence[Drive], points: Each) -> tuple[DriveJudgement, ...]:
@@ -47,7 +58,8 @@ def judged_on(model: FilteredModel, drives: Sequence[Drive], points: Each) -> tu
     runs = model.runs(drives, each)
 
     def of_drive(i: int) -> DriveJudgement:
-        return _judged(drives[i], model.free_run(drives[i], each[i].values[:, 0]).outputs, runs[i])
+        start = found_start(model.model, drives[i], runs[i].state)
+        return _judged(drives[i], model.free_run(drives[i], each[i].values[:, 0], start).outputs, runs[i])
 
     return tuple(model.share(of_drive, range(len(drives))))
 

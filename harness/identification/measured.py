@@ -21,8 +21,9 @@ from harness.config import ModelSpec
 from harness.config.schema import Name
 from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.data import Drive
+from harness.identification.filtered_model import Candidates
 from harness.identification.innovations import Innovations
-from harness.identification.judgement import rms
+from harness.identification.judgement import judged_on
 from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
 from harness.identification.measured_report import Identified
 from harness.identification.result import judge
@@ -78,8 +79,7 @@ def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None
 
 def _alone(innovations: Innovations, spec: ModelSpec, drive: Drive) -> Floats:
     """Return the root mean square simulation error of a model on a drive ``(ny,)``."""
-    values = np.array([spec.values[n] for n in innovations.names])
-    return rms(drive.measurements - innovations.free_run(drive, values).outputs)
+    return judged_on(innovations, [drive], Candidates.of(spec))[0].simulation_error
 
 
 def static_load(values: Mapping[str, float], end: str) -> float:

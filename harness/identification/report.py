@@ -10,6 +10,7 @@ import numpy as np
 
 from harness.identification import figures
 from harness.identification.contract import Estimate, Fit
+from harness.identification.free_run import BLOCK, FEWEST
 from harness.identification.measured_file import SpanTable
 from harness.identification.result import Judged, failure
 from harness.models.quantities import print_unit, quantity, words
@@ -170,8 +171,8 @@ def _over_time(fit: Fit, judged: list[Judged]) -> list[Block]:
         Heading("Does the simulation follow the drives?"),
         Prose(
             plain(
-                "Free run: the model is simulated over the recorded inputs, without measurements after the first "
-                "sample."
+                "Free run: the model is simulated over the recorded inputs, without measurements. It begins behind the "
+                f"first {BLOCK:g} s, or a {FEWEST}th of a short drive, in the state that its filter has found there."
             )
         ),
     ]

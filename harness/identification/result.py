@@ -17,6 +17,7 @@ from harness.config.parameter_set import set_text
 from harness.identification.contract import Estimate, Fit, Problem
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates
+from harness.identification.free_run import blocks
 from harness.identification.judgement import DriveJudgement, judged_on
 from harness.identification.whiteness import Whiteness
 from harness.models.signals import SIGNALS
@@ -76,12 +77,6 @@ def judge(problem: Problem, fit: Fit, held_out: tuple[Drive, ...] = ()) -> list[
     return found
 
 
-BLOCK = 5.0
-"""s; errors of a simulation further apart hardly depend on each other."""
-
-FEWEST = 12
-"""Blocks of a drive, shorter ones where it lasts less than that many: resampling fewer says little."""
-
 WORSE = 0.05
 """Share by which the mean square of the simulation error must grow for a fit to have failed."""
 
@@ -101,9 +96,7 @@ def failure(judged: Sequence[Judged]) -> str:
     which, drives = ("kept aside", kept) if kept else ("fitted", list(judged))
     if not drives:
         return ""
-    lost = [
-        j.drive.name for j in drives if np.isnan(j.after.simulated).any() and not np.isnan(j.before.simulated).any()
-    ]
+    lost = [j.drive.name for j in drives if j.before.stays and not j.after.stays]
     if lost:
         return (
             f"The fit failed: with it the simulation leaves the range in which the equations hold on {', '.join(lost)}."
@@ -128,8 +121,7 @@ def _growth(drive: Drive, errors: Sequence[Floats], power: Floats) -> Floats:
     """Return by how much the squared simulation error grows in blocks of a drive, over its mean, of all outputs."""
     with np.errstate(invalid="ignore", divide="ignore"):
         grown = (errors[1] ** 2 - errors[0] ** 2) / power
-    count = max(FEWEST, int(drive.time[-1] / BLOCK))
-    parts = [p[np.isfinite(p)] for p in np.array_split(grown, count)]
+    parts = [p[np.isfinite(p)] for p in np.array_split(grown, blocks(drive))]
     return np.array([p.mean() if p.size else np.nan for p in parts])
 
 

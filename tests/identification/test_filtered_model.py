@@ -7,10 +7,12 @@ import pytest
 
 from harness.identification.coordinates import Coordinates, parameter_coordinate
 from harness.identification.filtered_model import Candidates, FilteredModel
+from harness.identification.free_run import FEWEST, Start
+from harness.identification.innovations import Innovations
 from harness.identification.judgement import judged_on
 from harness.identification.objective import LogPosterior
 from harness.identification.uncertainty import covariance_of
-from support.identification import CAR, car_fit, model_of, recorded
+from support.identification import CAR, TRUCK, car_fit, model_of, recorded
 
 FREE = ("stiffness_over_load_front", "mass_over_inertia")
 
@@ -110,17 +112,37 @@ def test_a_judgement_tells_the_error_of_the_model_alone_from_that_of_one_step():
     wrong.values[innovations.row(FREE[0])] *= 0.8
     good, bad = (judged_on(innovations, [drive, calm], c) for c in (right, wrong))
     assert [j.drive.name for j in good] == ["drive", "calm"]
-    simulated = innovations.free_run(drive, right.values[:, 0]).outputs
-    assert np.array_equal(good[0].simulated, simulated)
-    expected = np.sqrt(np.mean((drive.measurements - simulated) ** 2, axis=0))
-    assert good[0].simulation_error == pytest.approx(expected)
     run = innovations.run(drive, right)
+    begin = len(drive.time) // FEWEST
+    start = Start(begin, run.state[begin])
+    simulated = innovations.free_run(drive, right.values[:, 0], start).outputs
+    assert np.isnan(simulated[:begin]).all()
+    assert np.array_equal(good[0].simulated, simulated, equal_nan=True)
+    expected = np.sqrt(np.mean((drive.measurements - simulated)[begin:] ** 2, axis=0))
+    assert good[0].simulation_error == pytest.approx(expected)
     assert good[0].one_step_error == pytest.approx(np.sqrt(np.nanmean(run.innovation**2, axis=0)))
     assert good[0].log_likelihood == run.log_likelihood > bad[0].log_likelihood
     assert np.all(bad[0].simulation_error > good[0].simulation_error)
     assert min(w.ljung_box for w in good[0].whiteness) > 1e-4
-    innovations._limits[0] = 0.5 * np.abs(simulated[:, 0]).max()
+    innovations._limits[0] = 0.5 * np.nanmax(np.abs(simulated[:, 0]))
     (lost,) = judged_on(innovations, [drive], dataclasses.replace(right, measurement=1.01 * right.measurement))
     assert np.isnan(lost.simulated[-1]).all()
-    assert np.isfinite(lost.simulated[1]).all()
+    assert np.isfinite(lost.simulated[begin]).all()
+    assert good[0].stays
+    assert not lost.stays
     assert lost.log_likelihood == -np.inf
+
+
+def test_a_drive_that_is_cut_in_a_bend_is_simulated_as_well_as_the_whole_one():
+    """Nothing measures a semitrailer's lateral velocities: from zero a free run would have to find them."""
+    innovations = Innovations(model_of({**TRUCK, "noise": {"measurement_scale": 0.01, "process_scale": 1e-6}}), "ekf")
+    whole = recorded(innovations.spec, 25, duration=40.0, amplitude=0.3)
+    time, bend = whole["time"].to_numpy(), int(np.argmax(np.abs(whole["yaw_rate_tractor"].to_numpy()[:1500])))
+    cut = whole.isel(time=slice(bend, None)).assign_coords(time=time[:-bend])
+    right = Candidates.of(innovations.spec)
+    drives = [innovations.drive(r, name) for r, name in ((whole, "whole"), (cut, "cut"))]
+    of_whole, of_cut = (j.simulation_error for j in judged_on(innovations, drives, right))
+    assert of_cut == pytest.approx(of_whole, rel=0.02)
+    begun = drives[1].measurements - innovations.free_run(drives[1], right.values[:, 0]).outputs
+    in_a_second = np.sqrt(np.mean(begun[:100] ** 2, axis=0)) / of_cut
+    assert in_a_second.max() > 3.0

@@ -40,6 +40,7 @@ from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.identification.coordinates import Coordinate
 from harness.identification.data import Drive
+from harness.identification.free_run import Start, found_start
 from harness.identification.uncertainty import covariance_of
 
 _NEEDED = 0.5 * BIC_NEEDED
@@ -206,9 +207,13 @@ def find_unmodelled(
         """Return the periodic disturbances with these curves, simulated on the held-out drives."""
         point = _shifted(before.point, moved, weights[: len(moved)])
 
+        runs = augmented.runs(held_out.drives, held_out.fitting.candidates([point]))
+        starts = [found_start(augmented.model, d, r.state) for d, r in zip(held_out.drives, runs, strict=True)]
+
         def run(i: int) -> Floats:
             turned = [(t.disturbance_input, d[i]) for t, d in zip(turnings, disturbances, strict=True)]
-            return _run(augmented, held_out.drives[i], point.values[:, i], there, i, curves, turned)
+            drive, values = held_out.drives[i], point.values[:, i]
+            return _run(augmented, drive, values, starts[i], there, i, curves, turned)
 
         free = tuple(augmented.share(run, range(len(held_out.drives))))
         error, normalised_excess_mses = simulation_error(held_out.drives, free, held_out.floors(point))
@@ -344,6 +349,7 @@ def _run(
     augmented: AugmentedModel,
     drive: Drive,
     values: Floats,
+    start: Start,
     ranking: DisturbanceRanking,
     number: int,
     curves: Sequence[Curve],
@@ -365,13 +371,13 @@ def _run(
     grids = [np.linspace(*c.basis.ends, 400) for c in curves]
     tables = [(c.regressor, grid, c.at(grid)) for c, grid in zip(curves, grids, strict=True)]
     constants = compiled.constants(held)
-    x = np.repeat(augmented.first_state(drive, values)[:, None], LANES, axis=1)
+    x = np.repeat(start.state[:, None], LANES, axis=1)
     y, xn, w = np.empty((compiled.ny, LANES)), np.empty_like(x), np.empty((compiled.nw, LANES))
     limits = np.array([augmented.model.valid.get(name, np.inf) for name in augmented.model.states])
     outputs = np.full((len(drive.time), compiled.ny), np.nan)
     slopes, renewed = rates(drive), np.array([c.regressor.renewed(spec.step) for c in curves])
     slow, quick = None, np.zeros(len(curves))
-    for k in range(len(drive.time)):
+    for k in range(start.sample, len(drive.time)):
         if not np.all(np.abs(x[:, 0]) <= limits):
             break
         read = (x[:, 0][None], drive.inputs[k : k + 1], slopes[k : k + 1])

@@ -15,7 +15,7 @@ from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import Hypothesis, coordinates
 from harness.diagnosis.selection.score_test import ScoreTest
 from harness.identification.data import Drive
-from harness.identification.judgement import DriveJudgement, judged_on
+from harness.identification.judgement import DriveJudgement, judged_on, stays
 
 
 @dataclass(frozen=True)
@@ -161,14 +161,14 @@ def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], floor: Flo
     with np.errstate(invalid="ignore"):
         square = np.nanmean(errors**2, axis=0)
         normalised = np.nanmean(errors**2 / floor, axis=0)
-    strays = any(np.isnan(f).any() for f in free)
+    strays = not all(stays(f) for f in free)
     return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(normalised - 1.0, 0.0)
 
 
 def _log_density(drives: Sequence[Drive], free: Sequence[Floats], floor: Floats) -> float:
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
     found = float(np.nansum(np.nanmean(-0.5 * (np.log(floor) + errors**2 / floor), axis=0)))
-    return found if np.isfinite(np.concatenate(free)).all() else -math.inf
+    return found if all(stays(f) for f in free) else -math.inf
 
 
 def floors(drives: Sequence[Drive], variances: Floats) -> Floats:
