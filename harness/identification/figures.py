@@ -21,7 +21,10 @@ _POINTS = 1500
 _INTERVALS = 240
 """Over which the error is averaged: half a second of two minutes, so that the noise of a sensor does not hide it."""
 
-ERROR = f"Error: measured less simulated, in means over each {_INTERVALS}th of the drive."
+ERROR = (
+    "The simulation begins in the state that its filter has found by then. "
+    f"Error: measured less simulated, in means over each {_INTERVALS}th of the drive."
+)
 """What a caption says of it."""
 
 _BEFORE, _AFTER = style.looks(["before", "after"]).values()
