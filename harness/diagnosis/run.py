@@ -16,6 +16,7 @@ from harness.common.failures import Failures
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting.kept_fits import KeptFits
+from harness.diagnosis.known_gains import known_ranges
 from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.progress import progress
 from harness.diagnosis.recording_checks import refuse_recordings
@@ -96,7 +97,7 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
     try:
         with threadpool_limits(1), progress(console) as say:
-            augmented = augmented or augmented_model_of(task)
+            augmented = (augmented or augmented_model_of(task)).within(known_ranges(recordings))
             outcome = replace(_searched(task, augmented, say, failures, kept), notes=notes)
             write_outcome(outcome, folder)
             _compile(task, outcome, say)

@@ -5,9 +5,11 @@ An accelerometer measures the bank, the velocities do not: with the bank ``phi``
     a_m - (dv_y/dt + v_x r) = b + k a_y + x dr/dt + g sin(phi),   a_y = dv_y/dt + v_x r
 
 where ``b`` is its bias, ``k`` the roll gain of the body (or an error of the sensor's gain) and ``x`` its lever arm. The
-bank belongs to the place, the others to the car: laps at different speeds tell them apart. ``k`` and ``x`` are what is
-common to all passages once the mean of each place is taken away (the within estimator of panel data; Wooldridge 2010,
-10.5). The mean over the path is no bank but bias, as far as this can tell, and is left out.
+bank belongs to the place, the bias to the drive, the others to the car: laps at different speeds tell them apart. ``k``
+and ``x`` are what is common to all passages once the mean of each place is taken away (the within estimator of panel
+data; Wooldridge 2010, 10.5). The error of ``dv_y/dt`` stands on both sides with opposite signs and would make ``k`` too
+small, so ``v_x r`` is the instrument for ``a_y`` (Wooldridge 2010, 5.1). The mean over the path is no bank but bias, as
+far as this can tell, and is left out.
 """
 
 from __future__ import annotations
@@ -84,25 +86,38 @@ class _Passages:
 
     Attributes:
         path: Its places ``(places, 4)``.
-        drives: Samples of each drive on it: place, and the columns of ``_columns`` ``(samples, 4)``.
+        drives: Samples of each drive on it: place, and the columns of ``_columns`` ``(samples, 5)``.
     """
 
     path: Floats
     drives: tuple[Floats, ...]
 
     def slopes(self) -> Floats:
-        """Return the roll gain of the car and the lever arm of its accelerometer: within each place, all drives."""
-        place, felt, *car = np.concatenate(self.drives).T
+        """Return the roll gain of the car, the lever arm of its accelerometer and its bias in each drive ``(n,)``.
+
+        They are of the variation within each place. The bias of the first drive is zero.
+        """
+        place, felt, a_y, turned, instrument = np.concatenate(self.drives).T
+        drive = np.repeat(np.arange(len(self.drives)), [len(d) for d in self.drives])
+        biases = np.eye(len(self.drives))[drive, 1:].T
         _, place = np.unique(place.astype(int), return_inverse=True)
         count = np.bincount(place)
-        within = np.column_stack([c - (np.bincount(place, c) / count)[place] for c in (felt, *car)])
-        return np.asarray(np.linalg.lstsq(within[:, 1:], within[:, 0], rcond=None)[0])
+
+        def within(*columns: Floats) -> Floats:
+            return np.column_stack([c - (np.bincount(place, c) / count)[place] for c in columns])
+
+        instruments = within(instrument, turned, *biases)
+        moments = instruments.T @ np.column_stack([within(a_y, turned, *biases), within(felt)])
+        return np.asarray(np.linalg.lstsq(moments[:, :-1], moments[:, -1], rcond=None)[0])
 
     def bank(self, slopes: Floats, without: int | None = None) -> BankMap:
         """Return the map by all drives, or by all but one."""
-        place, felt, *car = np.concatenate([d for i, d in enumerate(self.drives) if i != without]).T
-        found, place = np.unique(place.astype(int), return_inverse=True)
-        mean = np.bincount(place, felt - np.column_stack(car) @ slopes) / np.bincount(place)
+        biases = [0.0, *slopes[2:]]
+        left = [d[:, 1] - d[:, 2:4] @ slopes[:2] - b for d, b in zip(self.drives, biases, strict=True)]
+        some = [i for i in range(len(left)) if i != without]
+        places = np.concatenate([self.drives[i][:, 0] for i in some]).astype(int)
+        found, place = np.unique(places, return_inverse=True)
+        mean = np.bincount(place, np.concatenate([left[i] for i in some])) / np.bincount(place)
         return BankMap(self.path[found], np.arcsin(np.clip((mean - mean.mean()) / GRAVITY, -1.0, 1.0)))
 
 
@@ -174,7 +189,10 @@ def _places(recording: xr.Dataset) -> Floats:
 
 
 def _columns(recording: xr.Dataset) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return what the accelerometer reads beyond kinematics, a_y and dr/dt ``(samples, 3)``, and where to use them."""
+    """Return what the accelerometer reads beyond kinematics, a_y, dr/dt and v_x r, and where to use them.
+
+    The columns are ``(samples, 4)``.
+    """
     time = recording["time"].to_numpy()
     step = float(time[-1] - time[0]) / (len(time) - 1)
     v_x, v_y, r = inputs(recording, NEEDED[3:]).T
@@ -183,8 +201,9 @@ def _columns(recording: xr.Dataset) -> tuple[Floats, NDArray[np.bool_]]:
     def smooth(values: Floats, derivative: int = 0) -> Floats:
         return np.asarray(local_polynomial(values, step, _WINDOW, derivative))
 
-    a_y = smooth(v_y, 1) + v_x * smooth(r)
-    columns = np.column_stack([smooth(felt) - a_y, a_y, smooth(r, 1)])
+    turning = v_x * smooth(r)
+    a_y = smooth(v_y, 1) + turning
+    columns = np.column_stack([smooth(felt) - a_y, a_y, smooth(r, 1), turning])
     moving = (v_x > _SLOWEST) & np.isfinite(columns).all(axis=1)
     if not moving.any():
         raise UserError(f"{recording.attrs.get('file', 'recording')}: never moves faster than {_SLOWEST:g} m/s")

@@ -7,9 +7,10 @@ its likelihood one run of one compiled filter, and trying an effect compiles not
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from threading import Lock
 
@@ -57,6 +58,8 @@ class AugmentedModel(FilteredModel):
     Attributes:
         placements: Every effect at every place that may be lacking.
         processes: The random processes among them, which are in none of the placements.
+        ranges: From where to where parameters are possible by what was measured besides, see ``known_gains``; others
+            are possible where they are declared to be.
     """
 
     def __init__(
@@ -71,6 +74,7 @@ class AugmentedModel(FilteredModel):
         super().__init__(
             spec, _first(_assembled(spec, (*self.processes, *files)), moving.states), jobs, jacobians=False
         )
+        self.ranges: Mapping[str, tuple[float, float]] = {}
         self._stated_std = set_std(spec)
         self._limited = np.flatnonzero(np.isfinite(self._limits))
         self._intensities = {
@@ -80,6 +84,18 @@ class AugmentedModel(FilteredModel):
         self._moving = moving
         self._filters = {False: _Filter(self, self.nominal)}
         self._compiling = Lock()  # candidates are fitted in threads
+
+    def within(self, ranges: Mapping[str, tuple[float, float]]) -> AugmentedModel:
+        """Return the same model, compiled already, with parameters held to ranges."""
+        held = copy.copy(self)
+        held.ranges = dict(ranges)
+        return held
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Return from where to where a parameter is possible by itself."""
+        p = self.model.parameters[self.row(name)]
+        lower, upper = self.ranges.get(name, (p.lower, p.upper))
+        return max(lower, p.lower), min(upper, p.upper)
 
     @property
     def nx(self) -> int:
@@ -145,7 +161,7 @@ class AugmentedModel(FilteredModel):
             values: All parameters ``(np,)``, possible together.
         """
         row = self.row(name)
-        p, held = self.model.parameters[row], dict(zip(self.names, map(float, values), strict=True))
+        held = dict(zip(self.names, map(float, values), strict=True))
 
         def possible(value: float) -> bool:
             return not broken_relations(self.spec.vehicle, {**held, name: value})
@@ -159,7 +175,8 @@ class AugmentedModel(FilteredModel):
                 inside, outside = (middle, outside) if possible(middle) else (inside, middle)
             return inside
 
-        return farthest(p.lower), farthest(p.upper)
+        lower, upper = self.bounds(name)
+        return farthest(lower), farthest(upper)
 
     def stated_std(self, name: str) -> float:
         """Return the standard deviation by which a stated value may be off where it is in question, in its unit.

@@ -197,6 +197,7 @@ def _coordinate(model: AugmentedModel, name: str, drives: tuple[int, ...] = (), 
     row = model.row(name)
     p = model.model.parameters[row]
     value, scale = model.spec.values.get(name, p.lower), 0.1 * max(abs(p.lower), abs(p.upper))
-    c = parameter_coordinate(p, row, value, math.inf, scale, drives)
+    lower, upper = model.bounds(name)
+    c = parameter_coordinate(replace(p, lower=lower, upper=upper), row, value, math.inf, scale, drives)
     known = c.known_to(model.stated_std(name)).prior
     return replace(c if math.isinf(std) else c.known_to(std), known=known)
