@@ -57,7 +57,14 @@ HOW: dict[Callable[[Any, float], Any], tuple[str, tuple[str, ...]]] = {
         "the number itself, of a table or a list each of its numbers",
         (
             *("BIC_NEEDED", "HOPEFUL", "ERROR_NEEDED", "EXCESS", "LITTLE", "FARTHER", "HORIZONS", "BLOCK"),
-            *("PRIORS.odds", "PRIORS.stated", "PRIORS.length", "PRIORS.implausible", "PRIORS.beside_curves"),
+            *(
+                "PRIORS.odds",
+                "PRIORS.stated",
+                "PRIORS.length",
+                "PRIORS.implausible",
+                "PRIORS.beside_curves",
+                "PRIORS.gain",
+            ),
         ),
     ),
     _odds: ("the odds of a share", ("MOST",)),

@@ -25,6 +25,7 @@ class Priors:
         implausible: How many of these one of many parameters may be off at most.
         beside_curves: The most that it may be for the step of a parameter beside curves.
         misfit: Factor on the spectrum of the innovations in an octave that something unmodelled adds at least.
+        gain: Share by which a gain may differ from what positions say of it, besides their standard errors.
     """
 
     odds: Mapping[str, float]
@@ -33,6 +34,7 @@ class Priors:
     implausible: float
     beside_curves: float
     misfit: float
+    gain: float
 
 
 BIC_NEEDED = 50.0
@@ -97,6 +99,7 @@ PRIORS = Priors(
     implausible=3.0,  # a factor of 1.8; beyond it many parameters fit whatever is missing and are not believed
     beside_curves=0.03,  # further from the fit the linear response of a parameter that is hardly excited does not hold
     misfit=1.5,  # a noise variance that was estimated, and parameters that were, leave some percent
+    gain=0.01,  # clocks, roll, and positions of another point of the vehicle
 )
 """What is known before the drives are seen."""
 

@@ -19,6 +19,8 @@ import numpy as np
 import xarray as xr
 
 from harness.common.arrays import Floats
+from harness.diagnosis.criteria import PRIORS
+from harness.recordings.consistency import SURE
 from harness.recordings.differentiate import local_polynomial
 from harness.recordings.redundancy import MOVING
 
@@ -33,12 +35,6 @@ _SMOOTHED = 0.6
 
 _FEWEST = 30
 """Stretches; of fewer the errors are not known well enough."""
-
-_SURE = 4.0
-"""Standard errors by which a gain may differ from what was measured."""
-
-_NEGLECTED = 0.01
-"""Share by which it may differ besides: what clocks, roll and positions of another point leave."""
 
 Ranges = dict[str, tuple[float, float]]
 
@@ -59,15 +55,15 @@ def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
         (ratio,), (error,) = _regressed(travelled)
         mean_speed = float(np.sum(travelled[:, 1]) / np.sum(turned[:, 3]))
         found |= {
-            f"sensor_gain_error_{rate}": _range(values[0] - 1.0, errors[0], _NEGLECTED),
-            f"sensor_speed_loss_{rate}": _range(-values[1], errors[1], _NEGLECTED / mean_speed),
-            "wheel_radius_error": _range(ratio - 1.0, error, _NEGLECTED),
+            f"sensor_gain_error_{rate}": _range(values[0] - 1.0, errors[0], PRIORS.gain),
+            f"sensor_speed_loss_{rate}": _range(-values[1], errors[1], PRIORS.gain / mean_speed),
+            "wheel_radius_error": _range(ratio - 1.0, error, PRIORS.gain),
         }
     return found
 
 
 def _range(value: float, error: float, neglected: float) -> tuple[float, float]:
-    reach = _SURE * float(error) + neglected
+    reach = SURE * float(error) + neglected
     return min(0.0, float(value) - reach), max(0.0, float(value) + reach)
 
 

@@ -80,7 +80,7 @@ def test_an_interrupt_says_what_is_kept_and_that_the_same_command_goes_on(tmp_pa
     spec = SimpleNamespace(model=lambda: None)
     task = SimpleNamespace(train=[], test=[], spec=spec, estimators=(), study=None, notes=())
     with pytest.raises(KeyboardInterrupt):
-        run.run_trace(task, tmp_path, Console(file=said, width=300), augmented=object())
+        run.run_trace(task, tmp_path, Console(file=said, width=300), SimpleNamespace(within=lambda _: None))
     text = said.getvalue()
     assert f"interrupted: 3 fits are kept in {tmp_path / 'unfinished'}" in text
     assert "goes on from there" in text

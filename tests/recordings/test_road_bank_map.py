@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from harness.common.errors import UserError
-from harness.recordings.road_bank_map import bank_map, with_bank
+from harness.recordings.road_bank_map import _passages, bank_map, with_bank
 
 RADIUS = 50.0
 BIAS, LEAN, LEVER = -0.6, 0.05, 0.3
@@ -72,3 +72,23 @@ def test_a_drive_that_stands_is_refused():
     standing["longitudinal_velocity"] = 0 * standing["longitudinal_velocity"]
     with pytest.raises(UserError, match="never moves"):
         bank_map([standing, lap(8.0)[0]])
+
+
+def noisy(drive, seed, bias):
+    """Return a lap with a noisy lateral velocity and an accelerometer that has another bias."""
+    noise = np.random.default_rng(seed).normal(0.0, 0.05, drive.sizes["time"])
+    return drive.assign(
+        lateral_velocity=drive["lateral_velocity"] + noise,
+        lateral_acceleration=drive["lateral_acceleration"] + bias,
+    )
+
+
+def test_a_noisy_lateral_velocity_and_biases_of_drives_leave_the_lean_as_it_is():
+    """Regressed on itself with noise, the lateral acceleration would seem to lean the car into the bend."""
+    fitted = [noisy(lap(speed)[0], i, bias) for i, (speed, bias) in enumerate(((8.0, 0.0), (9.0, 0.3), (12.0, -0.2)))]
+    lean, _, *biases = _passages(fitted).slopes()
+    assert lean == pytest.approx(LEAN, abs=0.01)
+    assert biases == pytest.approx([0.3, -0.2], abs=0.01)
+    other, angle = lap(16.0, phase=1.0)
+    found, inner = bank_map(fitted).along(other), slice(100, -100)
+    assert np.std(found[inner] - bank_at(angle)[inner]) < 0.25 * np.std(bank_at(angle))

@@ -1,0 +1,74 @@
+"""Positions measure the gains of a gyroscope and of the speed signal, and the search is held to that."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from harness.diagnosis.known_gains import known_ranges
+from harness.diagnosis.model.hypotheses import coordinates, hypotheses
+from support.driven_car import FREE
+
+GAIN, LOSS, WHEEL = "sensor_gain_error_yaw_rate", "sensor_speed_loss_yaw_rate", "wheel_radius_error"
+STEP = 0.02
+
+
+def smooth(rng, samples, seconds):
+    """Return a smooth random signal of unit variance."""
+    kernel = np.hanning(round(seconds / STEP))
+    values = np.convolve(rng.normal(size=samples + len(kernel)), kernel, mode="valid")[:samples]
+    return (values - values.mean()) / values.std()
+
+
+def recorded(seed, gain=0.0, loss=0.0, wheel=0.0, duration=300.0):
+    """Return a drive with sideslip, whose gyroscope and speed are off and whose positions are noisy."""
+    rng = np.random.default_rng(seed)
+    n = round(duration / STEP)
+    v = 15.0 + 4.0 * smooth(rng, n, 20.0)
+    r = 0.2 * smooth(rng, n, 6.0)
+    course = np.cumsum(r) * STEP + 1.4 * r / v - 0.004 * v * r
+    x, y = (np.cumsum(v * part(course)) * STEP + rng.normal(0.0, 0.005, n) for part in (np.cos, np.sin))
+    signals = {
+        "yaw_rate": (1 + gain) * (1 - loss * v) * r + 0.005 + rng.normal(0.0, 0.003, n),
+        "speed": (1 + wheel) * v + rng.normal(0.0, 0.02, n),
+        "position_x": x,
+        "position_y": y,
+    }
+    return xr.Dataset({k: ("time", s) for k, s in signals.items()}, {"time": STEP * np.arange(n)})
+
+
+@pytest.mark.parametrize("wrong", [{}, {"gain": 0.06}, {"loss": 0.004}, {"wheel": -0.05}])
+def test_what_is_off_is_within_its_range_and_what_is_not_cannot_be_far(wrong):
+    names = {"gain": GAIN, "loss": LOSS, "wheel": WHEEL}
+    for seed in range(3):
+        found = known_ranges([recorded(10 * seed + i, **wrong) for i in range(3)])
+        for name, parameter in names.items():
+            low, high = found[parameter]
+            assert low <= wrong.get(name, 0.0) <= high
+            assert low <= 0.0 <= high
+        low, high = found[WHEEL]
+        assert max(abs(low), abs(high)) == pytest.approx(abs(wrong.get("wheel", 0.0)) + 0.01, abs=0.003)
+        if "gain" not in wrong:
+            assert max(map(abs, found[GAIN])) < 0.04
+        if "loss" not in wrong:
+            assert max(map(abs, found[LOSS])) < 0.003
+
+
+def test_what_has_no_positions_or_hardly_moves_says_nothing():
+    drive = recorded(1)
+    assert known_ranges([drive.drop_vars("position_x")]) == {}
+    assert known_ranges([recorded(1, duration=60.0)]) == {}
+    standing = drive.assign({p: 0.0 * drive[p] for p in ("position_x", "position_y")})
+    assert known_ranges([standing]) == {}
+    gap = drive["position_x"].where(drive["time"] > 200.0)
+    assert known_ranges([drive.assign(position_x=gap)]) == {}
+
+
+def test_the_search_is_held_to_the_ranges(augmented):
+    held = augmented.within({GAIN: (-0.02, 0.01), WHEEL: (-0.5, 0.01)})
+    values = held.stated()
+    assert held.possible_range(GAIN, values) == (-0.02, 0.01)
+    assert held.possible_range(WHEEL, values) == (-0.2, 0.01)
+    gain = next(h for h in hypotheses(held, FREE) if h.name == "sensor_gain@yaw_rate")
+    (one,) = (c for c in coordinates(held, FREE, (gain,), 1) if c.name == GAIN)
+    assert (one.value(one.lower), one.value(one.upper)) == pytest.approx((-0.02, 0.01))
+    assert augmented.possible_range(GAIN, values) == (-0.9, 2.0)
