@@ -6,7 +6,7 @@ over some seconds its course turns by as much as the vehicle, but for the change
 
     int r dt = (1 + g) dchi - c int v dchi + b dt + p d(r / v) + q d(v r),
 
-where the last two are that change in steady cornering (Mitschke and Wallentowitz 2014, 16.3), and its path is as long
+where the last two are that change in steady cornering (Mitschke and Wallentowitz 2014), and its path is as long
 as the speed says. So where positions are recorded these gains are measured, and the search keeps to that.
 """
 
@@ -26,6 +26,7 @@ from harness.recordings.redundancy import MOVING
 
 RATES = ("yaw_rate", "yaw_rate_tractor")
 SPEEDS = ("speed", "speed_tractor")
+_PLACE = ("position_x", "position_y")
 
 _STRETCH = 5.0
 """s over which turns and distances are compared."""
@@ -42,76 +43,80 @@ Ranges = dict[str, tuple[float, float]]
 def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
     """Return the least and the largest value of each gain that positions have measured, by parameter; zero is in it.
 
+    Both sides carry errors, so a gain lies between the regression of one on the other and the inverse of that of the
+    other on the one (Frisch 1934).
+
     Args:
         recordings: Of one vehicle with the same sensors; those without positions say nothing.
     """
     found: Ranges = {}
     for rate, speed in product(RATES, SPEEDS):
-        rows = _of_all(recordings, rate, speed)
+        rows = [s for r in recordings if {rate, speed, *_PLACE} <= {*r} for s in _stretches(r, rate, speed)]
         if len(rows) < _FEWEST:
             continue
-        turned, travelled = rows[:, :-2], rows[:, -2:]
-        values, errors = _regressed(turned)
-        (ratio,), (error,) = _regressed(travelled)
-        mean_speed = float(np.sum(travelled[:, 1]) / np.sum(turned[:, 3]))
+        table = np.array(rows)
+        by_gyroscope, by_course, neither, (said, gone) = table[:, 0:2], table[:, 2:4], table[:, 4:7], table[:, 7:9].T
+        (k, c), errors = _regressed(by_gyroscope[:, 0], np.column_stack([by_course, neither]))
+        (k_back, c_back), errors_back = _regressed(by_course[:, 0], np.column_stack([by_gyroscope, neither]))
+        (wheel,), (error,) = _regressed(said, gone[:, None], 1)
+        mean_speed = float(gone.sum() / neither[:, 0].sum())
         found |= {
-            f"sensor_gain_error_{rate}": _range(values[0] - 1.0, errors[0], PRIORS.gain),
-            f"sensor_speed_loss_{rate}": _range(-values[1], errors[1], PRIORS.gain / mean_speed),
-            "wheel_radius_error": _range(ratio - 1.0, error, PRIORS.gain),
+            f"sensor_gain_error_{rate}": _range([k - 1.0, 1.0 / k_back - 1.0], [errors[0], errors_back[0]]),
+            f"sensor_speed_loss_{rate}": _range([-c, c_back / k_back], [errors[1], errors_back[1]], mean_speed),
+            "wheel_radius_error": _range([wheel - 1.0], [error]),
         }
     return found
 
 
-def _range(value: float, error: float, neglected: float) -> tuple[float, float]:
-    reach = SURE * float(error) + neglected
-    return min(0.0, float(value) - reach), max(0.0, float(value) + reach)
+def _range(values: Sequence[float], errors: Sequence[float], scale: float = 1.0) -> tuple[float, float]:
+    reach = [SURE * float(e) + PRIORS.gain / scale for e in errors]
+    ends = [(float(v) - r, float(v) + r) for v, r in zip(values, reach, strict=True)]
+    return min(0.0, *(low for low, _ in ends)), max(0.0, *(high for _, high in ends))
 
 
-def _regressed(rows: Floats) -> tuple[Floats, Floats]:
-    """Return the coefficients of the columns behind the first one, and their standard errors."""
-    measured, columns = rows[:, 0], rows[:, 1:]
+def _regressed(measured: Floats, columns: Floats, count: int = 2) -> tuple[Floats, Floats]:
+    """Return the coefficients of the first columns, and their standard errors."""
     values = np.asarray(np.linalg.lstsq(columns, measured, rcond=None)[0], dtype=float)
     left = measured - columns @ values
     variance = left @ left / max(len(left) - columns.shape[1], 1)
-    return values, np.sqrt(variance * np.diagonal(np.linalg.pinv(columns.T @ columns)))
+    errors = np.sqrt(variance * np.diagonal(np.linalg.pinv(columns.T @ columns)))
+    return values[:count], errors[:count]
 
 
-def _of_all(recordings: Sequence[xr.Dataset], rate: str, speed: str) -> Floats:
-    needed = {rate, speed, "position_x", "position_y"}
-    return np.concatenate([np.empty((0, 8)), *(_stretches(r, rate, speed) for r in recordings if needed <= {*r})])
+def _stretches(recording: xr.Dataset, rate: str, speed: str) -> list[tuple[float, ...]]:
+    """Return what is compared, for each stretch in which the vehicle moves and everything is known.
 
-
-def _stretches(recording: xr.Dataset, rate: str, speed: str) -> Floats:
-    """Return what is compared, a row per stretch in which the vehicle moves and everything is known ``(n, 8)``.
-
-    It is turn by the gyroscope, turn of the course, that times speed, duration, changes of ``r / v`` and ``v r``, and
-    distance by the speed signal and by positions.
+    It is the turn by the gyroscope and the same times speed, both by the course, duration, changes of ``r / v`` and
+    ``v r``, and the distance by the speed signal and by positions.
     """
     time = recording["time"].to_numpy()
     step = float(time[-1] - time[0]) / (len(time) - 1)
     r, v = (recording[n].to_numpy().astype(float) for n in (rate, speed))
-    x, y = (local_polynomial(recording[f"position_{a}"].to_numpy(), step, _SMOOTHED, 1) for a in "xy")
+    x, y = (local_polynomial(recording[place].to_numpy(), step, _SMOOTHED, 1) for place in _PLACE)
     ground = np.hypot(x, y)
     known = np.isfinite(r) & np.isfinite(v) & (ground > MOVING) & (v > MOVING)
     each = max(2, round(_STRETCH / step))
-    rows = []
+    found: list[tuple[float, ...]] = []
     for begin in range(0, len(time) - each, each):
         at = slice(begin, begin + each + 1)
         if not known[at].all():
             continue
-        course = np.unwrap(np.arctan2(y[at], x[at]))
-        ends = np.array([begin, begin + each])
-        speeds, turns = ground[at], np.diff(course)
-        rows.append(
+        turns, ends, speeds = np.diff(np.unwrap(np.arctan2(y[at], x[at]))), [begin, begin + each], ground[at]
+        found.append(
             (
-                np.trapezoid(r[at], dx=step),
-                course[-1] - course[0],
+                _integral(r[at], step),
+                _integral(r[at] * v[at], step),
+                float(turns.sum()),
                 float(turns @ (0.5 * (speeds[1:] + speeds[:-1]))),
                 each * step,
-                np.diff(r[ends] / v[ends])[0],
-                np.diff(r[ends] * v[ends])[0],
-                np.trapezoid(v[at], dx=step),
-                np.trapezoid(speeds, dx=step),
+                float(np.diff(r[ends] / v[ends])[0]),
+                float(np.diff(r[ends] * v[ends])[0]),
+                _integral(v[at], step),
+                _integral(speeds, step),
             )
         )
-    return np.array(rows).reshape(-1, 8)
+    return found
+
+
+def _integral(values: Floats, step: float) -> float:
+    return float(np.trapezoid(values, dx=step))

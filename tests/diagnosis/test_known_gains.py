@@ -53,6 +53,17 @@ def test_what_is_off_is_within_its_range_and_what_is_not_cannot_be_far(wrong):
             assert max(map(abs, found[LOSS])) < 0.003
 
 
+def test_positions_once_a_second_do_not_exclude_the_truth():
+    for gain in (0.0, 0.05, -0.05):
+        coarse = []
+        for drive in (recorded(i, gain=gain) for i in range(3)):
+            time, some = drive["time"].to_numpy(), slice(None, None, round(1.0 / STEP))
+            joined = {p: ("time", np.interp(time, time[some], drive[p][some])) for p in ("position_x", "position_y")}
+            coarse.append(drive.assign(joined))
+        low, high = known_ranges(coarse)[GAIN]
+        assert low <= gain <= high
+
+
 def test_what_has_no_positions_or_hardly_moves_says_nothing():
     drive = recorded(1)
     assert known_ranges([drive.drop_vars("position_x")]) == {}
