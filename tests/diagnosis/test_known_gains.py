@@ -6,6 +6,7 @@ import xarray as xr
 
 from harness.diagnosis.known_gains import known_ranges
 from harness.diagnosis.model.hypotheses import coordinates, hypotheses
+from harness.diagnosis.report.summary import measured_ranges
 from support.driven_car import FREE
 
 GAIN, LOSS, WHEEL = "sensor_gain_error_yaw_rate", "sensor_speed_loss_yaw_rate", "wheel_radius_error"
@@ -83,3 +84,12 @@ def test_the_search_is_held_to_the_ranges(augmented):
     (one,) = (c for c in coordinates(held, FREE, (gain,), 1) if c.name == GAIN)
     assert (one.value(one.lower), one.value(one.upper)) == pytest.approx((-0.02, 0.01))
     assert augmented.possible_range(GAIN, values) == (-0.9, 2.0)
+
+
+def test_the_report_says_to_what_the_search_was_held(augmented):
+    held = augmented.within({GAIN: (-0.02, 0.01), WHEEL: (-0.5, 0.01), "of another vehicle": (0.0, 1.0)})
+    said = measured_ranges(held)
+    assert "sensor gain error yaw rate from -0.0200 to 0.0100" in said.replace("−", "-")
+    assert "wheel radius error from -0.200 to 0.0100" in said.replace("−", "-")
+    assert "of another vehicle" not in said
+    assert measured_ranges(augmented) == ""

@@ -6,6 +6,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import BIC_NEEDED
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import study_gain
 from harness.diagnosis.report.figures import called
@@ -15,7 +16,7 @@ from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.value import Value
 from harness.diagnosis.result.wording import unmodelled_words
 from harness.diagnosis.selection.forward_selection import Trace
-from harness.models.quantities import listed, quantity
+from harness.models.quantities import listed, quantity, words
 from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Heading, Prose, Section, Sheet, plain, strong
 
@@ -60,7 +61,9 @@ def blocks(outcome: Outcome) -> list[Block]:
 
 
 def _search(outcome: Outcome) -> list[Block]:
-    return [Prose(plain("How the search went:")), Bullets([plain(s) for s in _rounds(outcome)])]
+    measured = measured_ranges(outcome.trace.fitting.augmented)
+    sentences = [*([measured] if measured else []), *_rounds(outcome)]
+    return [Prose(plain("How the search went:")), Bullets([plain(s) for s in sentences])]
 
 
 def _table(outcome: Outcome) -> Sheet:
@@ -158,6 +161,17 @@ def _fall(before: Floats, after: Floats) -> Floats:
     """Return the factor by which each error falls, NaN where neither says it."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return before / after
+
+
+def measured_ranges(augmented: AugmentedModel) -> str:
+    """Return in a sentence to what the search was held because positions have measured it; empty if to nothing."""
+    said = []
+    for name in augmented.ranges:
+        if name in augmented.names:
+            unit = augmented.model.parameters[augmented.row(name)].unit
+            (low, shown), (high, _) = (scaled(name, v, unit) for v in augmented.bounds(name))
+            said.append(f"{words(name)} from {style.number(low)} to {style.number(high)} {shown}".rstrip())
+    return f"Positions have measured these, and nothing beyond was tried: {listed(said)}." if said else ""
 
 
 def _rounds(outcome: Outcome) -> list[str]:

@@ -13,6 +13,7 @@ from harness.common.files import json_text, write_files
 from harness.config.parameter_set import set_text
 from harness.diagnosis.criteria import HORIZONS, MASS
 from harness.diagnosis.innovations.disturbance_inputs import place_of
+from harness.diagnosis.model.augmented_model import AugmentedModel
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.residuals.order_analysis import PeriodicDisturbance
@@ -58,6 +59,7 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "added": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "effect"],
         "parameters": lambda: [_added(h, outcome) for h in outcome.added if h.kind == "parameter"],
         "refitted": lambda: _refitted(outcome),
+        "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
         "unnamed": lambda: unmodelled_record(outcome.where.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
         "posterior": lambda: _posterior(trace.posterior),
@@ -79,6 +81,12 @@ def _gains(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "estimators": lambda: {e.kind: _before_and_after(outputs, e.before, e.after) for e in outcome.estimators},
         "worth": lambda: _study_gain(outcome.study_gain) if isinstance(outcome.study_gain, StudyGain) else None,
     }
+
+
+def _measured_ranges(augmented: AugmentedModel) -> dict[str, Any]:
+    """Return to what parameters were held, in SI units."""
+    held = {name: augmented.bounds(name) for name in augmented.ranges if name in augmented.names}
+    return {name: {"lower": low, "upper": high} for name, (low, high) in held.items()}
 
 
 def _plan(outcome: Outcome) -> Plan | None:
