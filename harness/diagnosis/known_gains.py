@@ -13,19 +13,19 @@ as the speed says. So where positions are recorded these gains are measured, and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 import xarray as xr
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import PRIORS
+from harness.identification.uncertainty import covariance_of
 from harness.recordings.consistency import SURE
 from harness.recordings.differentiate import local_polynomial
 from harness.recordings.redundancy import MOVING
 
 RATES = ("yaw_rate", "yaw_rate_tractor")
-SPEEDS = ("speed", "speed_tractor")
+_SPEED = "speed"
 _PLACE = ("position_x", "position_y")
 
 _STRETCH = 5.0
@@ -41,7 +41,9 @@ Ranges = dict[str, tuple[float, float]]
 
 
 def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
-    """Return the least and the largest value of each gain that positions have measured, by parameter; zero is in it.
+    """Return the least and the largest value of each gain that positions have measured, by parameter.
+
+    They are infinite where the drives do not tell: at one speed a gain and a loss by speed are the same.
 
     Both sides carry errors, so a gain lies between the regression of one on the other and the inverse of that of the
     other on the one (Frisch 1934).
@@ -50,8 +52,8 @@ def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
         recordings: Of one vehicle with the same sensors; those without positions say nothing.
     """
     found: Ranges = {}
-    for rate, speed in product(RATES, SPEEDS):
-        rows = [s for r in recordings if {rate, speed, *_PLACE} <= {*r} for s in _stretches(r, rate, speed)]
+    for rate in RATES:
+        rows = [s for r in recordings if {rate, _SPEED, *_PLACE} <= {*r} for s in _stretches(r, rate)]
         if len(rows) < _FEWEST:
             continue
         table = np.array(rows)
@@ -71,19 +73,19 @@ def known_ranges(recordings: Sequence[xr.Dataset]) -> Ranges:
 def _range(values: Sequence[float], errors: Sequence[float], scale: float = 1.0) -> tuple[float, float]:
     reach = [SURE * float(e) + PRIORS.gain / scale for e in errors]
     ends = [(float(v) - r, float(v) + r) for v, r in zip(values, reach, strict=True)]
-    return min(0.0, *(low for low, _ in ends)), max(0.0, *(high for _, high in ends))
+    return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def _regressed(measured: Floats, columns: Floats, count: int = 2) -> tuple[Floats, Floats]:
-    """Return the coefficients of the first columns, and their standard errors."""
+    """Return the coefficients of the first columns, and their standard errors; infinite where nothing tells."""
     values = np.asarray(np.linalg.lstsq(columns, measured, rcond=None)[0], dtype=float)
     left = measured - columns @ values
-    variance = left @ left / max(len(left) - columns.shape[1], 1)
-    errors = np.sqrt(variance * np.diagonal(np.linalg.pinv(columns.T @ columns)))
-    return values[:count], errors[:count]
+    rounding = np.finfo(float).eps * (measured @ measured)  # all that is left where one was derived from the other
+    variance = max(left @ left, rounding) / max(len(left) - columns.shape[1], 1)
+    return values[:count], covariance_of(columns.T @ columns / variance).errors[:count]
 
 
-def _stretches(recording: xr.Dataset, rate: str, speed: str) -> list[tuple[float, ...]]:
+def _stretches(recording: xr.Dataset, rate: str) -> list[tuple[float, ...]]:
     """Return what is compared, for each stretch in which the vehicle moves and everything is known.
 
     It is the turn by the gyroscope and the same times speed, both by the course, duration, changes of ``r / v`` and
@@ -91,7 +93,7 @@ def _stretches(recording: xr.Dataset, rate: str, speed: str) -> list[tuple[float
     """
     time = recording["time"].to_numpy()
     step = float(time[-1] - time[0]) / (len(time) - 1)
-    r, v = (recording[n].to_numpy().astype(float) for n in (rate, speed))
+    r, v = (recording[n].to_numpy().astype(float) for n in (rate, _SPEED))
     x, y = (local_polynomial(recording[place].to_numpy(), step, _SMOOTHED, 1) for place in _PLACE)
     ground = np.hypot(x, y)
     known = np.isfinite(r) & np.isfinite(v) & (ground > MOVING) & (v > MOVING)

@@ -92,10 +92,12 @@ class AugmentedModel(FilteredModel):
         return held
 
     def bounds(self, name: str) -> tuple[float, float]:
-        """Return from where to where a parameter is possible by itself."""
+        """Return from where to where a parameter is possible by itself; what the model states always is."""
         p = self.model.parameters[self.row(name)]
-        lower, upper = self.ranges.get(name, (p.lower, p.upper))
-        return max(lower, p.lower), min(upper, p.upper)
+        if name not in self.ranges:
+            return p.lower, p.upper
+        (lower, upper), stated = self.ranges[name], float(self.stated()[self.row(name)])
+        return max(min(lower, stated), p.lower), min(max(upper, stated), p.upper)
 
     @property
     def nx(self) -> int:
