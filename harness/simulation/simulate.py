@@ -124,7 +124,9 @@ def input_table(profile: Profile, model: Model, elsewhere: Sequence[str] = ()) -
     known |= {name: np.full(len(profile.time), np.nan) for name in elsewhere}
     missing = [n for n in names if n not in known]
     if missing:
-        raise UserError(f"a drive has no input '{missing[0]}'{closest(missing[0], sorted(known))}")
+        raise UserError(
+            f"a simulated drive has no input '{missing[0]}', a recording may{closest(missing[0], sorted(known))}"
+        )
     return np.column_stack([known[n] for n in names]) if names else np.empty((len(profile.time), 0))
 
 

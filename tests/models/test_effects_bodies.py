@@ -133,6 +133,7 @@ LEANS_TO_ONE_SIDE = {
     "sensor_misalignment",
     "road_bank_varying",
     "road_bank_measured",
+    "steady_wind",
 }
 
 

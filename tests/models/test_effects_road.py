@@ -79,3 +79,22 @@ def test_still_air_takes_energy_out_of_lateral_motion():
         (force,) = look("car", ("aerodynamic_side_force",), ("external_lateral_force",), own, lateral_velocity=v_y)
         assert force == pytest.approx(-3.0 * 20.0 * v_y)
         assert force * v_y < 0
+
+
+@pytest.mark.parametrize(("heading", "pushed"), [(0.0, 3.0), (np.pi / 2, -7.0), (np.pi, -3.0), (-np.pi / 2, 7.0)])
+def test_a_wind_over_ground_pushes_from_the_side_that_the_heading_tells(heading, pushed):
+    """Towards +x with 7 and towards +y with 3 N s/m; a car that heads for +x has +y to its left."""
+    own = {"wind_force_x": 7.0, "wind_force_y": 3.0, "wind_ahead": 0.8}
+    ports = ("external_lateral_force", "external_yaw_moment")
+    force, moment = look("car", ("steady_wind",), ports, own, heading=heading, speed=20.0)
+    assert force == pytest.approx(20.0 * pushed)
+    assert moment == pytest.approx(0.8 * force)
+
+
+def test_a_trailer_meets_the_wind_by_its_own_heading():
+    own = {f"wind_{n}_{b}": v for b in ("tractor", "trailer") for n, v in (("force_y", 5.0), ("ahead", 1.0))}
+    ports = ("external_lateral_force_tractor", "external_lateral_force_trailer", "speed_tractor")
+    folded = {"heading": 0.3, "articulation_angle": np.pi / 2 - 0.3, "speed": 15.0}
+    tractor, trailer, speed = look("semitrailer", ("steady_wind",), ports, own, **folded)
+    assert tractor == pytest.approx(5.0 * speed * np.cos(0.3))
+    assert trailer == pytest.approx(0.0, abs=1e-9)

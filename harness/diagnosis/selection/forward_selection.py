@@ -138,6 +138,7 @@ class _Search:
             instead = set(kept) - set(added)
             added = kept
             if instead and frozenset(added) not in seen:
+                seen.add(frozenset(added))  # what follows may lead back to it
                 continue
             processes = [h for h in added if h.random and not h.of_recording]
             for h in processes:
