@@ -8,7 +8,7 @@ from harness.common.failures import RAISED
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.selection import forward_selection as search
 
-LAG, GAIN, BANK = (Hypothesis(n, "effect", (n,)) for n in ("lag", "gain", "bank"))
+LAG, GAIN, BANK, ROLL = (Hypothesis(n, "effect", (n,)) for n in ("lag", "gain", "bank", "roll"))
 FIT = SimpleNamespace(point="point")
 
 
@@ -21,6 +21,10 @@ FIT = SimpleNamespace(point="point")
         (
             {(LAG,): (GAIN,), (GAIN, BANK): (LAG, BANK)}, {(GAIN,): BANK},
             (LAG, BANK), [(), (LAG,), (GAIN,), (GAIN, BANK), (LAG, BANK)],
+        ),
+        (  # a way that leads back to where it went on from ends there
+            {(LAG,): (GAIN,), (GAIN, BANK): (ROLL,), (ROLL, BANK): (GAIN,)}, {(GAIN,): BANK, (ROLL,): BANK},
+            (GAIN,), [(), (LAG,), (GAIN,), (GAIN, BANK), (ROLL,), (ROLL, BANK)],
         ),
     ],
 )  # fmt: skip
