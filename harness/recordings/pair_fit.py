@@ -92,19 +92,21 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
     delay = correlation_peak(measured, fit.computed, step)
     aligned = abs(delay) < 0.9 * LONGEST_DELAY
     delay = delay if aligned else 0.0
-    rate = np.gradient(measured, step)[take]
+    rate, computed_rate = np.gradient(measured, step)[take], np.gradient(fit.computed, step)
     columns = [np.ones(len(take))] * (not fit.relation.through_zero) + ([] if arm is None else [arm[take]])
     kept = np.ones(len(take), dtype=bool)
     for _ in range(8):
-        late, late_rate = delayed(fit.computed, delay, step, take)
+        late, late_rate = (delayed(v, delay, step, take) for v in (fit.computed, computed_rate))
         table = np.stack([late, *columns, late_rate, rate, measured[take]], 1)
         rows = np.isfinite(table).all(axis=1) & kept
         if rows.sum() < 10 * (len(columns) + 1):
             return None
-        pair = _Pair(table[rows][:, :-3], table[rows][:, -3], table[rows][:, -2], table[rows][:, -1], take[rows])
+        known = table[rows]
+        pair = _Pair(known[:, :-3], known[:, -3], known[:, -2], known[:, -1], take[rows])
         left = np.abs(pair.left)
-        away = left > 8 * 1.4826 * np.median(left)
-        if np.median(left) > 0 and 0 < away.sum() < 0.03 * rows.sum():  # single samples that jump
+        usual = np.median(left)
+        away = left > 8 * 1.4826 * usual
+        if usual > 0 and 0 < away.sum() < 0.03 * rows.sum():  # single samples that jump
             kept[np.flatnonzero(rows)[away]] = False
             continue
         if not aligned or pair.curvature <= 0:
@@ -133,9 +135,10 @@ class _Pair:
         self, base: Floats, computed_rate: Floats, measured_rate: Floats, target: Floats, rows: Floats
     ) -> None:
         self.base, self.target = base, target
-        self.values = np.linalg.lstsq(base, target, rcond=None)[0]
-        self.left = target - base @ self.values
-        self.rate = without(base, computed_rate)
+        both = np.column_stack([target, computed_rate])
+        values = np.linalg.lstsq(base, both, rcond=None)[0]
+        self.left, self.rate = np.ascontiguousarray((both - base @ values).T)
+        self.values = values[:, 0]
         self.measured_rate = measured_rate
         self.curvature = float(self.rate @ measured_rate)
         self.centred = (rows - rows.mean()) / max(np.ptp(rows), 1)
@@ -199,11 +202,9 @@ def correlation_peak(measured: Floats, computed: Floats, step: float) -> float:
     return (int(np.argmax(likeness)) - reach) * step
 
 
-def delayed(values: Floats, delay: float, step: float, take: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """Return a signal as it would be with a delay, and its slope there, at some samples."""
-    place, every = take - delay / step, np.arange(len(values))
-    late = np.interp(place, every, values, left=np.nan, right=np.nan)
-    return late, np.interp(place, every, np.gradient(values, step), left=np.nan, right=np.nan)
+def delayed(values: Floats, delay: float, step: float, take: NDArray[np.intp]) -> Floats:
+    """Return a signal as it would be with a delay, at some samples."""
+    return np.interp(take - delay / step, np.arange(len(values)), values, left=np.nan, right=np.nan)
 
 
 def _robust_errors(design: Floats, left: Floats, lags: int) -> Floats:

@@ -148,7 +148,7 @@ class _Sides:
         return self.columns[:, n * len(self.channels) : (n + 1) * len(self.channels)]
 
     def _aligned(self, values: Floats) -> Floats:
-        return delayed(values, self._late, self._step, self._take)[0]
+        return delayed(values, self._late, self._step, self._take)
 
     def _columns(self, sources: Sources, computed: Floats) -> Floats:
         """Return how the difference of both sides changes with each cause but drift, ``(rows, kinds * channels)``."""
