@@ -310,6 +310,34 @@ def test_a_name_is_likelier_whose_places_do_not_share_its_odds_and_then_one_of_f
     assert sorted(scores, key=belief) == scores
 
 
+def test_what_says_the_same_and_is_likelier_beforehand_is_fitted_though_nothing_is_left(monkeypatch):
+    """A load that shifts before the first manoeuvre is a CoG that is stated wrongly; a mass has another response."""
+    responses = {"shift": ("effect", (1.0, 0.0)), "cog": ("parameter", (2.0, 0.0)), "mass": ("parameter", (1.0, 1.0))}
+    scores = [
+        SimpleNamespace(hypothesis=Hypothesis(n, kind, (n,)), response=(np.array(r),), excited=True, freedom=1.0)
+        for n, (kind, r) in responses.items()
+    ]
+    shift, cog, _ = scores
+    effects = [Hypothesis(n, "effect", (n,)) for n in ("wind", "lag", "bank")]  # three more to share the odds
+    monkeypatch.setattr(
+        "harness.diagnosis.selection.selection_round.hypotheses",
+        lambda *_: [*(s.hypothesis for s in scores), *effects],
+    )
+    before = Judgement(0.0, np.zeros(1), np.array([10.0]), (), None)
+    monkeypatch.setattr(SelectionRound, "before", before)
+    selection_round = SelectionRound(SimpleNamespace(augmented=None, free=()), (), [], 1)
+    selection_round.promised, selection_round.fits = scores, {shift.hypothesis: None}
+
+    def names(winner, error, bic=900.0):
+        held_out = Judgement(9.0, np.zeros(1), np.array([error]), (), None)
+        return selection_round.likelier_names(Candidate(winner, object(), bic, held_out))
+
+    assert names(shift, 0.0) == [cog]
+    assert names(shift, 9.9) == []  # it would not be added
+    selection_round.fits = {cog.hypothesis: None}
+    assert names(cog, 0.0) == []
+
+
 def test_the_best_fault_of_each_sensor_is_fitted_whose_signal_strays():
     """Of three signals the last one is as it should be; promises are in units of BIC, 50 of which are needed."""
     gains = {"roll": (1, 900.0), "gain": (1, 800.0), "bias": (2, 700.0), "lag": (None, 600.0), "delay": (0, 40.0)}

@@ -197,7 +197,7 @@ class SelectionRound:
         winner = max(tried, key=lambda c: c.bic)
         assert winner.fitted is not None
         start = self.taken_back(winner.hypothesis, winner.fitted)
-        likes = lookalikes(winner, self.before, self.promised, self.fits)[:TRIED]
+        likes = lookalikes(winner, self.before, self.promised, self.fits)[:TRIED] or self.likelier_names(winner)
         self.fit(likes, start)
         others = [c.bic for c in map(self.judged, self.tried()) if not same(c.score, winner.score)]
 
@@ -211,6 +211,13 @@ class SelectionRound:
                 less, for_all = sorted((s, for_all), key=stands)
                 del self.fits[less.hypothesis]
                 self.candidate_fits.forget(self.candidate_fits.joined(self.added, less.hypothesis))
+
+    def likelier_names(self, winner: Candidate) -> list[Score]:
+        """Return what says the same as a hypothesis that explains everything, and is likelier beforehand, if any is."""
+        passes = not objections(winner, self.before)
+        apart = [s for s in self.promised if s.excited and not s.hypothesis.many and s.hypothesis not in self.fits]
+        likelier = [s for s in apart if same(s, winner.score) and self.belief(s) > self.belief(winner.score)]
+        return sorted(likelier, key=self.belief)[-1:] if passes else []
 
     def decided_by_sensor(self, room: int) -> Round:
         """Return a round without accepted hypothesis with the best sensor fault added, if it clears its own signal.
