@@ -23,7 +23,10 @@ and a work array ``w (nw, LANES)``:
 ``signals_jacobian(x, u, c, J)``            their derivatives to the states, dense ``(ns, nx, LANES)``
 ==========================================  ================================================================
 
-and, when derivatives to inputs or parameters are asked for, ``drift_input_jacobian(x, u, c, J)``,
+Of a model whose effects may be absent, ``next_state`` in stages leaves out the states of those that are, and without
+Jacobians ``drift`` does not write their rows.
+
+Where derivatives to inputs or parameters are asked for there are ``drift_input_jacobian(x, u, c, J)``,
 ``drift_parameter_jacobian(x, u, c, J)`` and ``output_parameter_jacobian(x, u, c, J)``. ``SEEN_STATES (ny, nx)`` holds
 the columns of ``H`` that may differ from zero, row by row, and then -1. Of a model with parameters among its states
 ``within_bounds(x, u, c, b)`` gives those states within the bounds of the parameters, ``PARAMETERS`` is their number,
@@ -355,7 +358,7 @@ def model_source(eqs: Equations, step: float, integrator: str, substeps: int, ja
         *when(lambda: f"OUTPUTS_ARE_LINEAR, LEADING = {eqs.outputs_are_linear}, {ahead.leading}"),
         *when(lambda: f"SEEN_STATES = np.array({_seen(eqs)})"),
         constants_kernel(eqs),
-        kernel(eqs, "drift", "x, u, c, dx", vector("dx", eqs.derivatives)),
+        kernel(eqs, "drift", "x, u, c, dx", vector("dx", eqs.derivatives), zeros=jacobians),
         *when(lambda: kernel(eqs, "drift_jacobian", "x, u, c, J", matrix("J", eqs.state_jacobian, nx, nx))),
         kernel(eqs, "output", "x, u, c, y", y),
         *when(

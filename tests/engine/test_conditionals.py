@@ -78,7 +78,7 @@ def there(condition: frozenset[str]) -> str:
 def test_what_an_absent_effect_reads_is_computed_and_loaded_under_its_flag_only() -> None:
     assignments = {s: sp.sin(a), t: sp.cos(b), g: present(flag, s * t, t)}
     loads = {a: "get(x, 0)", b: "get(x, 1)"}
-    assert conditionals.lines(assignments, [g], text, loads, there) == [
+    assert conditionals.lines(assignments, [g], text, loads, there, {}) == [
         "b = get(x, 1)",
         "t = cos(b)",
         "if has_one:  # has_one",
@@ -93,7 +93,7 @@ def test_what_an_absent_effect_reads_is_computed_and_loaded_under_its_flag_only(
 def test_what_is_read_without_the_effect_is_loaded_there() -> None:
     assignments = {g: present(flag, a + b, b)}
     loads = {a: "get(x, 0)", b: "get(x, 1)"}
-    assert conditionals.lines(assignments, [g, a], text, loads, there) == [
+    assert conditionals.lines(assignments, [g, a], text, loads, there, {}) == [
         "if has_one:  # has_one",
         "    a = get(x, 0)",
         "    b = get(x, 1)",
@@ -105,9 +105,39 @@ def test_what_is_read_without_the_effect_is_loaded_there() -> None:
     ]
 
 
+def test_what_is_stored_at_once_is_not_computed_without_the_effect() -> None:
+    assignments = {s: sp.sin(a), g: present(flag, s * b, sp.Integer(0))}
+    loads = {a: "get(x, 0)", b: "get(x, 1)"}
+    assert conditionals.lines(assignments, [b], text, loads, there, {g: "dx, 3"}) == [
+        "if has_one:  # has_one",
+        "    a = get(x, 0)",
+        "    b = get(x, 1)",
+        "    s = sin(a)",
+        "    put(b*s, dx, 3)",
+        "b = get(x, 1)",
+    ]
+
+
+def test_states_of_absent_effects_rest_wherever_they_are(models) -> None:
+    """They are copied, through all stages: whatever the work array holds, and whether or not they are zero."""
+    branching, rng = models[1], np.random.default_rng(5)
+    p = values(branching.model, rng, ("slosh_share",))
+    x, u = rng.normal(0.0, 0.1, (branching.nx, LANES)), rng.uniform(1.0, 12.0, (branching.nu, LANES))
+    found = []
+    for rubbish in (0.0, np.nan):
+        ahead = np.full_like(x, np.nan)
+        branching.kernels.next_state(x, u, branching.constants(p), ahead, np.full((branching.nw, LANES), rubbish))
+        found.append(ahead)
+    rests = np.array([skipped(n, ("slosh_share",)) for n in branching.model.states])
+    assert 0 < rests.sum() < branching.nx
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0][rests], x[rests])
+    assert (found[0][~rests] != x[~rests]).all()
+
+
 def test_one_flag_of_several_suffices() -> None:
     assignments = {s: sp.sin(a), g: present(any_of([other, flag]), s, sp.Integer(1))}
-    lines = conditionals.lines(assignments, [g], text, {}, there)
+    lines = conditionals.lines(assignments, [g], text, {}, there, {})
     assert lines[0] == "if has_one or has_other:  # has_one or has_other"
     assert lines[-1] == "    g = splat(1.0)"
 

@@ -41,6 +41,7 @@ def lines(
     text: Callable[[sp.Expr], str],
     loads: Mapping[sp.Symbol, str],
     there: Callable[[frozenset[str]], str],
+    stored: Mapping[sp.Symbol, str],
 ) -> list[str]:
     """Return assignments, in order of use, as source text with branches.
 
@@ -53,6 +54,7 @@ def lines(
         text: Prints an expression.
         loads: What loads each symbol that is no assignment.
         there: Gives the test whether one of some flags is set.
+        stored: Where choices that nothing else reads are stored as they are made, and not at all without their effects.
     """
     if not any(isinstance(e, present) for e in assignments.values()):
         loaded = _loaded([*assignments.values(), *roots], loads)
@@ -63,8 +65,12 @@ def lines(
     left = dict(loads)
 
     def block(read: Mapping[sp.Symbol, sp.Expr]) -> list[str]:
-        lanes = [f"{n} = {_lane(e, text) if isinstance(assignments[n], present) else text(e)}" for n, e in read.items()]
-        return [*_loaded(read.values(), left), *lanes]
+        return [*_loaded(read.values(), left), *(line(name, expr) for name, expr in read.items())]
+
+    def line(name: sp.Symbol, expr: sp.Expr) -> str:
+        if name in stored:
+            return f"put({text(expr)}, {stored[name]})"
+        return f"{name} = {_lane(expr, text) if isinstance(assignments[name], present) else text(expr)}"
 
     for condition, names in blocks:
         every = {name: assignments[name] for name in names}
@@ -76,8 +82,9 @@ def lines(
             continue
         found += [f"if {there(condition)}:  # {' or '.join(sorted(condition))}"]
         found += _indented(block(every | {name: with_it for name, (with_it, _) in choices.items()}))
-        if choices:
-            found += ["else:", *_indented(block({name: without for name, (_, without) in choices.items()}))]
+        others = {name: without for name, (_, without) in choices.items() if name not in stored}
+        if others:
+            found += ["else:", *_indented(block(others))]
     return found + _loaded(roots, left)
 
 

@@ -15,7 +15,7 @@ import sympy as sp
 from harness.engine.codegen.conditionals import hoisted
 from harness.engine.codegen.lift import Lift
 from harness.models.assembly.assemble import Model, symbol
-from harness.models.assembly.expressions import present
+from harness.models.assembly.expressions import flags_in, present
 
 Entries = dict[tuple[int, int], sp.Expr]
 """Non-zero entries of a matrix by (row, column)."""
@@ -61,6 +61,15 @@ class Equations:
     parameters: tuple[str, ...]
     within: list[sp.Expr]
     conditions: dict[frozenset[str], int] = field(default_factory=dict)
+
+    def condition_row(self, flags: frozenset[str]) -> int:
+        """Return the row of constants that is positive where one of some flags is set."""
+        return len(self.constants) + self.conditions.setdefault(flags, len(self.conditions))
+
+    def vanishes_without(self, expr: sp.Expr) -> frozenset[str]:
+        """Return the flags of which one must be set for an expression to differ from zero; none if it always may."""
+        choice = self.assignments.get(expr, expr)
+        return flags_in(choice.args[0]) if isinstance(choice, present) and choice.args[2] == 0 else frozenset()
 
     def slope_varies(self, state: str) -> bool:
         """Return whether the influence of a parameter's state depends on states that are no parameters."""

@@ -57,7 +57,7 @@ def sampled(eqs: Equations, step: float, integrator: str, substeps: int, jacobia
         behind, weight = _TABLEAUX[integrator]
         sizes = f"H, SUBSTEPS, STAGES = {step / substeps!r}, {substeps}, {len(weight)}\n"
         sizes += f"BEHIND = np.array({list(behind)!r})\nWEIGHT = np.array({list(weight)!r})"
-        staged = f"{sizes}\n\n\n{_STAGED_STATE.strip()}"
+        staged = f"{sizes}\n\n\n{_staged_state(eqs)}"
         further = [_STAGED_JACOBIAN.strip(), *whole(nx).sources] if jacobians else []
         return Step(4 * nx + 5 * nx * nx, nx, [staged, *further])
     plain = kernel(eqs, "next_state", "x, u, c, xn, w", vector("xn", ahead))
@@ -80,6 +80,15 @@ def _euler(eqs: Equations, step: float) -> tuple[list[sp.Expr], Entries]:
     for i in range(len(x)):
         A[i, i] = 1 + A.get((i, i), sp.Integer(0))
     return ahead, A
+
+
+def _staged_state(eqs: Equations) -> str:
+    """Return ``next_state`` in stages; of a model with many effects that may be absent most states rest."""
+    flags = [eqs.vanishes_without(f) for f in eqs.derivatives]
+    if not any(flags):
+        return _STAGED_STATE.format(stay="", skip="").strip()
+    rows = [eqs.condition_row(f) if f else -1 for f in flags]
+    return f"MOVES = np.array({rows!r})\n\n\n{_STAGED_STATE.format(stay=_STAY, skip=_SKIP).strip()}"
 
 
 def _sparse_covariances(eqs: Equations, ahead: list[sp.Expr], A: Entries) -> tuple[str, str]:
@@ -118,14 +127,14 @@ _STAGED_STATE = """
 def next_state(x, u, c, xn, w):
     stage, slope, total = w[:NX], w[NX : 2 * NX], w[2 * NX : 3 * NX]
     for i in range(NX):
-        put(get(x, i), xn, i)
+        put(get(x, i), xn, i){stay}
     for _ in range(SUBSTEPS):
         for s in range(STAGES):
             if s == 0:
                 drift(xn, u, c, slope)
             else:
                 drift(stage, u, c, slope)
-            for i in range(NX):
+            for i in range(NX):{skip}
                 k = get(slope, i)
                 r = WEIGHT[s] * k
                 if s > 0:
@@ -136,6 +145,13 @@ def next_state(x, u, c, xn, w):
                 else:
                     put(get(xn, i) + H * r, xn, i)
 """
+
+_STAY = """
+        put(get(x, i), stage, i)"""
+
+_SKIP = """
+                if MOVES[i] >= 0 and c[MOVES[i], 0] <= 0.0:
+                    continue  # the state of an absent effect: it rests, and its slope is not written"""
 
 _STAGED_JACOBIAN = """
 @jit

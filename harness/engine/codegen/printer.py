@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import sympy as sp
@@ -15,6 +17,8 @@ from harness.models.assembly.assemble import symbol
 
 Assignment = tuple[sp.Expr, str]
 """An expression and where it goes, e.g. ``(expr, "J, 2, 3")``."""
+
+NOWHERE: Mapping[sp.Symbol, str] = MappingProxyType({})
 
 
 class LanePrinter(PythonCodePrinter):
@@ -106,17 +110,23 @@ def matrix(array: str, entries: Entries, rows: int, columns: int) -> list[Assign
     return [(entries.get((i, j), zero), f"{array}, {i}, {j}") for i in range(rows) for j in range(columns)]
 
 
-def body(eqs: Equations, roots: Sequence[sp.Expr]) -> list[str]:
-    """Return the lines that load what the roots read and compute what they depend on."""
+def body(eqs: Equations, roots: Sequence[sp.Expr], stored: Mapping[sp.Symbol, str] = NOWHERE) -> list[str]:
+    """Return the lines that load what the roots read and compute what they depend on.
+
+    Args:
+        eqs: The model.
+        roots: Expressions of its assignments.
+        stored: Those of them that are stored as soon as they are there (``conditionals.lines``), and where.
+    """
     assignments = needed(eqs.assignments, roots)
     arrays = {"x": map(symbol, eqs.model.states), "u": map(symbol, eqs.model.inputs), "c": eqs.constants}
     loads = {name: f"get({array}, {i})" for array, names in arrays.items() for i, name in enumerate(names)}
 
     def there(condition: frozenset[str]) -> str:
-        row = eqs.conditions.setdefault(condition, len(eqs.conditions))
-        return f"c[{len(eqs.constants) + row}, 0] > 0.0"
+        return f"c[{eqs.condition_row(condition)}, 0] > 0.0"
 
-    return branches.lines(assignments, roots, text, loads, there)
+    read = [root for root in roots if root not in stored]
+    return branches.lines(assignments, read, text, loads, there, stored)
 
 
 def function(name: str, arguments: str, lines: Sequence[str]) -> str:
@@ -124,10 +134,21 @@ def function(name: str, arguments: str, lines: Sequence[str]) -> str:
     return "\n".join(["@jit", f"def {name}({arguments}):", *(f"    {line}" for line in lines or ["pass"])])
 
 
-def kernel(eqs: Equations, name: str, arguments: str, stores: Sequence[Assignment]) -> str:
-    """Return a kernel that computes expressions of states, inputs and constants and stores them."""
-    lines = body(eqs, [expr for expr, _ in stores])
-    return function(name, arguments, lines + [f"put({text(expr)}, {where})" for expr, where in stores])
+def kernel(eqs: Equations, name: str, arguments: str, stores: Sequence[Assignment], zeros: bool = True) -> str:
+    """Return a kernel that computes expressions of states, inputs and constants and stores them.
+
+    Args:
+        eqs: The model.
+        name: Of the kernel.
+        arguments: Of the kernel.
+        stores: Expressions and where they go.
+        zeros: Whether what is zero because its effect is absent is stored as well.
+    """
+    roots = [expr for expr, _ in stores]
+    read = Counter(s for expr in (*eqs.assignments.values(), *roots) for s in expr.free_symbols)
+    early = {expr: to for expr, to in stores if not zeros and read[expr] == 1 and eqs.vanishes_without(expr)}
+    late = [f"put({text(expr)}, {where})" for expr, where in stores if expr not in early]
+    return function(name, arguments, body(eqs, roots, early) + late)
 
 
 def constants_kernel(eqs: Equations) -> str:
