@@ -118,8 +118,8 @@ lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, QUALITY=field, REPEATS, FIRST, JOBS; GATE=274: cases at random)
-	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(QUALITY),--quality $(QUALITY)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(FIRST),--first $(FIRST)) $(if $(GATE),--gate $(GATE)) $(if $(JOBS),--jobs $(JOBS))
+attribution: $(VENV)/dev.stamp ## trace the blind plant's cases and score what was named (hours; CASES="...", VEHICLE, MAGNITUDE, QUALITY=field, REPEATS, FIRST, JOBS; GATE=274: cases at random, of these KIND=effect)
+	$(BIN)/python -m bench.attribution $(if $(CASES),--cases $(CASES)) $(if $(VEHICLE),--vehicle $(VEHICLE)) $(if $(MAGNITUDE),--magnitude $(MAGNITUDE)) $(if $(QUALITY),--quality $(QUALITY)) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(FIRST),--first $(FIRST)) $(if $(GATE),--gate $(GATE)) $(if $(KIND),--kind $(KIND)) $(if $(JOBS),--jobs $(JOBS))
 
 attribution-docs: $(VENV)/dev.stamp ## renew tables and figures of docs/attribution.md from results/attribution
 	$(BIN)/python -m bench.attribution.renew results/attribution$(if $(QUALITY),-$(QUALITY))/attribution.json

@@ -422,6 +422,7 @@ def test_draws_at_random_hold_the_shares_and_depend_on_their_number_alone():
     for block in (found[:BLOCK], found[BLOCK : 2 * BLOCK]):
         assert {k: sum(f"-{k}-" in name for name, _ in block) for k in SHARES} == SHARES
     assert drawn(cases, 100, 80) == found[100:180]
+    assert drawn(cases, 100, 80, "pair") == [d for d in found[100:180] if "-pair-" in d[0]]
     assert {name for name, _ in found} == {case.name for case in cases}
     cars = sum(name.startswith("car-") for name, _ in found)
     assert abs(cars / len(found) - 0.5) < 4 * 0.5 / np.sqrt(len(found))
