@@ -85,6 +85,32 @@ def test_many_parameters_must_promise_more_and_what_says_the_same_is_not_tried(m
     assert len(calls) == 2  # the same model is ranked once
 
 
+def test_many_parameters_are_fitted_unless_one_addition_explains_everything(monkeypatch):
+    """A CoG with a roll steer beside it, which is not there, explained what several wrong values explain."""
+    given = ("cog", "parameter"), ("roll_steer", "effect"), ("speed_delay", "effect")
+    cog, steer, late = (Hypothesis(n, k, (n,)) for n, k in given)
+    many = Hypothesis(ALL_PARAMETERS, "parameter", ("cog", "mass"))
+    nothing = SimpleNamespace(loss=0.0, points=())
+    monkeypatch.setattr(alternatives, "Curvature", lambda fits, best: SimpleNamespace(without=lambda *_: nothing))
+    monkeypatch.setattr(alternatives.Alternatives, "_stand_ins", lambda *_: [SimpleNamespace(hypothesis=many)])
+    monkeypatch.setattr(alternatives.Alternatives, "_judged", lambda *_: None)
+
+    def fitted(*added, explained=True):
+        monkeypatch.setattr(alternatives, "leaves_nothing", lambda after, before: explained)
+        found = []
+        fits = SimpleNamespace(
+            models={}, fitting=SimpleNamespace(best=max), doubt=1.0, joined=lambda rest, h: (*rest, h),
+            say=lambda _: None,
+            fit_all=lambda models, *_, **__: found.extend(m[0] for m in models),
+        )  # fmt: skip
+        Alternatives(fits).fit(added, SimpleNamespace(objective=0.0, point=None), set())
+        return [a for a in found if many in a]
+
+    assert fitted(steer) == fitted(late, steer) == []
+    assert fitted(steer, explained=False) == [(many,)]
+    assert fitted(cog, steer) == [(steer, many), (cog, many)]
+
+
 def test_a_fit_in_the_place_of_an_addition_starts_from_what_was_fitted_of_it_elsewhere(fits):
     """Where what a score predicts is less likely: of a large effect slopes predict little."""
     known = {h.name: h for h in hypotheses(fits.augmented, fits.free)}

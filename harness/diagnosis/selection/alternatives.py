@@ -63,10 +63,11 @@ class Alternatives:
                 else:
                     places |= model
         self._fit_new(places, best, best.objective - fits.doubt)
+        single = [key for key in (frozenset(added), *places) if sum(not (h.clock or h.random) for h in key) < 2]
         for h, model in many.items():
             before = self._judged(frozenset(rests[h]))
-            # With less than many parameters everything is explained: they need no fit.
-            if not any(leaves_nothing(self._judged(key), before) for key in (frozenset(added), *places)):
+            # One thing explains everything: many parameters, which are less likely, need no fit.
+            if not any(leaves_nothing(self._judged(key), before) for key in single):
                 self._fit_new(model, best, best.objective - fits.doubt)
 
     def _judged(self, key: frozenset[Hypothesis]) -> Judgement:
