@@ -63,12 +63,20 @@ class Alternatives:
                 else:
                     places |= model
         self._fit_new(places, best, best.objective - fits.doubt)
-        single = [key for key in (frozenset(added), *places) if sum(not (h.clock or h.random) for h in key) < 2]
         for h, model in many.items():
-            before = self._judged(frozenset(rests[h]))
-            # One thing explains everything: many parameters, which are less likely, need no fit.
-            if not any(leaves_nothing(self._judged(key), before) for key in single):
+            before, [wrong] = self._judged(frozenset(rests[h])), model
+            # Something simpler explains everything: many parameters need no fit.
+            simpler = (k for k in (frozenset(added), *places) if self._simpler(k, wrong, best))
+            if not any(leaves_nothing(self._judged(k), before) for k in simpler):
                 self._fit_new(model, best, best.objective - fits.doubt)
+
+    def _simpler(self, key: frozenset[Hypothesis], many: frozenset[Hypothesis], best: Fitted) -> bool:
+        """Whether a model is simpler than one with many parameters: one addition, or a likelier part of that model."""
+        if sum(not (h.clock or h.random) for h in key) < 2:
+            return True
+        covered = {name for h in many if h.kind == "parameter" for name in h.amplitudes}
+        within = all(h in many or (h.kind == "parameter" and covered.issuperset(h.amplitudes)) for h in key)
+        return within and self._fits.models[key][1].objective >= best.objective
 
     def _judged(self, key: frozenset[Hypothesis]) -> Judgement:
         added, fitted = self._fits.models[key]
