@@ -3,7 +3,7 @@
 ``python -m bench.attribution --cases semitrailer-none semitrailer-crosswind-medium`` runs some cases, ``--vehicle car``
 all of one vehicle, ``--magnitude medium`` all of one magnitude, nothing of these all that the plant lists (hours).
 ``--gate 274 --magnitude medium`` draws at random among them, in the shares by which traces are judged; with ``--kind
-effect`` only those that lack one effect are traced.
+effect`` those alone that lack one effect.
 Cases that were traced already are only scored; ``--traced`` runs no other. The folder holds every case, and for all
 that are in it ``attribution.json`` (what ``bench.attribution.renew`` makes the tables of the docs of),
 ``attribution.md`` and the figures.
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--gate", type=int, help="so many draws of cases at random, in the shares of bench.attribution.gate"
     )
-    parser.add_argument("--kind", choices=tuple(SHARES), help="of the draws of a gate those of one kind only")
+    parser.add_argument("--kind", choices=tuple(SHARES), help="cases and draws of one kind only")
     parser.add_argument("--jobs", type=int, default=1, help="processes (%(default)s, whose traces take all cores)")
     parser.add_argument("--traced", action="store_true", help="run no case that was not traced already")
     parser.add_argument("--out", type=Path, help="folder (results/attribution, or results/attribution-field)")
@@ -58,7 +58,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = [n for n in given.cases or names if wanted(n, given.vehicle, given.magnitude)]
     draws = [(n, repeat) for repeat in range(given.first, given.first + given.repeats) for n in chosen]
     if given.gate is not None:
-        draws = drawn([case for case in known if case.name in chosen], given.first, given.gate, given.kind)
+        draws = drawn([case for case in known if case.name in chosen], given.first, given.gate)
+    kinds = {case.name: case.kind for case in known}
+    draws = [(n, repeat) for n, repeat in draws if given.kind in (None, kinds[n])]
     cases = [Case(n, repeat, out / f"{n}-{repeat}", given.quality) for n, repeat in draws]
     if given.traced:
         cases = [case for case in cases if (case.folder / "trace" / "trace.json").exists()]

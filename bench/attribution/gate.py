@@ -14,7 +14,7 @@ SHARES = {"none": 30, "parameters": 30, "effect": 55, "pair": 12, "unlisted": 10
 BLOCK = sum(SHARES.values())
 
 
-def drawn(listed: Sequence[Listed], first: int, count: int, only: str | None = None) -> list[tuple[str, int]]:
+def drawn(listed: Sequence[Listed], first: int, count: int) -> list[tuple[str, int]]:
     """Return name and number of the draw for some draws; a draw depends on its number alone.
 
     The shares hold in each block of ``BLOCK`` draws, in any order. The vehicle of a draw is one or the other, then each
@@ -24,7 +24,6 @@ def drawn(listed: Sequence[Listed], first: int, count: int, only: str | None = N
         listed: The cases to choose from.
         first: Number of the first draw.
         count: How many.
-        only: Kind of those that are returned; all by default.
     """
     vehicles = sorted({case.name.split("-")[0] for case in listed})
     found = []
@@ -35,6 +34,5 @@ def drawn(listed: Sequence[Listed], first: int, count: int, only: str | None = N
         vehicle = vehicles[rng.integers(len(vehicles))]
         of_kind = [case for case in listed if case.kind == kinds[place] and case.first_draw <= number]
         cases = [case.name for case in of_kind if case.name.startswith(f"{vehicle}-")]
-        if only in (None, kinds[place]):
-            found.append((cases[rng.integers(len(cases))], number))
+        found.append((cases[rng.integers(len(cases))], number))
     return found
