@@ -123,12 +123,12 @@ def test_states_of_absent_effects_rest_wherever_they_are(models) -> None:
     branching, rng = models[1], np.random.default_rng(5)
     p = values(branching.model, rng, ("slosh_share",))
     x, u = rng.normal(0.0, 0.1, (branching.nx, LANES)), rng.uniform(1.0, 12.0, (branching.nu, LANES))
-    found = []
+    rests, found = np.array([skipped(n, ("slosh_share",)) for n in branching.model.states]), []
     for rubbish in (0.0, np.nan):
-        ahead = np.full_like(x, np.nan)
-        branching.kernels.next_state(x, u, branching.constants(p), ahead, np.full((branching.nw, LANES), rubbish))
+        ahead, work = np.full_like(x, np.nan), np.full((branching.nw, LANES), rubbish)
+        branching.kernels.next_state(x, u, branching.constants(p), ahead, work)
+        np.testing.assert_array_equal(work[: branching.nx][rests], x[rests])  # at the last stage
         found.append(ahead)
-    rests = np.array([skipped(n, ("slosh_share",)) for n in branching.model.states])
     assert 0 < rests.sum() < branching.nx
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0][rests], x[rests])
