@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from harness.common.failures import FILE, Failures
 from harness.common.files import json_text
 from harness.common.statistics import Interval
 from harness.diagnosis import run
-from harness.diagnosis.criteria import HORIZONS
+from harness.diagnosis.criteria import HORIZONS, PRIORS
 from harness.diagnosis.model.hypotheses import Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.how_likely import likely
@@ -22,7 +23,7 @@ from harness.diagnosis.report.vehicle_picture import picture
 from harness.diagnosis.residuals.disturbance_ranking import DisturbanceRanking
 from harness.diagnosis.residuals.innovation_tests import consistency, cross_correlation
 from harness.diagnosis.residuals.regressors import Regressor
-from harness.diagnosis.residuals.unmodelled import find_unmodelled
+from harness.diagnosis.residuals.unmodelled import UnmodelledDisturbance, find_unmodelled
 from harness.diagnosis.result.answer import gap
 from harness.diagnosis.result.outcome import outcome_of
 from harness.diagnosis.result.record import write_outcome
@@ -302,6 +303,21 @@ def test_the_first_page_and_the_record_say_how_likely_each_explanation_is(outcom
     assert [m["probability"] for m in found["models"]] == pytest.approx([0.688, 0.096, 0.016])
     assert record["confusable"]["mass"] == pytest.approx(0.98)
     assert [len(m["added"][0]) for m in record["confusable"]["models"]] == [1, 2]
+
+
+def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(outcome, tmp_path):
+    final, zero = outcome.trace.final, np.zeros(len(HORIZONS))
+    lag = Alike((Hypothesis("steering_lag", "effect", ("steering_lag",)),), (1.0,))
+    models = (Model((lag,), final, 0.0, zero, Interval(0.0, 0.0, 0.0), 1.0, 0.9),)
+    trace = dataclasses.replace(outcome.trace, posterior=Posterior(models, 0.1, zero))
+    found = UnmodelledDisturbance((), {}, 5.0, outcome.trace.after, ())
+    said = dataclasses.replace(outcome, trace=trace, where=dataclasses.replace(outcome.where, unmodelled=found))
+    odds = 0.9 * PRIORS.odds["none"] * math.exp(5.0)
+    text, record = reported(said, tmp_path)
+    assert record["posterior"]["none_of_these"] == pytest.approx((0.1 + odds) / (1.0 + odds))
+    assert record["posterior"]["hypotheses"][0]["probability"] == pytest.approx(0.9 / (1.0 + odds))
+    assert record["confusable"]["models"][0]["share"] == 1.0  # if one of them is right
+    assert "9 in 10: none of these" in text
 
 
 def test_the_first_page_says_where_the_likeliest_model_is_not_what_was_added(outcome):

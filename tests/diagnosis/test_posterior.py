@@ -135,8 +135,43 @@ def test_a_vibration_of_one_output_shows_beside_others_that_are_white(frequency)
     assert gain > 20
 
 
+def test_noise_that_was_fitted_to_a_vibration_is_too_large_at_other_frequencies():
+    """The vibration moves with the speed, from 10 Hz to 15 Hz; how little is left below shows it in both drives."""
+    time = 0.01 * np.arange(12_000)
+    here, there = (
+        0.4 * lfilter([1.0, -0.9], [1.0], innovations(0.0, seed)[:, [0]], axis=0)
+        + np.sin(2 * np.pi * frequency * time)[:, None]
+        for seed, frequency in ((7, 10.0), (8, 15.0))
+    )
+    assert p.octaves([here[:, 0]], 3)[0][2] > PRIORS.misfit > p.octaves([there[:, 0]], 3)[0][2]
+    assert p.coloured([here], [there]) > 100
+    assert p.coloured([here], [innovations(0.0, 8)[:, :1]]) < 0  # where the held-out drives have all of it
+
+
 def test_what_is_coloured_in_the_fitted_drives_alone_is_no_evidence():
     assert p.coloured([innovations(0.5, 1)], [innovations(0.0, 2)]) < 0
+
+
+def test_what_was_found_beside_a_model_has_its_odds_there():
+    """Against hand-made odds: the second model is e^-2 as likely as the first one, what is unlisted beside it e^3."""
+    fits = [Fitted((), Point(np.zeros((0, 1)), np.zeros(0), np.zeros(0)), 0.0, 0.0) for _ in range(3)]
+    priors, differences = (-1.0, -2.0), (0.0, -1.0)
+    density, each = np.zeros(5), np.exp(np.add(priors, differences))
+    share = each / each.sum()
+    models = tuple(
+        p.Model((), fit, prior, density, p.Interval(d, d, d), s, 0.9 * s)
+        for fit, prior, d, s in zip(fits, priors, differences, share, strict=False)
+    )
+    found = p.Posterior(models, 0.1, density)
+    said = found.beside(fits[1], 3.0)
+    odds = 0.9 * share[1] * PRIORS.odds["none"] * math.exp(3.0)
+    assert said.none == pytest.approx((0.1 + odds) / (1.0 + odds))
+    assert [m.probability for m in said.models] == pytest.approx([0.9 * s / (1.0 + odds) for s in share])
+    assert [m.share for m in said.models] == [m.share for m in models]
+    assert found.beside(fits[1], 1e5).none == 1.0
+    assert found.beside(fits[2], 3.0) == found  # none of these
+    none = dataclasses.replace(found, models=tuple(dataclasses.replace(m, probability=0.0) for m in models), none=1.0)
+    assert none.beside(fits[1], 3.0) == none
 
 
 def test_ordinates_of_white_noise_are_exponential_across_gaps_and_have_its_power():

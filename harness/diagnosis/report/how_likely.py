@@ -23,7 +23,7 @@ _LEAST = 0.01
 
 def likely(outcome: Outcome) -> list[str]:
     """Return the likeliest explanations with their probabilities, if one of them is right, and that of none of them."""
-    found = outcome.trace.posterior
+    found = outcome.posterior
     if found is None:
         return []
     chosen = [m for m in found.models if m.share >= _LEAST]

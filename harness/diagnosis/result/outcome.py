@@ -21,6 +21,7 @@ from harness.diagnosis.result.value import Value
 from harness.diagnosis.result.verdict import Verdict, final_judgement, strays, verdict_of
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
+from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.validation import Judgement
 from harness.identification.judgement import judged_on
 from harness.identification.result import Judged
@@ -65,6 +66,14 @@ class Outcome:
     def cautions(self) -> tuple[str, ...]:
         """Parameters that a fit took to a bound, and whether the stated model could not have been driven."""
         return cautions(self.trace)
+
+    @property
+    def posterior(self) -> Posterior | None:
+        """How likely each model is; what has no name, where that was found, makes it likelier that none is right."""
+        found, unmodelled = self.trace.posterior, self.where.unmodelled
+        if found is None or unmodelled is None:
+            return found
+        return found.beside(self.trace.final, unmodelled.held_out_gain)
 
     @property
     def added(self) -> tuple[Hypothesis, ...]:

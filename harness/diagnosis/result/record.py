@@ -62,8 +62,8 @@ def _search(outcome: Outcome) -> dict[str, Callable[[], Any]]:
         "measured_ranges": lambda: _measured_ranges(trace.fitting.augmented),
         "unnamed": lambda: unmodelled_record(outcome.where.unmodelled),
         "rounds": lambda: [_round(r, outputs) for r in trace.rounds],
-        "posterior": lambda: _posterior(trace.posterior),
-        "confusable": lambda: _confusable(trace.posterior),
+        "posterior": lambda: _posterior(outcome.posterior),
+        "confusable": lambda: _confusable(outcome.posterior),
         "not_excited": lambda: [c.hypothesis.name for c in trace.rounds[0].candidates if not c.score.excited],
     }
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import expit, logsumexp, softmax
 from scipy.stats import chi2
 
 from harness.common.arrays import Floats
@@ -98,6 +98,23 @@ class Posterior:
                 for h, share in zip(alike.hypotheses, alike.shares, strict=True):
                     found[h] = found.get(h, 0.0) + m.probability * share
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def beside(self, fitted: Fitted, gain: float) -> Posterior:
+        """Return the probabilities where something unlisted was found beside a model.
+
+        Its odds are those of "none of these" there, times the factor by which it makes the held-out drives likelier.
+
+        Args:
+            fitted: The model with which it was found. Nothing changes if that is none of these.
+            gain: In log-likelihood of the held-out drives.
+        """
+        first, own = self.models[0], next((m for m in self.models if m.fitted is fitted), None)
+        if own is None or first.probability == 0.0:
+            return self
+        log_odds = own.difference.value + own.log_prior - first.log_prior + math.log(PRIORS.odds["none"]) + gain
+        taken = float(expit(math.log(first.probability) + log_odds))
+        models = tuple(replace(m, probability=m.probability * (1.0 - taken)) for m in self.models)
+        return replace(self, models=models, none=self.none + (1.0 - self.none) * taken)
 
 
 def blocks_of(values: Floats, time: Floats) -> Floats:
@@ -180,11 +197,13 @@ def octaves(series: Sequence[Floats], lowest: int) -> tuple[Floats, Floats]:
 
 
 def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats]) -> float:
-    """Return how much likelier the held-out drives are if something unmodelled adds to the innovations.
+    """Return how much likelier the held-out drives are if the innovations do not have the spectrum that they should.
 
-    It adds to their spectrum, octave by octave: what the fitted drives show, where that is the factor
-    ``PRIORS.misfit`` or more; in the octave of the output that shows most that factor in any case, because else
-    nothing would be claimed. The likelihood is that of Whittle (1953): ordinates of the periodogram are exponential.
+    What is unmodelled adds to it where it acts, and the noise that was fitted to that is too large elsewhere. What the
+    fitted drives show in an octave, where that differs by the factor ``PRIORS.misfit`` or more, the held-out ones
+    show in some of these octaves, each choice as likely as any other: a vibration moves with the speed. Where the
+    fitted drives show nothing it is that factor in the octave that shows most, because else nothing would be claimed.
+    The likelihood is that of Whittle (1953): ordinates of the periodogram are exponential.
 
     Args:
         fitted: Whitened innovations of the fitted drives ``(samples, ny)``.
@@ -201,10 +220,23 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats]) -> float:
         for known, new in zip((mean, count), octaves(there, lowest), strict=True):
             known.append(new)
     factors = np.concatenate(shown)
-    most = int(np.argmax(factors))
-    factors[most] = max(factors[most], PRIORS.misfit)
-    factors[factors < PRIORS.misfit] = 1.0
-    return float(np.concatenate(count) @ (np.concatenate(mean) * (1.0 - 1.0 / factors) - np.log(factors)))
+    differ = (factors >= PRIORS.misfit) | ((factors > 0.0) & (factors <= 1.0 / PRIORS.misfit))
+    if not differ.any():
+        differ[np.argmax(factors)] = True
+        factors[differ] = PRIORS.misfit
+    factors, means, counts = (v[differ] for v in (factors, np.concatenate(mean), np.concatenate(count)))
+    return _some_of(counts * (means * (1.0 - 1.0 / factors) - np.log(factors)))
+
+
+def _some_of(gains: Floats) -> float:
+    """Return the log likelihood ratio of all choices of some of several changes, each choice as likely as any other.
+
+    Args:
+        gains: In log-likelihood of each change ``(n,)``.
+    """
+    together = float(np.logaddexp(0.0, gains).sum())  # with the choice of none
+    some = together + math.log(-math.expm1(-together)) if together > 1e-6 else float(logsumexp(gains))
+    return some - math.log(2.0 ** len(gains) - 1.0)
 
 
 def farther(fitted: Floats, held_out: Floats) -> Floats:
