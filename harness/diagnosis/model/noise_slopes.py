@@ -48,17 +48,19 @@ class NoiseSlopes:
         whitening = kept.whitening * there[:, :, None] * there[:, None, :]
         linear = self._linear(drive, constants, kept.state[:, :nx])
         gain = np.ascontiguousarray(kept.gain[:, :nx])
-        found = []
+        columns = tuple(map(nonzero_columns, linear))
+        rows, ny = [], r.shape[1]
         for s in range(0, n, LANES):
-            columns = [min(j, n - 1) for j in range(s, s + LANES)]
+            lanes = [min(j, n - 1) for j in range(s, s + LANES)]
             parts = (directions.process, directions.measurement, first)
-            moved = tuple(np.ascontiguousarray(part[:, columns]) for part in parts)
-            ny = r.shape[1]
-            rows = np.zeros((len(r), ny + ny * (ny + 1) // 2, LANES))
-            self._vary(linear, tuple(map(nonzero_columns, linear)), gain, whitening, r, moved, rows)
-            found.append(rows.reshape(-1, LANES))
-        rows = np.concatenate(found, axis=1)[:, :n]
-        return rows.T @ _pull(r).reshape(-1), rows.T @ rows
+            moved = tuple(np.ascontiguousarray(part[:, lanes]) for part in parts)
+            found = np.zeros((len(r), ny + ny * (ny + 1) // 2, LANES))
+            self._vary(linear, columns, gain, whitening, r, moved, found)
+            rows.append(found.reshape(-1, LANES))
+        pull = _pull(r).reshape(-1)
+        gradient = np.concatenate([part.T @ pull for part in rows])
+        information = np.block([[one.T @ other for other in rows] for one in rows])
+        return gradient[:n], information[:n, :n]
 
     def _linear(self, drive: Drive, constants: Floats, states: Floats) -> tuple[Floats, Floats]:
         """Return the Jacobians of the next state and of the outputs at every sample ``(samples, ..., nx)``."""
