@@ -162,7 +162,8 @@ def run_changes(task: Task, console: Console) -> Changes:
 def drives_of(task: Task, augmented: AugmentedModel) -> tuple[list[Drive], list[Drive]]:
     """Return the fitted and the held-out drives of a task in terms of its model."""
     recordings = task.train + task.test
-    drives = [augmented.drive(r, name) for r, name in zip(recordings, names_of(recordings), strict=True)]
+    named = zip(recordings, names_of(recordings), strict=True)
+    drives = augmented.share(lambda one: augmented.drive(*one), named)
     return drives[: len(task.train)], drives[len(task.train) :]
 
 

@@ -47,6 +47,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import RLock
 from types import ModuleType
 from typing import Any
 
@@ -108,6 +109,7 @@ DUALS = Exchange({lanes: dual, lane_math: dual_functions, kernel_names: kernel_n
 _FROM = re.compile(r"^from[ \t]+(\.*[\w.]*)[ \t]+import\b", re.MULTILINE)
 _WHOLE = re.compile(r"^import[ \t]+([\w.]+)", re.MULTILINE)
 _generated: set[str] = set()
+_importing = RLock()
 
 
 def is_on_disk(function: Dispatcher) -> bool:
@@ -128,9 +130,12 @@ def load_source(stem: str, source: str) -> ModuleType:
     own = sorted((h for h in homes if h and is_own(h) and h.__name__ not in _generated), key=lambda h: h.__name__)
     covered = "\n".join([numba.__version__, np.__version__, digest(own), source])
     name = f"{stem}_{hashlib.sha256(covered.encode()).hexdigest()[:16]}"
-    _generated.add(name)
-    if name in sys.modules:
-        return sys.modules[name]
+    with _importing:
+        _generated.add(name)
+        return sys.modules.get(name) or _imported(name, source)
+
+
+def _imported(name: str, source: str) -> ModuleType:
     folder = cache_folder()
     path = folder / f"{name}.py"
     if not path.exists():

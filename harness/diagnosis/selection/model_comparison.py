@@ -222,7 +222,7 @@ class _Comparison:
         step = self.fits.augmented.spec.step
         samples = [max(1.0, h if math.isinf(h) else round(h / step)) for h in HORIZONS]
         each = zip(fitting.drives, fitting.candidates([point]), strict=True)
-        return tuple(self._prediction.of(drive, held, samples) for drive, held in each)
+        return tuple(fitting.augmented.share(lambda one: self._prediction.of(*one, samples), each))
 
     def _lacking(self, p: _Predicted) -> Floats:
         """Return by block how much likelier the held-out drives are if a model lacks something ``(blocks,)``."""
