@@ -17,7 +17,7 @@ from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis, coord
 from harness.diagnosis.selection import posterior as p
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import first_variances
-from harness.diagnosis.selection.priors import kind_of, log_odds, log_size, log_stand_in
+from harness.diagnosis.selection.priors import kind_of, log_odds, log_size, log_some_of, log_stand_in
 from harness.identification.coordinates import Coordinate
 from support.driven_car import FREE, driven
 
@@ -290,28 +290,43 @@ def test_what_the_parameter_set_states_is_how_far_a_value_may_be_off(augmented, 
         assert bool(beyond_belief(fitted, (added,))) == (added is many)
 
 
-def test_many_implausible_values_stand_for_something_unlisted():
-    """The odds are the ratio of two integrals over all values, here by quadrature; what is open says nothing."""
+def test_some_of_many_implausible_values_stand_for_something_unlisted():
+    """The odds are a ratio of integrals over the values, here by quadrature; what is open says nothing."""
     many = Hypothesis(ALL_PARAMETERS, "parameter", ("mass", "length"))
     grip = Coordinate("grip", "parameter", (0,), 0.0, -9.0, 9.0, True, "")
     mass = Coordinate("mass", "parameter", (1,), 0.0, -9.0, 9.0, True, "kg", prior=0.2, known=0.2)
     length = Coordinate("length", "parameter", (2,), 0.0, -9.0, 9.0, True, "m", prior=0.01, known=0.01)
     data = np.array([[400.0, 90.0, 0.0], [90.0, 150.0, 0.0], [0.0, 0.0, 0.0]])
-    information = data + np.diag([0.0, 0.2**-2, 0.01**-2])
+    of_mass = 150.0 - 90.0**2 / 400.0
 
-    def odds(likeliest):
+    def odds(likeliest, besides=()):
         """Return those of a likelihood whose maximum over the mass is there, the grip at zero."""
-        of_mass = 150.0 - 90.0**2 / 400.0
-        z = {"grip": 0.0, "mass": of_mass * likeliest / (of_mass + 0.2**-2), "length": 0.0}
-        point = SimpleNamespace(value=lambda c: math.exp(z[c.name]))
-        found = log_stand_in(SimpleNamespace(coordinates=(grip, mass, length), point=point), (many,), information)
+        held = dataclasses.replace(mass, prior=math.inf) if besides else mass  # added alone it has none
+        weight = held.prior**-2
+        z = {"grip": 0.0, "mass": of_mass * likeliest / (of_mass + weight), "length": 0.0}
+        fitted = SimpleNamespace(
+            coordinates=(grip, held, length), point=SimpleNamespace(value=lambda c: math.exp(z[c.name]))
+        )
+        found = log_stand_in(fitted, (many, *besides), data + np.diag([0.0, weight, 0.01**-2]))
         at = np.linspace(-9.0, 9.0, 200_001)
         likelihood = np.exp(-0.5 * of_mass * (at - likeliest) ** 2)
         wide, narrow = (likelihood @ stats.norm.pdf(at, scale=0.2 * k) for k in (PRIORS.implausible, 1.0))
-        assert found == pytest.approx(math.log(wide / narrow), abs=1e-6)
+        either = (wide / narrow + 1.0 + wide / narrow) / 3.0  # the mass, the length or both
+        assert found == pytest.approx(math.log(either), abs=1e-6)
         return found
 
     assert odds(0.1) < odds(0.3) < 0.0 < odds(0.8) < odds(2.0)
+    assert odds(0.8, (Hypothesis("mass", "parameter", ("mass",)),)) == pytest.approx(odds(0.8))
+
+
+def test_one_implausible_value_among_many_plausible_ones_is_enough():
+    gains = np.array([-1.0] * 17)
+    alone, beside = log_some_of(gains), log_some_of(np.append(gains, 12.0))
+    assert alone < -5.0
+    assert beside > 4.0
+    assert log_some_of(np.array([3.0])) == pytest.approx(3.0)
+    assert log_some_of(np.full(4, 800.0)) == pytest.approx(3200.0 - math.log(15.0))
+    assert log_some_of(np.full(4, -800.0)) == pytest.approx(-800.0 + math.log(4.0 / 15.0))
 
 
 @pytest.fixture(scope="module")

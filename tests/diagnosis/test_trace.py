@@ -134,6 +134,8 @@ def test_many_parameters_that_nobody_would_state_so_wrongly_are_not_believed(aug
     assert beyond_belief(fit(many, **wrong), (many,)) == "CoG to front axle 2.5, yaw inertia 0.5"
     mass = next(h for h in hypotheses(augmented, FREE) if h.name == "mass")
     assert not beyond_belief(fit(mass, mass=2.5), (mass,))
+    both = Fitted(coordinates(augmented, FREE, (many, mass), 1), fit(mass, mass=2.5).point, 0.0, 0.0)
+    assert beyond_belief(both, (many, mass)) == "mass 2.5"  # beside many it is one of them
 
     def verdict(**factors):
         after, last = SimpleNamespace(normalised_excess_mse=0.01), SimpleNamespace(added=None, candidates=())

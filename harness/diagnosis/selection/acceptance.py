@@ -148,13 +148,14 @@ def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
 
     Args:
         fitted: A fit.
-        added: What it holds; only the hypothesis that many parameters are wrong at once has such factors.
+        added: What it holds; only the hypothesis that many parameters are wrong at once has such factors, of which
+            one that was added besides is one.
     """
     many = {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes}
     factors = {}
     for at in (c for c in fitted.coordinates if c.name in many):
         away = at.coordinate(fitted.point.value(at)) - at.centre
-        if abs(away) > PRIORS.implausible * at.prior:
+        if abs(away) > PRIORS.implausible * at.known:
             factors[words(at.name)] = math.exp(away)
     worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]
     return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)

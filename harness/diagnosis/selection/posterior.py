@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, logsumexp, softmax
+from scipy.special import expit, softmax
 from scipy.stats import chi2
 
 from harness.common.arrays import Floats
@@ -27,6 +27,7 @@ from harness.diagnosis.criteria import BLOCK, MASS, PRIORS
 from harness.diagnosis.fitting.fit import Fitted
 from harness.diagnosis.innovations.prediction import Ahead
 from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.selection.priors import log_some_of
 from harness.identification.data import Drive
 
 _DRAWS = 1000
@@ -225,18 +226,7 @@ def coloured(fitted: Sequence[Floats], held_out: Sequence[Floats]) -> float:
         differ[np.argmax(factors)] = True
         factors[differ] = PRIORS.misfit
     factors, means, counts = (v[differ] for v in (factors, np.concatenate(mean), np.concatenate(count)))
-    return _some_of(counts * (means * (1.0 - 1.0 / factors) - np.log(factors)))
-
-
-def _some_of(gains: Floats) -> float:
-    """Return the log likelihood ratio of all choices of some of several changes, each choice as likely as any other.
-
-    Args:
-        gains: In log-likelihood of each change ``(n,)``.
-    """
-    together = float(np.logaddexp(0.0, gains).sum())  # with the choice of none
-    some = together + math.log(-math.expm1(-together)) if together > 1e-6 else float(logsumexp(gains))
-    return some - math.log(2.0 ** len(gains) - 1.0)
+    return log_some_of(counts * (means * (1.0 - 1.0 / factors) - np.log(factors)))
 
 
 def farther(fitted: Floats, held_out: Floats) -> Floats:

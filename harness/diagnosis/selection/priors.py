@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import logsumexp
 
 from harness.common.arrays import Floats
 from harness.diagnosis.criteria import PRIORS
@@ -54,12 +55,12 @@ def log_size(fitted: Fitted, added: Sequence[Hypothesis]) -> float:
 
 
 def log_stand_in(fitted: Fitted, added: Sequence[Hypothesis], information: Floats) -> float:
-    """Return the log odds by which the values of many parameters at once rather stand for something unlisted.
+    """Return the log odds by which values of many parameters at once rather stand for something unlisted.
 
-    Values that are only stated wrongly scatter as they are known to. Many that a fit moves to take up what no
-    hypothesis holds scatter ``PRIORS.implausible`` times as widely, the width at which a single one is not believed.
-    Both are normal, and the likelihood too (Laplace's approximation about the fit), so the integral over all values
-    is known. A single one that is added alone is free to be off by any factor.
+    Values that are only stated wrongly scatter as they are known to. Some of many that a fit moves may take up what no
+    hypothesis holds, and those scatter ``PRIORS.implausible`` times as widely, the width at which a single one is not
+    believed. Both are normal, and the likelihood too (Laplace's approximation about the fit), each value with all
+    others open. A single one that is added alone is free to be off by any factor; beside many it is one of them.
 
     Args:
         fitted: A fit.
@@ -67,17 +68,29 @@ def log_stand_in(fitted: Fitted, added: Sequence[Hypothesis], information: Float
         information: Fisher information, with that of the priors, on what the fit moved ``(n, n)``.
     """
     many = {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes}
-    rows = [i for i, c in enumerate(fitted.coordinates) if c.name in many]
-    moved = [fitted.coordinates[i] for i in rows]
-    known = np.array([c.known for c in moved])
-    z = np.array([c.coordinate(fitted.point.value(c)) - c.centre for c in moved])
-    left = marginal(information, rows) * np.outer(known, known)
-    values, vectors = np.linalg.eigh(left - np.eye(len(rows)))  # the drives' own
-    values = np.maximum(values, 0.0)
-    pull = (1.0 + values) * (vectors.T @ (z / known))  # where the prior's holds it in balance
+    gains = []
+    for i, c in enumerate(fitted.coordinates):
+        if c.name in many:
+            held = (c.known / c.prior) ** 2  # by its prior; not at all where it is free
+            seen = max(0.0, float(marginal(information, [i])[0, 0]) * c.known**2 - held)  # by the drives
+            pull = (seen + held) * (c.coordinate(fitted.point.value(c)) - c.centre) / c.known
+            wide, narrow = (_log_evidence(seen, pull, width) for width in (PRIORS.implausible, 1.0))
+            gains.append(wide - narrow)
+    return log_some_of(np.array(gains))
 
-    def evidence(width: float) -> float:
-        total = values + width**-2.0
-        return float(0.5 * (pull**2 / total - np.log(width**2 * total)).sum())
 
-    return evidence(PRIORS.implausible) - evidence(1.0)
+def _log_evidence(seen: float, pull: float, width: float) -> float:
+    """Return the integral of ``exp(pull x - seen x^2 / 2)`` over a normal prior of a standard deviation, as logarithm."""
+    total = seen + width**-2.0
+    return 0.5 * (pull**2 / total - math.log(width**2 * total))
+
+
+def log_some_of(gains: Floats) -> float:
+    """Return the log likelihood ratio of all choices of some of several changes, each choice as likely as any other.
+
+    Args:
+        gains: In log-likelihood of each change ``(n,)``.
+    """
+    together = float(np.logaddexp(0.0, gains).sum())  # with the choice of none
+    some = together + math.log(-math.expm1(-together)) if together > 1e-6 else float(logsumexp(gains))
+    return some - math.log(2.0 ** len(gains) - 1.0)
