@@ -183,13 +183,15 @@ class AugmentedModel(FilteredModel):
     def stated_std(self, name: str) -> float:
         """Return the standard deviation by which a stated value may be off where it is in question, in its unit.
 
-        It is the one that the parameter set states; else the share ``PRIORS.stated`` of a positive value, and
-        ``PRIORS.length`` of one that says where something is on the vehicle. Infinite for what is not stated.
+        It is the one that the parameter set states; else the share ``PRIORS.stated`` of a value that is positive by
+        nature, and ``PRIORS.length`` of one that says where something is on the vehicle. Infinite for what is not
+        stated.
         """
         if name not in self.spec.values:
             return math.inf
         share = PRIORS.length if name in self._lengths else PRIORS.stated
-        usual = share * self.spec.values[name] if self.model.parameters[self.row(name)].lower > 0 else math.inf
+        value = self.spec.values[name]
+        usual = share * value if value > 0 and self.model.parameters[self.row(name)].lower >= 0 else math.inf
         return self._stated_std.get(name, usual)
 
     @functools.cached_property

@@ -90,13 +90,17 @@ def hypotheses(augmented: AugmentedModel, free: Sequence[str]) -> tuple[Hypothes
     """Return everything to be tried on a model whose ``free`` parameters are fitted anyway.
 
     An effect that belongs to tyres or bodies is tried at each place and at all of them at once. All parameters at
-    once are those that cannot be negative: each moves by a share of its value. The delays of all channels are tried at
+    once are those of which is known how far they may be off. The delays of all channels are tried at
     once as well: of four clocks that differ none alone explains much, and other effects resemble their sum. Gyroscopes
     of one logger drift together or not at all.
     """
     fixed = [p for p in augmented.nominal.parameters if p.name not in free and p.lower < p.upper and not p.numerical]
     found = [Hypothesis(p.name, "parameter", (p.name,)) for p in fixed]
-    found.append(Hypothesis(ALL_PARAMETERS, "parameter", tuple(p.name for p in fixed if p.lower > 0)))
+    found.append(
+        Hypothesis(
+            ALL_PARAMETERS, "parameter", tuple(p.name for p in fixed if math.isfinite(augmented.stated_std(p.name)))
+        )
+    )
     everywhere: dict[str, list[Hypothesis]] = {}
     for name in augmented.placements:
         one = _effect(augmented, name)

@@ -154,10 +154,10 @@ def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
     many = {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes}
     factors = {}
     for at in (c for c in fitted.coordinates if c.name in many):
-        away = at.coordinate(fitted.point.value(at)) - at.centre
-        if abs(away) > PRIORS.implausible * at.known:
-            factors[words(at.name)] = math.exp(away)
-    worst = sorted(factors, key=lambda n: -abs(math.log(factors[n])))[:3]
+        value = fitted.point.value(at)
+        if abs(at.coordinate(value) - at.centre) > PRIORS.implausible * at.known:
+            factors[words(at.name)] = value / at.value(at.centre)
+    worst = sorted(factors, key=lambda n: -abs(math.log(max(factors[n], 1e-9))))[:3]
     return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)
 
 

@@ -80,7 +80,7 @@ def log_stand_in(fitted: Fitted, added: Sequence[Hypothesis], information: Float
 
 
 def _log_evidence(seen: float, pull: float, width: float) -> float:
-    """Return the integral of ``exp(pull x - seen x^2 / 2)`` over a normal prior of a standard deviation, as logarithm."""
+    """Return the logarithm of the integral of ``exp(pull x - seen x^2 / 2)`` over a normal prior."""
     total = seen + width**-2.0
     return 0.5 * (pull**2 / total - math.log(width**2 * total))
 
