@@ -1,15 +1,26 @@
 """Random processes in a round: what they promise, alone and several at once, and which of them are fitted."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from harness.config import resolve_single
-from harness.diagnosis.fitting.fit import Point
+from harness.diagnosis.criteria import PRIORS
+from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.model.augmented_model import AugmentedModel
-from harness.diagnosis.model.hypotheses import SENSOR_DRIFTS, Hypothesis, hypotheses, still_open
+from harness.diagnosis.model.hypotheses import (
+    ALL_PARAMETERS,
+    SENSOR_DRIFTS,
+    Hypothesis,
+    coordinates,
+    hypotheses,
+    still_open,
+)
 from harness.diagnosis.selection import selection_round as rounds
+from harness.diagnosis.selection.acceptance import beyond_belief
+from harness.diagnosis.selection.priors import log_size
 from harness.diagnosis.selection.random_scores import random_scores
 from harness.models.signals import SIGNALS
 
@@ -93,6 +104,23 @@ def test_a_parameter_is_sought_where_it_is_possible_beside_the_others(truck):
     assert upper == truck.model.parameters[truck.row("trailer_length")].upper
     mass = truck.model.parameters[truck.row("trailer_mass")]
     assert truck.possible_range("trailer_mass", values) == (mass.lower, mass.upper)
+
+
+def test_where_an_axle_is_may_be_off_like_other_lengths_though_it_may_be_at_the_rear_wall(truck):
+    """Beside many wrong values one that was added besides, 23 % off, is none that anybody would have measured."""
+    named = {h.name: h for h in hypotheses(truck, ())}
+    many, axle = named[ALL_PARAMETERS], named["axle_23_from_rear"]
+    stated, row = truck.spec.values["axle_23_from_rear"], truck.row("axle_23_from_rear")
+    assert truck.stated_std("axle_23_from_rear") == pytest.approx(PRIORS.length * stated)
+    assert truck.stated_std("reference_from_cog") == math.inf  # ahead of the CoG or behind it
+    assert {"axle_23_from_rear", "tractor_cog_to_kingpin"} < set(many.amplitudes)
+    assert "reference_from_cog" not in many.amplitudes
+    values = truck.stated()[:, None]
+    values[row] *= 0.77
+    for added, said in (((axle,), ""), ((many, axle), "axle 23 from rear 0.77"), ((many,), "axle 23 from rear 0.77")):
+        fitted = Fitted(coordinates(truck, (), added, 1), Point(values, np.zeros(0), np.zeros(0)), 0.0, 0.0)
+        assert beyond_belief(fitted, added) == said
+        assert log_size(fitted, added) == pytest.approx(-0.5 * (0.23 / PRIORS.length) ** 2)
 
 
 def test_a_truck_with_two_gyroscopes_has_one_hypothesis_that_both_drift(truck):
