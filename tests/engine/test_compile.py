@@ -1,5 +1,7 @@
 """Compiled models: derivatives against finite differences, integrators against closed forms, the cache."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -208,3 +210,10 @@ def test_cache_reuses_equal_source_and_refuses_an_unwritable_folder(tmp_path, mo
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "file"))
     with pytest.raises(UserError, match="HARNESS_CACHE"):
         load_source("probe", "VALUE = 3\n")
+
+
+def test_threads_that_ask_for_the_same_source_get_it_whole(tmp_path, monkeypatch):
+    monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
+    slow = "import time\ntime.sleep(0.2)\nVALUE = 1\n"
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(lambda _: load_source("slow", slow).VALUE, range(2))) == [1, 1]
