@@ -378,7 +378,9 @@ def library(vehicle):
     placed = tuple(n for n in there if not getattr(load_effect(n), "NOISE", None))
     files = tuple(dict.fromkeys([*(split(n)[0] for n in placed), *PROCESSES]))
     names = assemble(spec.vehicle, spec.tyre, files, spec.sensors, optional=True).parameter_names
-    return SimpleNamespace(nominal=spec.model(), placements=placed, processes=PROCESSES, names=names)
+    return SimpleNamespace(
+        nominal=spec.model(), placements=placed, processes=PROCESSES, names=names, stated_std=lambda name: math.inf
+    )
 
 
 @pytest.mark.parametrize("vehicle", sorted(NOMINAL))

@@ -1,6 +1,7 @@
 """The sentence that opens a report: what the vehicle lacks, what the recordings have, which values were wrong."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -67,7 +68,8 @@ def test_what_is_named_of_something_unresolved_is_a_part_of_it():
 
 
 def test_a_value_by_an_implausible_factor_is_no_explanation():
-    coordinate = parameter_coordinate(Parameter("mass", "m", "kg", 1.0, 1e6, ""), 0, 24_000.0, 0.2, 1.0)
+    mass = parameter_coordinate(Parameter("mass", "m", "kg", 1.0, 1e6, ""), 0, 24_000.0, 0.2, 1.0)
+    coordinate = replace(mass, known=mass.prior)
     point = SimpleNamespace(value=lambda c: 10 * 24_000.0)
     trace = SimpleNamespace(
         added=(MANY,),
