@@ -317,7 +317,17 @@ def test_a_disturbance_without_a_name_makes_it_likelier_that_no_name_is_right(ou
     assert record["posterior"]["none_of_these"] == pytest.approx((0.1 + odds) / (1.0 + odds))
     assert record["posterior"]["hypotheses"][0]["probability"] == pytest.approx(0.9 / (1.0 + odds))
     assert record["confusable"]["models"][0]["share"] == 1.0  # if one of them is right
-    assert "9 in 10: none of these" in text
+    assert likely(said) == [
+        "9 in 10: none of the following; something else is there, in place of them or beside them",
+        "if one is right, more than 99 in 100: steering lag (0 ms)",
+    ]
+    assert "9 in 10: none of the following" in text
+
+
+def weighed(outcome, posterior):
+    """Return an outcome with probabilities, and nothing that has no name."""
+    where = dataclasses.replace(outcome.where, unmodelled=None)
+    return dataclasses.replace(outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior), where=where)
 
 
 def test_the_first_page_says_where_the_likeliest_model_is_not_what_was_added(outcome):
@@ -328,7 +338,7 @@ def test_the_first_page_says_where_the_likeliest_model_is_not_what_was_added(out
         Model((), fitted, 0.0, zero, Interval(-99.0, -120.0, -80.0), 0.001, 0.001),
     )
     posterior = Posterior(models, 0.0, zero)
-    said = likely(dataclasses.replace(outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior)))
+    said = likely(weighed(outcome, posterior))
     assert said[0].startswith("more than 99 in 100: steering lag")
     assert said[1] == "less than 1 in 100: what the search added; its criteria differ"
 
@@ -348,7 +358,7 @@ def test_what_is_less_likely_is_told_by_what_it_has_in_place_of_the_likeliest(ou
             Model(added, fitted, 0.0, zero, alone, 0.3, 0.3),
         )
         posterior = Posterior(models, 0.0, zero)
-        return likely(dataclasses.replace(outcome, trace=dataclasses.replace(outcome.trace, posterior=posterior)))[:2]
+        return likely(weighed(outcome, posterior))[:2]
 
     assert told(lag, roll) == [
         "7 in 10: steering lag, accelerometer roll and sensor lever arm",

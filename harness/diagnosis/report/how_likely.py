@@ -35,9 +35,10 @@ def likely(outcome: Outcome) -> list[str]:
     own = next((m for m in found.models if frozenset(a.hypotheses[0] for a in m.added) == added), None)
     if own is not None and own not in shown:
         lines.append(f"{in_words(own.share)}: what the search added; its criteria differ")
-    if found.none >= _LEAST:
-        lines.append(f"{in_words(found.none)}: none of these; something else is there, in place of them or beside them")
-    return lines
+    beside = "something else is there, in place of them or beside them"
+    if found.none > 0.5:
+        return [f"{in_words(found.none)}: none of the following; {beside}", *(f"if one is right, {s}" for s in lines)]
+    return [*lines, f"{in_words(found.none)}: none of these; {beside}"] if found.none >= _LEAST else lines
 
 
 def in_words(probability: float) -> str:
