@@ -152,13 +152,13 @@ def beyond_belief(fitted: Fitted, added: Sequence[Hypothesis]) -> str:
             one that was added besides is one.
     """
     many = {n for h in added if h.name == ALL_PARAMETERS for n in h.amplitudes}
-    factors = {}
+    beyond: list[tuple[float, str]] = []
     for at in (c for c in fitted.coordinates if c.name in many):
         value = fitted.point.value(at)
-        if abs(at.coordinate(value) - at.centre) > PRIORS.implausible * at.known:
-            factors[words(at.name)] = value / at.value(at.centre)
-    worst = sorted(factors, key=lambda n: -abs(math.log(max(factors[n], 1e-9))))[:3]
-    return ", ".join(f"{n} {factors[n]:.2g}" for n in worst)
+        deviations = abs(at.coordinate(value) - at.centre) / at.known
+        if deviations > PRIORS.implausible:
+            beyond.append((deviations, f"{words(at.name)} {value / at.value(at.centre):.2g}"))
+    return ", ".join(said for _, said in sorted(beyond, reverse=True)[:3])
 
 
 def preferred(passing: Sequence[Candidate]) -> Candidate | None:
