@@ -244,6 +244,16 @@ def test_resampling_keeps_what_the_grid_carries_and_no_alias():
     )  # without the low pass it would fold to 7 Hz
 
 
+@pytest.mark.parametrize(("rate", "offset"), [(200.0, 0.0), (200.0, 0.0013), (128.0, 0.002), (1000.0, 0.0)])
+def test_white_noise_is_white_on_a_coarser_grid(rate, offset):
+    time = np.arange(0, 600, 1 / rate)
+    grid = np.arange(1, 599, STEP) + offset
+    found = onto_grid(time, np.random.default_rng(0).standard_normal(len(time)), grid, 0.1)
+    assert found.var() == pytest.approx(1 / (STEP * rate), rel=0.03)
+    lags = [float(np.mean(found[k:] * found[:-k]) / found.var()) for k in range(1, 9)]
+    assert np.abs(lags).max() < 4 / np.sqrt(len(grid))
+
+
 def test_uneven_stamps_are_joined_without_bias():
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(0.008, 0.012, 4000))
