@@ -164,17 +164,17 @@ class Linearisation:
             moved: Directions of the state ``(nx, n)``.
             rows: States whose derivatives are wanted.
         """
-        n, shape = len(values), (len(self.augmented.model.states), len(self.augmented.model.outputs))
-        ahead, outputs = np.empty((len(states), len(rows), n)), np.empty((len(states), shape[1], n))
+        n, shape = len(values), (len(rows), len(self.augmented.model.outputs))
+        ahead, outputs = (np.empty((len(states), size, n)) for size in shape)
         for s in range(0, n, LANES):
             columns = [min(j, n - 1) for j in range(s, s + LANES)]
             both = np.column_stack([*(values[j] for j in columns), *(parameters[j] for j in columns)])
             parts = [np.empty((len(states), size, LANES)) for size in shape]
             directions = np.ascontiguousarray(moved[:, columns])
             constants = self._compiled.constants(both)
-            self._tangents(drive.inputs, drive.between, constants, states, directions, *parts)
-            ahead[:, :, s : s + LANES] = parts[0][:, rows, : n - s]
-            outputs[:, :, s : s + LANES] = parts[1][:, :, : n - s]
+            self._tangents(drive.inputs, drive.between, constants, states, directions, rows, *parts)
+            for found, part in zip((ahead, outputs), parts, strict=True):
+                found[:, :, s : s + LANES] = part[:, :, : n - s]
         return ahead, outputs
 
 

@@ -21,7 +21,7 @@ from harness.engine.simd.memory import borrowed, retain
 from harness.identification.time_loops import fill
 
 
-def tangents(u, between, constants, states, directions, ahead, outputs):
+def tangents(u, between, constants, states, directions, rows, ahead, outputs):
     """Write the derivatives of the next state and of the outputs along eight directions; over dual numbers only.
 
     Args:
@@ -30,7 +30,8 @@ def tangents(u, between, constants, states, directions, ahead, outputs):
         constants: Values and derivatives ``(nc, LANES)``.
         states: ``(samples, nx)``.
         directions: Of the state ``(nx, lanes)``.
-        ahead: Derivatives of the next state, written ``(samples, nx, lanes)``.
+        rows: States whose derivatives are wanted.
+        ahead: Their derivatives at the next sample, written ``(samples, rows, lanes)``.
         outputs: Of the outputs, written ``(samples, ny, lanes)``.
     """
     samples, nu = u.shape
@@ -39,7 +40,8 @@ def tangents(u, between, constants, states, directions, ahead, outputs):
         (np.empty((NW, LANES)), np.empty((nu, LANES))),
     )
     (x, xn, y), (w, u_now) = borrowed(owned)
-    u, between, constants, states, ahead, outputs = borrowed((u, between, constants, states, ahead, outputs))
+    u, between, constants, states, rows = borrowed((u, between, constants, states, rows))
+    ahead, outputs = borrowed((ahead, outputs))
     for k in range(samples):
         for i in range(NX):
             put(with_tangent(plain.splat(states[k, i]), plain.get(directions, i)), x, i)
@@ -49,8 +51,8 @@ def tangents(u, between, constants, states, directions, ahead, outputs):
             plain.put(tangent_of(get(y, a)), outputs, k, a)
         fill(between[k], u_now)
         next_state(x, u_now, constants, xn, w)
-        for i in range(NX):
-            plain.put(tangent_of(get(xn, i)), ahead, k, i)
+        for i in range(len(rows)):
+            plain.put(tangent_of(get(xn, rows[i])), ahead, k, i)
     retain(owned)
 
 
