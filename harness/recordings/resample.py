@@ -10,14 +10,24 @@ import scipy
 
 from harness.common.arrays import Floats, Mask
 
-_ROLL_OFF = 1.0 / 3.0
-"""Share of the new Nyquist frequency over which the low pass falls, below it and above it."""
-_REACH = 8
-"""Steps of the grid on either side over which it weighs samples; behind that it would add less than 60 dB."""
+_WIDEST = 1.0 / 3.0
+"""Share of the Nyquist frequency over which a low pass falls, below it and above it, where samples allow that."""
+_NARROWEST = 0.025
+"""The same where they come hardly faster than the instants; of white noise so much is left out or counted twice."""
+_REACH = 10.0
+"""Steps on either side over which the widest one weighs samples."""
+_JOINED = 100
+"""Samples on either side over which they are joined."""
+_KAISER = 9.0
+"""Parameter of the window over these: its side lobes lie 90 dB lower."""
 _PARTS = 256
-"""Of a step of the grid, for each of which a weight is computed."""
+"""Of a step, for each of which a weight is computed."""
+_TURNS = 8
+"""Times its reach after which a pulse of the low pass repeats itself."""
 _AT_ONCE = 1_000_000
 """Weights."""
+_ON_TIME = 1e-6
+"""Samples by which an instant may be beside one to be its own."""
 _AS_OFTEN = 1.05
 """Steps of a grid up to which samples come as often as its instants."""
 _BESIDE = 0.75
@@ -34,8 +44,9 @@ def segments(time: Floats, largest_gap: float) -> list[slice]:
 def onto_grid(time: Floats, values: Floats, grid: Floats, largest_gap: float, hold: bool = False) -> Floats:
     """Return a channel at the instants of a grid.
 
-    Where the grid is coarser than the samples, a linear-phase low pass takes out what the grid cannot carry and leaves
-    white noise white; else the samples are joined by Akima's spline, which does not ring around steps and spikes.
+    The samples are joined by a band-limited function; where the grid is coarser, without what it cannot carry. White
+    noise stays white: a filter takes noise that is white as evidence, and other noise as something that its model
+    lacks. Samples that come at the instants are left as they are.
 
     Args:
         time: Increasing instants of the samples in s, shape ``(samples,)``.
@@ -61,8 +72,7 @@ def onto_grid(time: Floats, values: Floats, grid: Floats, largest_gap: float, ho
         elif len(t) == 1:
             result[first:last] = x[0]
         else:
-            at = np.clip(wanted, t[0], t[-1])
-            result[first:last] = _low_pass(t, x, usual, step, at) if step > 1.2 * usual else _join(t, x, at)
+            result[first:last] = _band_limited(t, x, usual, step, np.clip(wanted, t[0], t[-1]))
     return result
 
 
@@ -99,39 +109,55 @@ def first_order_lag(values: Floats, step: float, time_constant: float) -> Floats
     return result
 
 
-def _low_pass(time: Floats, values: Floats, usual: float, step: float, wanted: Floats) -> Floats:
-    """Return a stretch without what a grid of ``step`` cannot carry, at some instants inside of it.
-
-    A filter takes noise that is white after it as evidence, and noise that is not as something that its model lacks.
-    """
+def _band_limited(time: Floats, values: Floats, usual: float, step: float, wanted: Floats) -> Floats:
+    """Return a stretch at some instants inside of it, without what a grid of ``step`` cannot carry."""
     fine = np.linspace(time[0], time[-1], 1 + int(np.maximum(np.rint(np.diff(time) / usual), 1.0).sum()))
-    apart = fine[1] - fine[0]
-    taps = int(2 * _REACH * step / apart) + 2
-    padded = np.pad(_join(time, values, fine), taps, mode="reflect", reflect_type="odd")
-    found = np.empty(len(wanted))
-    many = max(1, _AT_ONCE // taps)
+    apart, joined = float(fine[1] - fine[0]), _join(time, values, fine)
+    places = (wanted - fine[0]) / apart
+    if step > (1.0 + _NARROWEST) * apart:
+        unit, (distances, pulse) = step, _low_pass(min(step / apart - 1.0, _WIDEST))
+    else:
+        own = np.rint(places).astype(int)
+        if np.all(np.abs(places - own) < _ON_TIME):
+            return joined[own]
+        unit, (distances, pulse) = apart, _interpolation()
+    taps = int(2 * distances[-1] * unit / apart) + 2
+    padded = np.pad(joined, taps, mode="reflect", reflect_type="odd")
+    found, many = np.empty(len(wanted)), max(1, _AT_ONCE // taps)
     for begin in range(0, len(wanted), many):
-        at = (wanted[begin : begin + many] - fine[0]) / apart
-        samples = np.floor(at).astype(int)[:, None] + np.arange(1 - taps // 2, taps - taps // 2 + 1)
-        distance = np.abs(samples - at[:, None]) * (apart / step)
-        weights = np.interp(distance * _PARTS, np.arange(_REACH * _PARTS + 1), _pulse(), right=0.0)
+        at = places[begin : begin + many, None]
+        samples = np.floor(at).astype(int) + np.arange(1 - taps // 2, taps - taps // 2 + 1)
+        weights = np.interp(np.abs(samples - at) * (apart / unit), distances, pulse, right=0.0)
         found[begin : begin + many] = (weights * padded[samples + taps]).sum(axis=1) / weights.sum(axis=1)
     return found
 
 
 @functools.cache
-def _pulse() -> Floats:
-    """Return the impulse response of the low pass over the distance in steps of the grid.
+def _interpolation() -> tuple[Floats, Floats]:
+    """Return distances in samples, and the weight of a sample there: a sinc within a window of Kaiser (1974).
 
-    It is the scaling function of Meyer (1985; Daubechies 1992, 5.2): its transfer function is 1 up to two thirds of the
-    Nyquist frequency and 0 from four thirds on, and what its square loses below the Nyquist frequency comes back by
-    folding from above. So pulses a whole number of steps apart are orthogonal, and samples of white noise independent.
+    Up to close below the Nyquist frequency it shifts samples in time and changes nothing else of them.
     """
-    frequency, width = np.linspace(0.0, 0.5 * (1.0 + _ROLL_OFF), 4001, retstep=True)
-    x = np.clip((2.0 * frequency - (1.0 - _ROLL_OFF)) / (2.0 * _ROLL_OFF), 0.0, 1.0)
+    distances = np.arange(_JOINED * _PARTS + 1) / _PARTS
+    return distances, np.sinc(distances) * np.kaiser(2 * len(distances) - 1, _KAISER)[len(distances) - 1 :]
+
+
+@functools.cache
+def _low_pass(roll_off: float) -> tuple[Floats, Floats]:
+    """Return distances in steps of the grid, and the weight of a sample there.
+
+    The pulse is Meyer's scaling function (1985; Daubechies 1992, 5.2): its transfer function is 1 up to ``1 -
+    roll_off`` of the Nyquist frequency and 0 from ``1 + roll_off`` on, and what its square loses below the Nyquist
+    frequency folds back from above. So pulses a whole number of steps apart are orthogonal, and samples of white noise
+    stay independent.
+    """
+    reach = _REACH * _WIDEST / roll_off
+    long = int(_TURNS * reach)
+    frequency = np.arange(long * _PARTS // 2 + 1) / long
+    x = np.clip((2.0 * frequency - (1.0 - roll_off)) / (2.0 * roll_off), 0.0, 1.0)
     gain = np.cos(0.5 * np.pi * x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3))
-    distance = np.arange(_REACH * _PARTS + 1) / _PARTS
-    return np.asarray(np.trapezoid(np.cos(2.0 * np.pi * np.outer(distance, frequency)) * gain, dx=float(width)))
+    distances = np.arange(int(reach * _PARTS) + 1) / _PARTS
+    return distances, np.fft.irfft(gain)[: len(distances)]
 
 
 def _join(time: Floats, values: Floats, wanted: Floats) -> Floats:

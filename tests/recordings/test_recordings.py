@@ -244,14 +244,22 @@ def test_resampling_keeps_what_the_grid_carries_and_no_alias():
     )  # without the low pass it would fold to 7 Hz
 
 
-@pytest.mark.parametrize(("rate", "offset"), [(200.0, 0.0), (200.0, 0.0013), (128.0, 0.002), (1000.0, 0.0)])
-def test_white_noise_is_white_on_a_coarser_grid(rate, offset):
-    time = np.arange(0, 600, 1 / rate)
-    grid = np.arange(1, 599, STEP) + offset
+@pytest.mark.parametrize(
+    ("rate", "offset"),
+    [(200.0, 0.0), (200.0, 0.0013), (128.0, 0.002), (1000.0, 0.0), (104.0, 0.002), (100.0, 0.003), (100.0, 0.005)],
+)
+def test_white_noise_is_white_on_a_grid_beside_the_samples(rate, offset):
+    time = np.arange(0, 602, 1 / rate)
+    grid = np.arange(1, 601, STEP) + offset
     found = onto_grid(time, np.random.default_rng(0).standard_normal(len(time)), grid, 0.1)
     assert found.var() == pytest.approx(1 / (STEP * rate), rel=0.03)
     lags = [float(np.mean(found[k:] * found[:-k]) / found.var()) for k in range(1, 9)]
     assert np.abs(lags).max() < 4 / np.sqrt(len(grid))
+
+
+def test_samples_that_come_at_the_instants_are_left_as_they_are():
+    values = np.random.default_rng(0).standard_normal(len(TIME))
+    np.testing.assert_array_equal(onto_grid(TIME + 0.013, values, TIME[50:-50] + 0.013, 0.1), values[50:-50])
 
 
 def test_uneven_stamps_are_joined_without_bias():
