@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 import numpy as np
 import scipy
@@ -89,7 +89,7 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
         UserError: If a channel is not in the file, has no clock, holds no number, or nothing is left between start
             and stop.
     """
-    clocks: dict[int, Clock] = {}
+    clocks: dict[tuple[int, str | None], Clock] = {}
     found = []
     for channel in channels.channels:
         place = next((n for n, table in enumerate(tables) if channel.channel in table.columns), None)
@@ -98,23 +98,49 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
             raise UserError(
                 f"{channel.where}: {file} has no channel '{channel.channel}'{closest(channel.channel, names)}"
             )
-        if place not in clocks:
-            clocks[place] = _clock(tables[place], channels, file, channel)
-        found.append(_raw(tables[place].columns[channel.channel], channel, clocks[place], channels, file))
+        key = place, _named_clock(tables[place], channels, file, channel)
+        if key not in clocks:
+            clocks[key] = _clock(tables[place], key[1], channels, file, channel)
+        found.append(_raw(tables[place].columns[channel.channel], channel, clocks[key], channels, file))
     return found, next(iter(clocks.values()))
 
 
-def _clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> Clock:
-    """Return the clock of a table, cut to start and stop, by the map, the format or the rate."""
+def _named_clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> str | None:
+    """Return the clock of a channel: of those of the map in its table the one in the same structure, or the format's.
+
+    Vectors of the same length are one table, also where each message of a bus has stamps of its own.
+    """
+
+    def shared(clock: str) -> int:
+        parts = zip(clock.split("."), channel.channel.split("."), strict=False)
+        return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
+
+    mapped = [c for c in channels.clocks if c in table.columns]
+    if not mapped:
+        return table.clock
+    nearest = [c for c in mapped if shared(c) == max(map(shared, mapped))]
+    first = table.columns[nearest[0]]
+    for other in nearest[1:]:
+        if not np.array_equal(first, table.columns[other], equal_nan=True):
+            raise UserError(
+                f"{channel.where}: '{nearest[0]}' and '{other}' of {file} may both be the clock of "
+                f"'{channel.channel}', which is as long as either; leave one out of time, or store every clock with "
+                "its channels in a structure of their own"
+            )
+    return nearest[0]
+
+
+def _clock(table: Table, named: str | None, channels: ChannelMap, file: str, channel: Channel) -> Clock:
+    """Return a clock, cut to start and stop, by the map, the format or the rate."""
     rows = len(next(iter(table.columns.values())))
-    named = next((c for c in channels.clocks if c in table.columns), table.clock)
     if named is not None:
         seconds, factor, offset = channels.clocks.get(named, (1.0, 1.0, 0.0))
         clock = check_clock(table.columns[named] * seconds, f"{file}: '{named}'")
         stamps = clock.time[0] + factor * (clock.time - clock.time[0]) + offset
         clock = replace(clock, time=stamps, step=factor * clock.step)
-        read = {c.channel for c in channels.channels} & set(table.columns)
-        clock = steadied(clock, [table.columns[name].astype(float) for name in sorted(read)])
+        read = [c for c in channels.channels if c.channel in table.columns]
+        own = {c.channel for c in read if _named_clock(table, channels, file, c) == named}
+        clock = steadied(clock, [table.columns[name].astype(float) for name in sorted(own)])
     elif np.isfinite(channels.rate):
         clock = Clock(np.arange(rows) / channels.rate, np.arange(rows), 1 / channels.rate, ())
     else:

@@ -231,6 +231,25 @@ def test_two_clocks_meet_on_one_time_base(tmp_path):
     np.testing.assert_allclose(recording["speed"], 10 + np.sin(time), atol=1e-9)
 
 
+def test_clocks_of_one_length_belong_to_their_structures(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    early, late = TIME + 0.002, TIME + 0.007
+    path, channels = tmp_path / "a.mat", tmp_path / "map.toml"
+    scipy_io.savemat(path, {"a": {"t": early, "v": 10 + np.sin(early)}, "b": {"t": late, "w": np.sin(late)}})
+    written = (
+        'time = [{ channel = "a.t", unit = "s" }, { channel = "b.t", unit = "s" }]\n'
+        'speed = { channel = "a.v", unit = "m/s" }\nheading = { channel = "b.w", unit = "rad" }\n'
+    )
+    channels.write_text(written)
+    recording = load_recording(path, channels)
+    time = recording["time"].values + recording.attrs["start"]
+    np.testing.assert_allclose(recording["heading"][1:], np.sin(time)[1:], atol=1e-4)
+    scipy_io.savemat(path, {"t": early, "v": 10 + np.sin(early), "u": late, "w": np.sin(late)})
+    channels.write_text(written.replace("a.", "").replace("b.t", "u").replace("b.", ""))
+    with pytest.raises(UserError, match=r"'t' and 'u' of .* may both be the clock of 'v'"):
+        load_recording(path, channels)
+
+
 def test_resampling_keeps_what_the_grid_carries_and_no_alias():
     time = np.arange(0, 20, 0.001)
     grid = np.arange(0, 19.99, 0.01)
