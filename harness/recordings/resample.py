@@ -142,7 +142,7 @@ def _interpolation() -> tuple[Floats, Floats]:
     return distances, np.sinc(distances) * np.kaiser(2 * len(distances) - 1, _KAISER)[len(distances) - 1 :]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=16)
 def _low_pass(roll_off: float) -> tuple[Floats, Floats]:
     """Return distances in steps of the grid, and the weight of a sample there.
 
