@@ -118,12 +118,11 @@ def propose(path: Path) -> Proposal:
     guesses: list[Guess] = []
     left: list[str] = []
     for table in tables:
-        clock = _clock(table)
-        if clock is not None:
-            clocks.append(clock)
-        taken = table.clock if clock is None else clock[0]
+        own = _clocks(table)
+        clocks += own
+        taken: list[str | None] = [column for column, _, _ in own] or [table.clock]
         for column, values in table.columns.items():
-            if column != taken:
+            if column not in taken:
                 guess = _guess(column, values, table.units.get(column, ""))
                 left += [column] if guess is None else []
                 guesses += [] if guess is None else [guess]
@@ -159,10 +158,26 @@ def propose(path: Path) -> Proposal:
     return replace(result, text=_text(result, path))
 
 
-def _clock(table: readers.Table) -> tuple[str, str, str] | None:
-    named = [c for c in table.columns if TIME.search(in_words(c))]
-    native = [table.clock] if table.clock is not None and table.clock in table.columns else []
-    for column in [*native, *named]:
+def _clocks(table: readers.Table) -> list[tuple[str, str, str]]:
+    """Return the clock of a table; where its vectors are those of several structures, that of each which has one.
+
+    Clocks of one recording run at the same time; a time of day beside it is none.
+    """
+    native = None if table.clock not in table.columns else _clock(table, [str(table.clock)])
+    if native is not None:
+        return [native]
+    of_structures: dict[str, list[str]] = {}
+    for column in table.columns:
+        if TIME.search(in_words(column)):
+            of_structures.setdefault(column.rpartition(".")[0], []).append(column)
+    found = [c for c in (_clock(table, columns) for columns in of_structures.values()) if c is not None]
+    spans = [np.nanquantile(table.columns[column], [0.0, 1.0]) * scale(unit, "s", "time") for column, unit, _ in found]
+    return [c for c, (begin, end) in zip(found, spans, strict=True) if begin <= spans[0][1] and end >= spans[0][0]]
+
+
+def _clock(table: readers.Table, columns: Sequence[str]) -> tuple[str, str, str] | None:
+    """Return the first of some columns that rises as a clock does, its unit and why."""
+    for column in columns:
         steps = np.diff(table.columns[column])
         steps = steps[np.isfinite(steps)]
         if len(steps) < 2 or (steps < 0).mean() > 0.01:

@@ -187,3 +187,14 @@ def test_an_angle_that_does_not_turn_as_the_yaw_rates_do_is_left_as_its_values_s
     assert "unit by its values" in angle.why[1]
     alone = guessed(recording(t=TIME, artic=RATE, yaw_rate=RATE))  # of one body the yaw rate is known: the tractor's
     assert set(alone) == {"articulation_angle", "yaw_rate_tractor"}
+
+
+@pytest.mark.parametrize(("epoch", "clocks"), [(0.0, ["can.time", "imu.time"]), (1.7e9, ["can.time"])])
+def test_every_structure_has_its_clock_and_a_time_of_day_is_none(tmp_path, epoch, clocks):
+    scipy_io = pytest.importorskip("scipy.io")
+    path, late = tmp_path / "a.mat", TIME + 0.007
+    scipy_io.savemat(
+        path,
+        {"can": {"time": TIME, "speed": SPEED}, "imu": {"time": epoch + late, "yaw_rate": 0.3 * np.sin(0.5 * late)}},
+    )
+    assert [column for column, _, _ in propose(path).clocks] == clocks
