@@ -190,7 +190,8 @@ class _Sides:
         others = np.stack(nuisance, 1) if nuisance else np.empty((len(y), 0))
         sizes = np.array([usual_size(kind, names[0]) for kind in KINDS for names in self.channels])
         columns, y, whole = (without(others, v) for v in (self.columns, y, self.base))
-        across, strength, _ = np.linalg.svd(columns * sizes, full_matrices=False)
+        shown = columns.any(axis=0)  # a relation takes few of the channels
+        across, strength, _ = np.linalg.svd((columns * sizes)[:, shown], full_matrices=False)
         across = across[:, strength > max(_UNSEEN * strength[0], _ROUNDING * float(np.linalg.norm(self.base)))]
         value, design = across.T @ y, across.T @ columns
         noise = y - across @ value

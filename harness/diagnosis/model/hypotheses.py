@@ -77,6 +77,11 @@ class Hypothesis:
         return self.output is not None or self.clock
 
     @property
+    def expected(self) -> bool:
+        """Whether recordings have it anyway: a clock of a channel's own, or a sensor that drifts."""
+        return self.clock or (self.random and self.of_recording)
+
+    @property
     def shared(self) -> tuple[str, ...]:
         """Parameters that all drives share."""
         return self.amplitudes + self.shapes

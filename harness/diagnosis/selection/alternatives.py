@@ -39,7 +39,8 @@ class Alternatives:
     def fit(self, added: Added, best: Fitted, needed: Container[Hypothesis]) -> None:
         """Fit a model without each of its additions, and with what may stand in its place, if that was not done yet.
 
-        Nothing replaces a late channel; the model without one is fitted where that is in question.
+        Nothing replaces what recordings have anyway, late channels and drifts: a drift had the better of all else in
+        its round. The model without one is fitted where that is in question.
 
         Args:
             added: What the model has.
@@ -49,12 +50,12 @@ class Alternatives:
         fits, curvature = self._fits, Curvature(self._fits, best)
         rests = {h: tuple(k for k in added if k != h) for h in added}
         less = {h: curvature.without((h,), rests[h]) for h in added}
-        open_ = [h for h in added if not h.clock or (less[h].loss < HOPEFUL and h not in needed)]
+        open_ = [h for h in added if not h.expected or (less[h].loss < HOPEFUL and h not in needed)]
         models: _Models = {frozenset(rests[h]): (rests[h], partial(fits.fitting.best, less[h].points)) for h in open_}
         self._fit_new(models, best, -math.inf)
         places: _Models = {}
         many: dict[Hypothesis, _Models] = {}
-        for h in (h for h in added if not h.clock):
+        for h in (h for h in added if not h.expected):
             for s in self._stand_ins(h, rests[h], best):
                 other = fits.joined(rests[h], s.hypothesis)
                 model: _Models = {frozenset(other): (other, partial(self._start, h, rests[h], best.point, s))}
