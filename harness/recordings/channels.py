@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, takewhile
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
@@ -89,20 +91,50 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
         UserError: If a channel is not in the file, has no clock, holds no number, or nothing is left between start
             and stop.
     """
-    clocks: dict[tuple[int, str | None], Clock] = {}
-    found = []
-    for channel in channels.channels:
-        place = next((n for n, table in enumerate(tables) if channel.channel in table.columns), None)
-        if place is None:
-            names = [c for table in tables for c in table.columns]
-            raise UserError(
-                f"{channel.where}: {file} has no channel '{channel.channel}'{closest(channel.channel, names)}"
-            )
-        key = place, _named_clock(tables[place], channels, file, channel)
-        if key not in clocks:
-            clocks[key] = _clock(tables[place], key[1], channels, file, channel)
-        found.append(_raw(tables[place].columns[channel.channel], channel, clocks[key], channels, file))
-    return found, next(iter(clocks.values()))
+    places = [_place(tables, channel, file) for channel in channels.channels]
+    clocks: dict[str, Clock] = {}
+    for place, table in enumerate(tables):
+        here = [c for n, c in zip(places, channels.channels, strict=True) if n == place]
+        for message, rows in _messages(table, here):
+            named: dict[str | None, list[Channel]] = {}
+            for channel in message:
+                named.setdefault(_named_clock(table, channels, file, channel), []).append(channel)
+            for name, members in named.items():
+                clock = _clock(table, name, rows, channels, file, members)
+                clocks |= {c.channel: clock for c in members}
+    found = [
+        _raw(tables[n].columns[c.channel], c, clocks[c.channel], channels, file)
+        for n, c in zip(places, channels.channels, strict=True)
+    ]
+    return found, clocks[channels.channels[0].channel]
+
+
+def _place(tables: list[Table], channel: Channel, file: str) -> int:
+    """Return the number of the table that has a channel."""
+    for n, table in enumerate(tables):
+        if channel.channel in table.columns:
+            return n
+    names = [c for table in tables for c in table.columns]
+    raise UserError(f"{channel.where}: {file} has no channel '{channel.channel}'{closest(channel.channel, names)}")
+
+
+def _messages(table: Table, channels: list[Channel]) -> Iterator[tuple[list[Channel], NDArray[np.intp]]]:
+    """Yield channels that come together, and their rows: in some tables each message of a bus has rows of its own.
+
+    What has most of its values in the rows of another channel comes with that; in its other rows it is missing.
+    """
+    there = {c.channel: _measured(table.columns[c.channel]) for c in channels}
+    left = channels
+    while left:
+        first = there[max(left, key=lambda c: int(there[c.channel].sum())).channel]
+        together = {c.channel for c in left if there[c.channel][first].sum() >= 0.5 * there[c.channel].sum()}
+        message, left = ([c for c in left if (c.channel in together) == whether] for whether in (True, False))
+        rows = np.any([there[name] for name in together], axis=0)
+        yield message, np.flatnonzero(rows if len(message) < len(channels) else np.ones_like(rows))
+
+
+def _measured(column: Floats) -> Mask:
+    return np.asarray(np.abs(column) < _NO_MEASUREMENT)
 
 
 def _named_clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> str | None:
@@ -130,22 +162,26 @@ def _named_clock(table: Table, channels: ChannelMap, file: str, channel: Channel
     return nearest[0]
 
 
-def _clock(table: Table, named: str | None, channels: ChannelMap, file: str, channel: Channel) -> Clock:
-    """Return a clock, cut to start and stop, by the map, the format or the rate."""
-    rows = len(next(iter(table.columns.values())))
+def _clock(
+    table: Table,
+    named: str | None,
+    rows: NDArray[np.intp],
+    channels: ChannelMap,
+    file: str,
+    members: list[Channel],
+) -> Clock:
+    """Return the clock of some channels in some rows, cut to start and stop, by the map, the format or the rate."""
     if named is not None:
         seconds, factor, offset = channels.clocks.get(named, (1.0, 1.0, 0.0))
-        clock = check_clock(table.columns[named] * seconds, f"{file}: '{named}'")
+        clock = check_clock(table.columns[named][rows] * seconds, f"{file}: '{named}'")
         stamps = clock.time[0] + factor * (clock.time - clock.time[0]) + offset
-        clock = replace(clock, time=stamps, step=factor * clock.step)
-        read = [c for c in channels.channels if c.channel in table.columns]
-        own = {c.channel for c in read if _named_clock(table, channels, file, c) == named}
-        clock = steadied(clock, [table.columns[name].astype(float) for name in sorted(own)])
+        clock = replace(clock, time=stamps, rows=rows[clock.rows], step=factor * clock.step)
+        clock = steadied(clock, [table.columns[c.channel].astype(float) for c in members])
     elif np.isfinite(channels.rate):
-        clock = Clock(np.arange(rows) / channels.rate, np.arange(rows), 1 / channels.rate, ())
+        clock = Clock(rows / channels.rate, rows, float(np.median(np.diff(rows, prepend=-1))) / channels.rate, ())
     else:
         raise UserError(
-            f"{channel.where}: no clock is stored with '{channel.channel}'; map one with "
+            f"{members[0].where}: no clock is stored with '{members[0].channel}'; map one with "
             'time = { channel = "...", unit = "s" }, or state [recording] rate = "100 Hz"'
             f"{closest('time', list(table.columns))}"
         )
@@ -163,7 +199,7 @@ def _clock(table: Table, named: str | None, channels: ChannelMap, file: str, cha
 def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
     """Return a channel in SI units at its own instants."""
     values = column[clock.rows].astype(float)
-    impossible = np.abs(values) >= _NO_MEASUREMENT
+    impossible = ~_measured(values) & ~np.isnan(values)
     values[impossible] = np.nan
     finite = np.isfinite(values)
     if not finite.any():
