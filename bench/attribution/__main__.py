@@ -20,7 +20,7 @@ from rich.progress import track
 
 from bench.attribution.figures import figures
 from bench.attribution.gate import SHARES, drawn
-from bench.attribution.run import NOMINAL, Case, listed, run_all
+from bench.attribution.run import NOMINAL, QUALITIES, Case, listed, run_all
 from bench.attribution.score import FAILED, MAGNITUDES, Scored, score, text
 from bench.attribution.tables import case_table, tables
 from harness.common.files import write_files
@@ -34,9 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cases", nargs="+", default=[], help="names from the plant's list")
     parser.add_argument("--vehicle", choices=tuple(NOMINAL), help="cases of one vehicle only")
     parser.add_argument("--magnitude", choices=MAGNITUDES, help="one only; cases that have none stay")
-    parser.add_argument(
-        "--quality", choices=("clean", "field"), default="clean", help="of the recordings (%(default)s)"
-    )
+    parser.add_argument("--quality", choices=QUALITIES, default=QUALITIES[0], help="of the recordings (%(default)s)")
     parser.add_argument("--repeats", type=int, default=1, help="draws of each case (%(default)s)")
     parser.add_argument("--first", type=int, default=0, help="number of the first draw (%(default)s)")
     parser.add_argument(
@@ -45,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--kind", choices=tuple(SHARES), help="cases and draws of one kind only")
     parser.add_argument("--jobs", type=int, default=1, help="processes (%(default)s, whose traces take all cores)")
     parser.add_argument("--traced", action="store_true", help="run no case that was not traced already")
-    parser.add_argument("--out", type=Path, help="folder (results/attribution, or results/attribution-field)")
+    parser.add_argument("--out", type=Path, help="folder (results/attribution, or results/attribution-QUALITY)")
     given = parser.parse_args(arguments)
     out = given.out or Path(
         "results/attribution" if given.quality == "clean" else f"results/attribution-{given.quality}"

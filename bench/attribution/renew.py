@@ -21,6 +21,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "attribution.md"
 MARKS = {
     "clean": ("<!-- written by python -m bench.attribution.renew -->", "<!-- end -->"),
     "field": ("<!-- field: written by python -m bench.attribution.renew -->", "<!-- end of field -->"),
+    "bus": ("<!-- bus: written by python -m bench.attribution.renew -->", "<!-- end of bus -->"),
 }
 """Lines between which the tables of each quality of recordings stand; the figures are of the clean ones."""
 

@@ -32,6 +32,9 @@ from harness.recordings import load_recording
 
 PLANT = Path(__file__).parents[2] / "tests" / "blind" / "plant.py"
 
+QUALITIES = ("clean", "field", "bus")
+"""Of recordings, as the plant writes them."""
+
 NOMINAL: dict[str, dict[str, Any]] = {
     "semitrailer": {"parameters": "ziaukas_2023", "tyre": "magic_formula", "sensors": "test_vehicle_inertial"},
     "car": {"parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"},

@@ -63,7 +63,7 @@ class Scored:
         size: What the first true effect is, in the plant's words.
         reach: Its size over the smallest one that the score test said these drives could show (three standard errors);
             NaN if the library has no such parameter.
-        quality: Of the recordings: ``clean`` or ``field``.
+        quality: Of the recordings, of ``run.QUALITIES``.
         recording: Faults of the recording that were named; they are there, and no claim about the vehicle.
         covered: Whether one model of the confusable set has all true effects.
         in_set: Models in that set; 0 if there is none.

@@ -23,7 +23,7 @@ from bench.attribution import changed_criteria
 from bench.attribution.changed_criteria import FOLDER, HOW, STATED, WAYS, Change, changes
 from bench.attribution.oracle import FILE, write_oracle
 from bench.attribution.renew import PAGE
-from bench.attribution.run import Case, Tracer, listed, written
+from bench.attribution.run import QUALITIES, Case, Tracer, listed, written
 from bench.attribution.score import Scored, as_plain, of_plain, score
 from bench.attribution.tables import header, line, median
 from harness.cli.options import answers_errors
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--cases", nargs="+", default=CASES, help="of the plant; the second of a name is its next draw")
     parser.add_argument("--numbers", nargs="+", help="only these, such as MOST or PRIORS.odds")
     parser.add_argument("--first", type=int, default=500, help="number of the first draw (%(default)s)")
-    parser.add_argument("--quality", choices=("clean", "field"), default="clean", help="of recordings (%(default)s)")
+    parser.add_argument("--quality", choices=QUALITIES, default=QUALITIES[0], help="of recordings (%(default)s)")
     parser.add_argument("--page", action="store_true", help=f"put the tables into {PAGE.parent.name}/{PAGE.name}")
     parser.add_argument("--out", type=Path, default=Path("results/attribution-sensitivity"), help="(%(default)s)")
     given = parser.parse_args(arguments)

@@ -71,7 +71,15 @@ def numbers(scored: Cases) -> str:
     quality = scored[0].quality if scored else "clean"
     lines = header(["at medium magnitude", "asked", *own], 1)
     for what, asked, measured in _ASKED:
-        lines.append(line([what, asked.get(quality, "–"), *(measured(cases) for cases in own.values())]))
+        lines.append(
+            line(
+                [
+                    what,
+                    asked.get("clean" if quality == "clean" else "field", "–"),
+                    *(measured(cases) for cases in own.values()),
+                ]
+            )
+        )
     return "\n".join(lines)
 
 
@@ -129,7 +137,7 @@ _ASKED: tuple[tuple[str, dict[str, str], Callable[[Cases], str]], ...] = (
     ("at least 90 % of the gap closed", {}, _nearly),
     ("unlisted effect: gap closed, median", {}, lambda c: median(s.closed for s in of(c, "unlisted"))),
 )
-"""What is measured, what is asked of it in recordings of a quality, and how."""
+"""What is measured, what is asked of it in clean recordings and in those that a bus carried as well, and how."""
 
 
 def _right(cases: Cases, *kinds: str) -> str:

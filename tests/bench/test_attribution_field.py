@@ -7,7 +7,7 @@ import pytest
 
 from bench.attribution import renew
 from bench.attribution.renew import MARKS
-from bench.attribution.run import Case, task_of, written
+from bench.attribution.run import QUALITIES, Case, task_of, written
 from bench.attribution.score import score, text
 
 LATE = {"name": "sensor_delay", "place": "yaw_rate_tractor", "delay": 0.03}
@@ -75,12 +75,14 @@ def test_the_page_holds_the_tables_of_both_qualities(tmp_path, monkeypatch):
     assert "\n#### By kind" in after
 
 
-def test_what_the_plant_writes_is_what_the_tracer_reads(tmp_path):
-    assert not written(Case("car-none", 0, tmp_path, "field"))
+@pytest.mark.parametrize("quality", QUALITIES[1:])
+def test_what_the_plant_writes_is_what_the_tracer_reads(tmp_path, quality):
+    assert not written(Case("car-none", 0, tmp_path, quality))
     task, vehicle = task_of(tmp_path)
     assert vehicle == "car"
     drive = task.train[0]
     assert float(drive["time"][1]) == pytest.approx(0.01)
-    assert drive.sizes["time"] == pytest.approx(12000, abs=3)
+    assert drive.sizes["time"] == pytest.approx(12000, abs=6)
+    assert all(np.isfinite(drive[name]).all() and not drive[name].attrs["gaps"] for name in drive)
     assert float(np.abs(drive["yaw_rate"]).max()) < 1.0  # outliers are missing samples
     assert not any("spikes" in w and "kept" in w for w in drive.attrs["warnings"])

@@ -4,6 +4,7 @@
     python tests/blind/plant.py --case semitrailer-crosswind-medium --repeat 3 --out DIR
     python tests/blind/plant.py --case 17 --out DIR        # the seed draws the case as well
     python tests/blind/plant.py --case car-none --quality field --out DIR   # as an ordinary logger records it
+    python tests/blind/plant.py --case car-none --quality bus --out DIR     # each channel a message of its own
 
 Writes ``train_a.csv``, ``train_b.csv`` and ``test.csv`` (held out), ``belief.json`` with what is published about the
 vehicle, and ``sealed.json`` with the truth, which only the scoring opens.
@@ -21,6 +22,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
+from plant_bus import BusLogger, draw_bus
 from plant_cases import VEHICLES, Case, Truth, cases, choose, draw, seeds
 from plant_effects import CATALOGUE
 from plant_field import Logger, beyond, draw_logger
@@ -84,13 +86,20 @@ def seal(
             name: {"changes": d.changes._asdict(), "manoeuvres": list(d.drive.manoeuvres)} for name, d in driven.items()
         },
         "noise": NOISE[case.vehicle] if logger is None else logger.noise,
-        "quality": "clean" if logger is None else "field",
+        "quality": quality_of(logger),
         "recording": [] if logger is None else logger.faults(),
     }
 
 
+def quality_of(logger: Logger | None) -> str:
+    """Return the quality of what a measuring system records."""
+    if logger is None:
+        return "clean"
+    return "bus" if isinstance(logger, BusLogger) else "field"
+
+
 def channel_map(vehicle: str) -> str:
-    """Return the channel map of a recording in field quality: single spikes are missing samples."""
+    """Return the channel map of a recording that is not clean: single spikes are missing samples."""
     lines = [f'{n} = {{ channel = "{n}", unit = "{UNITS[n]}", remove_spikes = true }}\n' for n in NOISE[vehicle]]
     return f'time = {{ channel = "time", unit = "s" }}\n{"".join(lines)}\n[recording]\nstep = "10 ms"\n'
 
@@ -104,12 +113,14 @@ def write(case: Case, repeat: int, out: Path, quality: str = "clean") -> None:
     """
     first, *rest, of_logger = seeds(case, repeat)
     truth, logger = draw(case, np.random.default_rng(first)), None
-    if quality == "field":
-        truth, logger = beyond(truth), draw_logger(case.vehicle, np.random.default_rng(of_logger))
+    if quality != "clean":
+        draw_system = draw_bus if quality == "bus" else draw_logger
+        truth, logger = beyond(truth), draw_system(case.vehicle, np.random.default_rng(of_logger))
     driven = {name: drive(truth, seed, logger) for name, seed in zip(DRIVES, rest, strict=True)}
     out.mkdir(parents=True, exist_ok=True)
     for name, d in driven.items():
-        pa.csv.write_csv(pa.table(d.recording), out / f"{name}.csv", pa.csv.WriteOptions(quoting_style="none"))
+        columns = {name: pa.array(values, from_pandas=True) for name, values in d.recording.items()}  # NaN is blank
+        pa.csv.write_csv(pa.table(columns), out / f"{name}.csv", pa.csv.WriteOptions(quoting_style="none"))
     belief = {"vehicle": case.vehicle, "parameters": published(case.vehicle), "noise": NOISE[case.vehicle]}
     if logger is not None:
         (out / "channels.toml").write_text(channel_map(case.vehicle))
@@ -125,7 +136,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--case", help="a name from the list, or a whole number that draws one")
     parser.add_argument("--repeat", type=int, default=0, help="other drives, noise and signs of a named case")
-    parser.add_argument("--quality", choices=("clean", "field"), default="clean", help="of the recording")
+    parser.add_argument("--quality", choices=("clean", "field", "bus"), default="clean", help="of the recording")
     parser.add_argument("--out", type=Path, help="folder to write to")
     given = parser.parse_args(arguments)
     known = cases()

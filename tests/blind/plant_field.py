@@ -131,31 +131,51 @@ def record(
     at = np.arange(round(RUN_IN / STEP), len(truth), round(SAMPLE / STEP))
     columns: dict[str, Array] = {}
     for name, signal in sensed(vehicle, truth, inputs, wrong).items():
-        values = signal[at - round(logger.delays[name] / STEP)]
-        values = values * (1.0 + logger.radius) if name == "speed" else values
-        values = values + logger.noise[name] * rng.standard_normal(len(at))
-        values = values + (_drift(len(at), rng) if name.startswith("yaw_rate") else 0.0)
-        values = _resolved(name, values)
-        spikes = rng.integers(1, len(at) - 1, rng.poisson(OUTLIERS))
-        values[spikes] += (
-            rng.choice([-1.0, 1.0], len(spikes)) * rng.uniform(20.0, 50.0, len(spikes)) * logger.noise[name]
-        )
-        columns[name] = values
-    time = np.arange(len(at)) * SAMPLE + np.clip(JITTER * rng.standard_normal(len(at)), -0.4 * SAMPLE, 0.4 * SAMPLE)
+        columns[name] = measured(name, signal, at, logger, rng, SPEED_HELD)
+    time = stamps(len(at), SAMPLE, JITTER, rng)
     kept = rng.random(len(at)) >= LOST
     return {"time": time[kept], **{name: values[kept] for name, values in columns.items()}}
 
 
-def _resolved(name: str, values: Array) -> Array:
+def measured(
+    name: str, signal: Array, at: NDArray[np.intp], logger: Logger, rng: np.random.Generator, held: int = 1
+) -> Array:
+    """Return what a sensor makes of a signal at equidistant steps of it, the first of them in the run-in or behind it.
+
+    Args:
+        name: Of the channel.
+        signal: At every step since the run-in.
+        at: Steps at which samples are taken.
+        logger: The measuring system.
+        rng: Noise, drift and outliers.
+        held: Samples for which a speed is held.
+    """
+    values = signal[at - round(logger.delays[name] / STEP)]
+    values = values * (1.0 + logger.radius) if name == "speed" else values
+    values = values + logger.noise[name] * rng.standard_normal(len(at))
+    sample = float(at[1] - at[0]) * STEP
+    values = values + (_drift(len(at), sample, rng) if name.startswith("yaw_rate") else 0.0)
+    values = _resolved(name, values, held)
+    spikes = rng.integers(1, len(at) - 1, rng.poisson(OUTLIERS))
+    values[spikes] += rng.choice([-1.0, 1.0], len(spikes)) * rng.uniform(20.0, 50.0, len(spikes)) * logger.noise[name]
+    return values
+
+
+def stamps(samples: int, sample: float, jitter: float, rng: np.random.Generator) -> Array:
+    """Return the stamps of equidistant samples, each off by some jitter."""
+    off = np.clip(jitter * rng.standard_normal(samples), -0.4 * sample, 0.4 * sample)
+    return np.asarray(np.arange(samples) * sample + off)
+
+
+def _resolved(name: str, values: Array, held: int) -> Array:
     """Return a signal in the steps, and at the rate, in which its bus carries it."""
     if name == "speed":
-        held = values[np.arange(len(values)) // SPEED_HELD * SPEED_HELD]
-        return np.asarray(np.round(held / SPEED_STEP) * SPEED_STEP)
+        return np.asarray(np.round(values[np.arange(len(values)) // held * held] / SPEED_STEP) * SPEED_STEP)
     return np.asarray(np.round(values / STEERING_STEP) * STEERING_STEP) if name == "steering_wheel_angle" else values
 
 
-def _drift(samples: int, rng: np.random.Generator) -> Array:
+def _drift(samples: int, sample: float, rng: np.random.Generator) -> Array:
     """Return a bias that wanders: a slow wave about a constant, of periods of minutes."""
     share, period, phase = rng.uniform(-1.0, 1.0), rng.uniform(100.0, 400.0), rng.uniform(0.0, 2.0 * np.pi)
-    wave = np.sin(2.0 * np.pi * SAMPLE * np.arange(samples) / period + phase)
+    wave = np.sin(2.0 * np.pi * sample * np.arange(samples) / period + phase)
     return np.asarray(DRIFT * (0.5 * share + 0.5 * wave))

@@ -5,17 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import plant_bus
 import plant_field
 from numpy.typing import NDArray
+from plant_bus import BusLogger
 from plant_cases import Truth
 from plant_drives import RUN_IN, STEP, Drive
 from plant_drives import draw as draw_drive
 from plant_environment import Changes, draw_changes, inputs
 from plant_equations import OUTPUTS, STATES, integrate
 from plant_field import Logger
-from plant_sensors import record
+from plant_sensors import Channel, record
 
 Array = NDArray[np.float64]
+_Seen = tuple[str, Array, dict[str, Array], dict[str, Channel]]
+"""Vehicle, true outputs, the driver's inputs, and sensors with something wrong."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ def drive(truth: Truth, seed: np.random.SeedSequence, logger: Logger | None = No
     Args:
         truth: What is true of vehicle and surroundings.
         seed: Decides manoeuvres, change times, road and noise, each by a stream of its own.
-        logger: The measuring system of a recording in field quality; a clean one by default.
+        logger: The measuring system of a recording in field or bus quality; a clean one by default.
 
     Raises:
         FloatingPointError: If the vehicle left the range in which its equations hold.
@@ -55,5 +59,13 @@ def drive(truth: Truth, seed: np.random.SeedSequence, logger: Logger | None = No
         raise FloatingPointError(f"the {truth.vehicle} spins {bad * STEP - RUN_IN:.2f} s after the start")
     known = {"steering_wheel_angle": plan.steering_wheel_angle[::2], "speed": plan.speed[::2]}
     seen = (truth.vehicle, out, known, truth.sensors())
-    recording = record(*seen, streams[3]) if logger is None else plant_field.record(*seen, logger, streams[3])
-    return Driven(plan, changes, out, recording)
+    return Driven(plan, changes, out, _recorded(seen, logger, streams[3]))
+
+
+def _recorded(seen: _Seen, logger: Logger | None, rng: np.random.Generator) -> dict[str, Array]:
+    """Return what a measuring system makes of a drive."""
+    if logger is None:
+        return record(*seen, rng)
+    if isinstance(logger, BusLogger):
+        return plant_bus.record(*seen, logger, rng)
+    return plant_field.record(*seen, logger, rng)
