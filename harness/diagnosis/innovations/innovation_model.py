@@ -62,16 +62,24 @@ class InnovationModel:
 
     def responses(self, input_direction: InputDirection, disturbances: Floats) -> Floats:
         """Return how disturbances ``(samples, n)`` move the whitened innovations ``(samples, ny, n)``."""
+        found = np.empty((*self.residual.shape, disturbances.shape[1]))
+        self.write_responses(input_direction, disturbances, found)
+        return found
+
+    def write_responses(
+        self, input_direction: InputDirection, disturbances: Floats, found: Floats | NDArray[np.float32]
+    ) -> None:
+        """Write what ``responses`` returns, in the precision of what is written to."""
         samples, n = disturbances.shape
-        found = np.zeros((*self.residual.shape, n))
+        parts = self.transition, self.output, input_direction.entry, input_direction.direct
+        part, moved = np.zeros((samples, LANES)), np.empty((*self.residual.shape, LANES))
         for s in range(0, n, LANES):
-            part = np.zeros((samples, LANES))
             width = min(LANES, n - s)
             part[:, :width] = disturbances[:, s : s + width]
-            moved = np.zeros((*self.residual.shape, LANES))
-            _loops().respond(self.transition, self.output, input_direction.entry, input_direction.direct, part, moved)
+            begin = max(int(part.any(axis=1).argmax()), 1)
+            moved[:begin] = 0.0
+            _loops().respond(*parts, part, begin, moved)
             found[:, :, s : s + width] = moved[:, :, :width]
-        return found
 
     def adjoint(self, residual: Floats) -> Floats:
         """Return the derivative of the log-likelihood to the state before every sample ``(samples, n)``.

@@ -56,11 +56,14 @@ def tangents(u, between, constants, states, directions, rows, ahead, outputs):
     retain(owned)
 
 
-def respond(F, C, g, c, disturbance, found):
-    """Write how eight disturbances ``(samples, LANES)`` move the whitened innovations ``(samples, ny, LANES)``."""
+def respond(F, C, g, c, disturbance, begin, found):
+    """Write how eight disturbances ``(samples, LANES)``, zero before a sample, move whitened innovations from there on.
+
+    These are ``(samples, ny, LANES)``.
+    """
     samples, n = g.shape
     z, ahead = np.zeros((n, LANES)), np.zeros((n, LANES))
-    for k in range(1, samples):
+    for k in range(begin, samples):
         d = get(disturbance, k)
         for a in range(c.shape[1]):
             total = c[k, a] * d

@@ -74,8 +74,9 @@ class Onsets:
         found = []
         for j, input_direction in enumerate(input_directions):
             full, part = (np.concatenate([ahead[:, :, 2 * j + m], outputs[:, :, 2 * j + m]], axis=1) for m in (0, 1))
-            moved = self._linear.innovations.responses(input_direction, self._shifted(full, part))
-            found.append(-moved.reshape(-1, len(self.grid)).astype(np.float32))
+            moved = np.empty((*outputs.shape[:2], len(self.grid)), np.float32)
+            self._linear.innovations.write_responses(input_direction, -self._shifted(full, part), moved)
+            found.append(moved.reshape(-1, len(self.grid)))
         return found
 
     def _shifted(self, full: Floats, part: Floats) -> Floats:
