@@ -158,17 +158,21 @@ def simulation_error(drives: Sequence[Drive], free: Sequence[Floats], floor: Flo
         floor: Its variances if the model is perfect ``(samples of all drives, ny)``.
     """
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
-    with np.errstate(invalid="ignore"):
-        square = np.nanmean(errors**2, axis=0)
-        normalised = np.nanmean(errors**2 / floor, axis=0)
+    square, normalised = _mean(errors**2), _mean(errors**2 / floor)
     strays = not all(stays(f) for f in free)
     return np.sqrt(square), np.full(len(square), np.inf) if strays else np.maximum(normalised - 1.0, 0.0)
 
 
 def _log_density(drives: Sequence[Drive], free: Sequence[Floats], floor: Floats) -> float:
     errors = np.concatenate([d.measurements - f for d, f in zip(drives, free, strict=True)])
-    found = float(np.nansum(np.nanmean(-0.5 * (np.log(floor) + errors**2 / floor), axis=0)))
+    found = float(np.nansum(_mean(-0.5 * (np.log(floor) + errors**2 / floor))))
     return found if all(stays(f) for f in free) else -math.inf
+
+
+def _mean(values: Floats) -> Floats:
+    """Return the mean of the known values of every column; NaN, in silence, where a free run left its range before."""
+    known = (~np.isnan(values)).sum(axis=0)
+    return np.where(known > 0, np.nansum(values, axis=0) / np.maximum(known, 1), np.nan)
 
 
 def floors(drives: Sequence[Drive], variances: Floats) -> Floats:
