@@ -45,8 +45,9 @@ def test_what_no_round_has_seen_takes_the_place_of_what_is_wrong(fits):
     assert posterior.models[0].share > 0.9
 
 
-def test_nothing_takes_the_place_of_a_late_channel(fits):
-    added, best = with_(fits, "steering_delay")
+@pytest.mark.parametrize("name", ["steering_delay", "sensor_drift@yaw_rate"])
+def test_nothing_takes_the_place_of_what_recordings_have_anyway(fits, name):
+    added, best = with_(fits, name)
     before = set(fits.models)
     Alternatives(fits).fit(added, best, set())
     assert set(fits.models) - before <= {frozenset()}
