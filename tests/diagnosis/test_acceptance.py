@@ -21,12 +21,7 @@ from harness.diagnosis.selection.acceptance import (
     with_sensor,
 )
 from harness.diagnosis.selection.selection_round import SelectionRound
-from harness.diagnosis.selection.validation import (
-    Judgement,
-    leaves_nothing,
-    predicts_better,
-    simulation_error,
-)
+from harness.diagnosis.selection.validation import Judgement, leaves_nothing, predicts_better
 
 
 def passing(name, excess, allowed=0.0, random=False, bic=1000.0):
@@ -423,16 +418,6 @@ def test_a_model_that_left_its_range_makes_nothing_little():
     assert leaves_nothing(judged(0.9), judged(100.0))
     assert not leaves_nothing(judged(0.9), judged(np.inf))
     assert leaves_nothing(judged(0.04), judged(np.inf))
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_free_run_that_leaves_its_range_at_once_says_so_without_a_warning():
-    drive, free = SimpleNamespace(measurements=np.ones((50, 2))), np.full((50, 2), np.nan)
-    free[:, 1] = 0.5
-    error, excesses = simulation_error([drive], [free], np.full((50, 2), 0.25))
-    assert np.isnan(error[0])
-    assert error[1] == 0.5
-    assert np.isinf(excesses).all()
 
 
 def test_a_drift_that_reaches_twice_its_deviation_leaves_nothing_and_hides_no_other_signal():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from harness.diagnosis.model.hypotheses import coordinates
 from harness.diagnosis.result.cautions import cautions
 from harness.diagnosis.selection.candidate_fits import CandidateFits
 from harness.diagnosis.selection.forward_selection import Trace, first_variances
-from harness.diagnosis.selection.validation import HeldOut
+from harness.diagnosis.selection.validation import HeldOut, simulation_error
 from harness.identification.driveable import Driveable
 from harness.identification.fisher_scoring import Maximum
 from support.driven_car import FREE, driven
@@ -95,3 +96,13 @@ def test_a_fit_that_ends_at_a_bound_and_a_model_that_spins_are_told_first(augmen
     )
     assert any(t.startswith("The refitted nominal model is unstable straight ahead at") for t in told)
     assert len(told) == 2
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_free_run_that_leaves_its_range_at_once_says_so_without_a_warning():
+    drive, free = SimpleNamespace(measurements=np.ones((50, 2))), np.full((50, 2), np.nan)
+    free[:, 1] = 0.5
+    error, excesses = simulation_error([drive], [free], np.full((50, 2), 0.25))
+    assert np.isnan(error[0])
+    assert error[1] == 0.5
+    assert np.isinf(excesses).all()
