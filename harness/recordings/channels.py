@@ -95,7 +95,7 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
     clocks: dict[str, Clock] = {}
     for place, table in enumerate(tables):
         here = [c for n, c in zip(places, channels.channels, strict=True) if n == place]
-        for message, rows in _messages(table, here):
+        for message, rows in _messages(table, here, channels):
             named: dict[str | None, list[Channel]] = {}
             for channel in message:
                 named.setdefault(_named_clock(table, channels, file, channel), []).append(channel)
@@ -106,7 +106,8 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
         _raw(tables[n].columns[c.channel], c, clocks[c.channel], channels, file)
         for n, c in zip(places, channels.channels, strict=True)
     ]
-    return found, clocks[channels.channels[0].channel]
+    warnings = dict.fromkeys(w for clock in clocks.values() for w in clock.warnings)
+    return found, replace(clocks[channels.channels[0].channel], warnings=tuple(warnings))
 
 
 def _place(tables: list[Table], channel: Channel, file: str) -> int:
@@ -118,19 +119,33 @@ def _place(tables: list[Table], channel: Channel, file: str) -> int:
     raise UserError(f"{channel.where}: {file} has no channel '{channel.channel}'{closest(channel.channel, names)}")
 
 
-def _messages(table: Table, channels: list[Channel]) -> Iterator[tuple[list[Channel], NDArray[np.intp]]]:
+def _messages(
+    table: Table, mapped: list[Channel], channels: ChannelMap
+) -> Iterator[tuple[list[Channel], NDArray[np.intp]]]:
     """Yield channels that come together, and their rows: in some tables each message of a bus has rows of its own.
 
-    What has most of its values in the rows of another channel comes with that; in its other rows it is missing.
+    What is not mapped may be of the same message or of another one; a column that is never blank is a clock, or counts.
     """
-    there = {c.channel: _measured(table.columns[c.channel]) for c in channels}
-    left = channels
+    names, clocks = {c.channel for c in mapped}, {table.clock, *channels.clocks}
+    there = {n: _measured(column) for n, column in table.columns.items() if n in names or n not in clocks}
+    left = {n: rows for n, rows in there.items() if n in names or not rows.all()}
+    messages = []
     while left:
-        first = there[max(left, key=lambda c: int(there[c.channel].sum())).channel]
-        together = {c.channel for c in left if there[c.channel][first].sum() >= 0.5 * there[c.channel].sum()}
-        message, left = ([c for c in left if (c.channel in together) == whether] for whether in (True, False))
-        rows = np.any([there[name] for name in together], axis=0)
-        yield message, np.flatnonzero(rows if len(message) < len(channels) else np.ones_like(rows))
+        first = max(left.values(), key=np.count_nonzero)
+        together = [n for n, rows in left.items() if _come_together(rows, first)]
+        messages.append((together, np.any([left.pop(n) for n in together], axis=0)))
+    for together, rows in messages:
+        if here := [c for c in mapped if c.channel in together]:
+            yield here, np.flatnonzero(rows) if len(messages) > 1 else np.arange(len(rows))
+
+
+def _come_together(one: Mask, other: Mask) -> bool:
+    """Whether most values of a channel are in the rows of another one, in the stretch in which both have any."""
+    if np.count_nonzero(one) < 2:
+        return True
+    (first, last), (begin, end) = (np.flatnonzero(rows)[[0, -1]] for rows in (one, other))
+    part = slice(max(first, begin), min(last, end) + 1)
+    return bool(2 * np.count_nonzero((one & other)[part]) >= np.count_nonzero(one[part]))
 
 
 def _measured(column: Floats) -> Mask:
@@ -173,11 +188,14 @@ def _clock(
     """Return the clock of some channels in some rows, cut to start and stop, by the map, the format or the rate."""
     if named is not None:
         seconds, factor, offset = channels.clocks.get(named, (1.0, 1.0, 0.0))
-        clock = check_clock(table.columns[named][rows] * seconds, f"{file}: '{named}'")
-        stamps = clock.time[0] + factor * (clock.time - clock.time[0]) + offset
-        clock = replace(clock, time=stamps, rows=rows[clock.rows], step=factor * clock.step)
+        stamps = table.columns[named] * seconds
+        clock = check_clock(stamps, f"{file}: '{named}'", rows)
+        origin = stamps[np.isfinite(stamps)][0]
+        late = factor * (clock.time[0] - origin)
+        clock = replace(clock, time=origin + factor * (clock.time - origin) + offset, step=factor * clock.step)
         clock = steadied(clock, [table.columns[c.channel].astype(float) for c in members])
     elif np.isfinite(channels.rate):
+        late = rows[0] / channels.rate
         clock = Clock(rows / channels.rate, rows, float(np.median(np.diff(rows, prepend=-1))) / channels.rate, ())
     else:
         raise UserError(
@@ -185,7 +203,7 @@ def _clock(
             'time = { channel = "...", unit = "s" }, or state [recording] rate = "100 Hz"'
             f"{closest('time', list(table.columns))}"
         )
-    since = clock.time - clock.time[0]
+    since = clock.time - clock.time[0] + late
     stop = channels.stop if np.isfinite(channels.stop) else np.inf
     inside = (since >= channels.start) & (since <= stop)
     if inside.sum() < 2:
@@ -215,7 +233,9 @@ def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, f
     time, kept = clock.time[keep], values[keep]
     largest = channels.largest_gap
     if not np.isfinite(largest):
-        largest = _BRIDGED * held * clock.step
+        usual = held * clock.step
+        apart = float(np.median(np.diff(time))) if len(time) > 1 else usual
+        largest = _BRIDGED * usual * max(np.rint(apart / usual), 1.0)  # a channel may have a value in every tenth row
     parts = segments(time, largest)
     gaps = [(float(time[a.stop - 1]), float(time[b.start])) for a, b in pairwise(parts)]
     return Raw(

@@ -40,18 +40,20 @@ class Clock:
     warnings: tuple[str, ...]
 
 
-def check_clock(time: Floats, where: str) -> Clock:
+def check_clock(stamps: Floats, where: str, of: NDArray[np.intp] | None = None) -> Clock:
     """Keep the rows whose stamp is later than every one before.
 
     Args:
-        time: Stamps in s.
+        stamps: Of all rows of a file, in s.
         where: File and column, for messages.
+        of: Rows of the clock; all by default.
 
     Raises:
         UserError: If fewer than two rows are left, or too many stamps repeat or jump back.
     """
-    finite = np.isfinite(time)
-    time = np.where(finite, time, np.nan)
+    own = np.arange(len(stamps)) if of is None else of
+    finite = np.isfinite(stamps[own])
+    time = np.where(finite, stamps[own], np.nan)
     latest = np.maximum.accumulate(np.where(finite, time, -np.inf))
     later = finite & np.concatenate([[True], time[1:] - latest[:-1] > _SAME])
     rows = np.flatnonzero(later)
@@ -61,15 +63,15 @@ def check_clock(time: Floats, where: str) -> Clock:
     warnings = []
     if bad.size:
         first = int(bad[0])
-        evidence = f"first at row {first + 1}, where {time[first]:.6g} s follows {time[max(first - 1, 0)]:.6g} s"
-        if bad.size > _OUT_OF_ORDER * len(time):
+        evidence = f"first at row {own[first] + 1}, where {time[first]:.6g} s follows {time[max(first - 1, 0)]:.6g} s"
+        if bad.size > _OUT_OF_ORDER * len(stamps):
             raise UserError(
-                f"{where}: {bad.size} of {len(time)} stamps are missing, repeat or jump back ({evidence}); "
+                f"{where}: {bad.size} of {len(own)} stamps are missing, repeat or jump back ({evidence}); "
                 "sort the rows, or cut the file where the clock was set"
             )
         warnings.append(f"{where}: {bad.size} rows left out whose stamp is missing, repeats or jumps back ({evidence})")
     kept = time[rows]
-    return Clock(kept, rows, float(np.median(np.diff(kept))), tuple(warnings))
+    return Clock(kept, own[rows], float(np.median(np.diff(kept))), tuple(warnings))
 
 
 def updates(values: Floats) -> tuple[Mask, int]:

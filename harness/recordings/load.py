@@ -29,6 +29,8 @@ from harness.recordings.span import file_and_span, part_of
 
 _END = 1.0
 """s that may be cut from either end where not every signal is there yet, or still."""
+_COARSER = 10.0
+"""Samples of another signal that one of the first is worth, from which on that is said."""
 _LONGEST = 20_000_000
 """Samples; a time base beyond it comes from a stamp that jumped."""
 
@@ -114,6 +116,7 @@ def recording_of(
         "start": start,
         "warnings": [
             *clock.warnings,
+            *_coarse(raws, step, mapping),
             *(w for r in raws for w in _warnings(r, start)),
             *_removed_spikes(raws, start),
             *_unknown_points(mapping),
@@ -197,6 +200,17 @@ def _grid(raws: list[Raw], clock: Clock, mapping: ChannelMap, file: str) -> Floa
     if count < 2:
         raise UserError(f"{file}: lasts {last - first:.3g} s, less than one step of {step:g} s")
     return first + step * np.arange(count)
+
+
+def _coarse(raws: list[Raw], step: float, mapping: ChannelMap) -> list[str]:
+    """Say that the time base is that of a slow signal, which happens to be the first one."""
+    fine = min((float(np.median(np.diff(r.time))) for r in raws if len(r.time) > 1), default=step)
+    if np.isfinite(mapping.step) or step < _COARSER * fine:
+        return []
+    return [
+        f"the common time base has the step of the first signal, '{raws[0].channel.signal}', {step:g} s; another one "
+        f"comes every {fine:.3g} s: state [recording] step to keep what it holds"
+    ]
 
 
 def _refuse_delays(raws: list[Raw], grid: Floats, file: str) -> None:
