@@ -127,7 +127,7 @@ def _messages(
     What is not mapped may be of the same message or of another one; a column that is never blank is a clock, or counts.
     """
     names, clocks = {c.channel for c in mapped}, {table.clock, *channels.clocks}
-    there = {n: _measured(column) for n, column in table.columns.items() if n in names or n not in clocks}
+    there = {n: is_measured(column) for n, column in table.columns.items() if n in names or n not in clocks}
     left = {n: rows for n, rows in there.items() if n in names or not rows.all()}
     messages = []
     while left:
@@ -148,7 +148,8 @@ def _come_together(one: Mask, other: Mask) -> bool:
     return bool(2 * np.count_nonzero((one & other)[part]) >= np.count_nonzero(one[part]))
 
 
-def _measured(column: Floats) -> Mask:
+def is_measured(column: Floats) -> Mask:
+    """Tell values that a sensor may have given from blanks, and from numbers that stand for them."""
     return np.asarray(np.abs(column) < _NO_MEASUREMENT)
 
 
@@ -217,7 +218,7 @@ def _clock(
 def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
     """Return a channel in SI units at its own instants."""
     values = column[clock.rows].astype(float)
-    impossible = ~_measured(values) & ~np.isnan(values)
+    impossible = ~is_measured(values) & ~np.isnan(values)
     values[impossible] = np.nan
     finite = np.isfinite(values)
     if not finite.any():

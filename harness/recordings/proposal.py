@@ -20,6 +20,7 @@ from harness.common.files import toml_text
 from harness.common.units import scale
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings import readers
+from harness.recordings.channels import is_measured
 from harness.recordings.column_names import NAMES, TIME, TRAILER, in_words, stated_unit
 
 _TAKEN_TWICE = {"speed": "longitudinal_velocity"}
@@ -113,7 +114,7 @@ def propose(path: Path) -> Proposal:
     Raises:
         UserError: If it cannot be read, or no column looks like a signal.
     """
-    tables = readers.read_tables(path)
+    tables = [_filled(table) for table in readers.read_tables(path)]
     clocks: list[tuple[str, str, str]] = []
     guesses: list[Guess] = []
     left: list[str] = []
@@ -156,6 +157,17 @@ def propose(path: Path) -> Proposal:
     notes += _further_notes(guesses, clocks, doubled)
     result = Proposal(tuple(guesses), tuple(clocks), (*left, *doubled), tuple(notes))
     return replace(result, text=_text(result, path))
+
+
+def _filled(table: readers.Table) -> readers.Table:
+    """Return a table with values joined over the rows of other messages, so that columns can be compared row by row."""
+    columns, rows = {}, np.arange(len(next(iter(table.columns.values()))))
+    for name, values in table.columns.items():
+        known = np.flatnonzero(is_measured(values))
+        columns[name] = values
+        if 1 < len(known) < len(rows):
+            columns[name] = np.interp(rows, known, values[known], left=np.nan, right=np.nan)
+    return replace(table, columns=columns)
 
 
 def _clocks(table: readers.Table) -> list[tuple[str, str, str]]:
