@@ -86,6 +86,31 @@ def test_many_parameters_must_promise_more_and_what_says_the_same_is_not_tried(m
     assert len(calls) == 2  # the same model is ranked once
 
 
+def test_what_came_nearest_in_its_round_is_tried_in_the_place_of_an_addition_though_it_promises_little(monkeypatch):
+    own, first, second, *others = (
+        Hypothesis(n, "effect", (n,)) for n in ("own", "first", "second", "a", "b", "c", "d")
+    )
+    drifts = Hypothesis("drifts", "effect", ("drift",), output=0, random=True)
+    scores = [
+        SimpleNamespace(hypothesis=h, gain=g)
+        for h, g in zip([*others, own, second, drifts], range(9, 0, -1), strict=False)
+    ]
+
+    def tried(h, bic):
+        return SimpleNamespace(hypothesis=h, bic=bic, fitted=object())
+
+    unfitted = SimpleNamespace(hypothesis=first, bic=80.0, fitted=None)
+    candidates = [tried(own, 90.0), unfitted, tried(drifts, 75.0), tried(second, 70.0), tried(others[0], 60.0)]
+    round_ = SimpleNamespace(added=candidates[0], candidates=candidates)
+    ranked = SimpleNamespace(promised=scores, shortlist=scores[:5], rank=lambda: None)
+    monkeypatch.setattr(alternatives, "SelectionRound", lambda *_: ranked)
+    monkeypatch.setattr(alternatives, "same", lambda *_: False)
+    for rounds, extra in (([], []), ([round_], [second])):
+        asked = Alternatives(SimpleNamespace(models={frozenset(): ((), None)}), rounds)
+        monkeypatch.setattr(asked, "_test", lambda *_: None)
+        assert [s.hypothesis for s in asked._stand_ins(own, (), None)] == [*others[:TRIED], *extra]
+
+
 def test_many_parameters_are_fitted_unless_something_simpler_explains_everything(monkeypatch):
     """A CoG with a roll steer beside it, which is not there, explained what several wrong values explain."""
     given = ("cog", "parameter"), ("roll_steer", "effect"), ("speed_delay", "effect")

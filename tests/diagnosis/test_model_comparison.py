@@ -41,7 +41,7 @@ def test_what_was_added_stays_where_it_is_likely(monkeypatch):
         models = {frozenset(added): (added, best)}
 
         class Alternatives:
-            def __init__(self, fits):
+            def __init__(self, fits, rounds):
                 pass
 
             def fit(self, added, best, needed):

@@ -8,14 +8,14 @@ what it would gain in the model without an addition, with all else in it, which 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from functools import partial
 
 from harness.diagnosis.criteria import HOPEFUL, TRIED
 from harness.diagnosis.fitting.fit import Fitted, Point
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
-from harness.diagnosis.selection.acceptance import same
+from harness.diagnosis.selection.acceptance import Round, same
 from harness.diagnosis.selection.candidate_fits import Added, CandidateFits, own_of
 from harness.diagnosis.selection.score_test import Score, ScoreTest
 from harness.diagnosis.selection.selection_round import SelectionRound
@@ -30,10 +30,11 @@ class Alternatives:
 
     Args:
         fits: Of the drives.
+        rounds: Of the search.
     """
 
-    def __init__(self, fits: CandidateFits) -> None:
-        self._fits = fits
+    def __init__(self, fits: CandidateFits, rounds: Sequence[Round] = ()) -> None:
+        self._fits, self._rounds = fits, rounds
         self._ranked: dict[frozenset[Hypothesis], tuple[list[Score], list[Score]]] = {}
 
     def fit(self, added: Added, best: Fitted, needed: Container[Hypothesis]) -> None:
@@ -111,19 +112,38 @@ class Alternatives:
     def _stand_ins(self, h: Hypothesis, rest: Added, best: Fitted) -> list[Score]:
         """Return what promises most in the place of an addition, the best first, but for what says the same as it.
 
+        And what came nearest to it in its round.
+
         Many parameters at once gain whatever is missing, so they have to promise more than what they would replace.
         """
         key = frozenset(rest)
         if key not in self._ranked:
             name = f"in the place of {h.name.replace('_', ' ')}"
-            tried = SelectionRound(self._fits, rest, [self._fits.models[key][1]], name, self._test(h, rest, best))
-            tried.rank()
-            self._ranked[key] = tried.promised, tried.shortlist
+            ranked = SelectionRound(self._fits, rest, [self._fits.models[key][1]], name, self._test(h, rest, best))
+            ranked.rank()
+            self._ranked[key] = ranked.promised, ranked.shortlist
         promised, shortlist = self._ranked[key]
         own = next((s for s in promised if s.hypothesis == h), None)
-        found = [s for s in shortlist if h not in s.hypothesis.single and not (own and same(s, own))]
-        found = [s for s in found if s.hypothesis.name != ALL_PARAMETERS or own is None or s.gain > own.gain]
-        return found[:TRIED]
+
+        def other(s: Score) -> bool:
+            return h not in s.hypothesis.single and not (own and same(s, own))
+
+        found = [s for s in shortlist if other(s)]
+        found = [s for s in found if s.hypothesis.name != ALL_PARAMETERS or own is None or s.gain > own.gain][:TRIED]
+        second, tried = self._second(h), [s.hypothesis for s in found]
+        return [*found, *(s for s in promised if s.hypothesis == second and second not in tried and other(s))]
+
+    def _second(self, h: Hypothesis) -> Hypothesis | None:
+        """Return what came nearest to an addition in its round, where both were fitted.
+
+        A score promises little of a large effect, and less beside others that act alike.
+        """
+        for r in self._rounds:
+            if r.added is not None and h in r.added.hypothesis.single:
+                tried = [c for c in r.candidates if c.fitted is not None and h not in c.hypothesis.single]
+                tried = [c for c in tried if not (c.hypothesis.expected or c.hypothesis.many)]
+                return max(tried, key=lambda c: c.bic).hypothesis if tried else None
+        return None
 
     def _test(self, h: Hypothesis, rest: Added, best: Fitted) -> ScoreTest | None:
         """Return the score test of a model without an addition, by the columns of the model with it.

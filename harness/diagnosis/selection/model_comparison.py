@@ -65,7 +65,7 @@ def likeliest(
         added: What they added.
         best: The fit with all of it.
     """
-    compared, alternatives = _Comparison(fits, rounds), Alternatives(fits)
+    compared, alternatives = _Comparison(fits, rounds), Alternatives(fits, rounds)
     seen: set[frozenset[Hypothesis]] = set()
     while True:
         added, best, needed = _lessened(fits, compared, added, best)
