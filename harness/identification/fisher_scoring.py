@@ -7,6 +7,7 @@ and lengths at once, because eight candidates cost one run of the filter; the be
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,8 +25,8 @@ _LENGTHS = (0.5, 0.2, 2.0, 4.0)
 not the curvature, which makes steps too short."""
 _LEAST = -0.9
 """Smallest relative step of a variance, behind which its logarithm takes the step."""
-_EVER_SMALLER = 1e3
-_LARGEST_DAMPING = 1e9
+_FROM, _TO = 1e2, 1e8
+"""Dampings that are tried together where none of these steps gains anything: from so many times the last one up."""
 
 
 class Objective(Protocol):
@@ -59,6 +60,8 @@ class Maximum:
         information: Fisher information of the moved coordinates at the point before the last step.
         predicted: Predicted gain of a further step.
         hopeless: Whether it was given up because it leads nowhere near what counts.
+        stuck: Whether no step gains anything, however small: there the slopes are not those of the value, and another
+            search ends in the same place.
     """
 
     z: Floats
@@ -66,6 +69,7 @@ class Maximum:
     information: Floats
     predicted: float
     hopeless: bool = False
+    stuck: bool = False
 
     @property
     def converged(self) -> bool:
@@ -101,9 +105,15 @@ def maximise(
             for that of normal samples whose mean square is ``r`` times as large the step is ``r - 1``, and wrong is the
             logarithm of ``r``.
     """
-    z, damping, hopeless = start.copy(), 1e-2, False
+    z, damping, hopeless, stuck = start.copy(), 1e-2, False, False
     relative = np.zeros(int(moved.sum()), dtype=bool) if variances is None else variances[moved]
     value, predicted, information, before = -np.inf, np.inf, np.empty((0, 0)), 0.0
+
+    def ahead(z: Floats, steps: Sequence[Floats]) -> Floats:
+        way, found = np.column_stack(steps), np.repeat(z[:, None], len(steps), axis=1)
+        found[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
+        return np.clip(found, objective.lower[:, None], objective.upper[:, None])
+
     for _ in range(iterations):
         value, gradient, information = objective.slopes(z, moved)
         lower, upper = objective.lower[moved] - z[moved], objective.upper[moved] - z[moved]
@@ -112,29 +122,28 @@ def maximise(
         hopeless = bool(value + 2.0 * predicted < least)
         if predicted < enough or not np.isfinite(value) or hopeless:
             break
-        better = None
-        while better is None and damping < _LARGEST_DAMPING:
-            strengths = [damping * d for d in _DAMPINGS]
-            steps = [bounded_step(gradient, information, s, lower, upper) for s in strengths]
-            steps += [np.clip(length * full, lower, upper) for length in _LENGTHS]
-            strengths += [damping if length < 1 else strengths[1] for length in _LENGTHS]
-            candidates = np.repeat(z[:, None], len(steps), axis=1)
-            way = np.column_stack(steps)
-            candidates[moved] += np.where(relative[:, None], np.minimum(way, np.log1p(np.maximum(way, _LEAST))), way)
-            candidates = np.clip(candidates, objective.lower[:, None], objective.upper[:, None])
+        strengths = [damping * d for d in _DAMPINGS]
+        steps = [bounded_step(gradient, information, s, lower, upper) for s in strengths]
+        steps += [np.clip(length * full, lower, upper) for length in _LENGTHS]
+        strengths += [damping if length < 1 else strengths[1] for length in _LENGTHS]
+        candidates = ahead(z, steps)
+        values = objective.values(candidates, keep_first=True)
+        best = int(np.argmax(values))
+        if values[0] > max(value, values[best] - enough):
+            best = 0  # the full step, where no other is better by what counts
+        whole = best == 0
+        if not values[best] > value:
+            strengths = [*np.geomspace(_FROM * damping, max(_TO, _FROM * damping), len(steps))]
+            candidates = ahead(z, [bounded_step(gradient, information, s, lower, upper) for s in strengths])
             values = objective.values(candidates, keep_first=True)
-            best = int(np.argmax(values))
-            if values[0] > max(value, values[best] - enough):
-                best = 0  # the full step, where no other is better by what counts
-            if values[best] > value:
-                better, damping = candidates[:, best], max(strengths[best], 1e-6)
-            else:
-                damping *= _EVER_SMALLER
-        if better is None:
-            break
+            best, whole = int(np.argmax(values)), False
+            stuck = not values[best] > value
+            if stuck:
+                break
+        damping = max(strengths[best], 1e-6)
         gained = float(values[best]) - value
-        z, value = better, float(values[best])
-        if best == 0:
+        z, value = candidates[:, best], float(values[best])
+        if whole:
             # After the full step at most about this is left: it is what the curvature has wrong along the step.
             predicted = abs(predicted - gained)
             if predicted < enough:
@@ -142,7 +151,7 @@ def maximise(
         if gained < max(slow, share * before) or (gained < 0.1 * enough and predicted < 10 * enough):
             break  # slow, or rounding of the likelihood
         before += gained
-    return Maximum(z, value, information, predicted, hopeless)
+    return Maximum(z, value, information, predicted, hopeless, stuck)
 
 
 def bounded_step(gradient: Floats, information: Floats, damping: float, lower: Floats, upper: Floats) -> Floats:

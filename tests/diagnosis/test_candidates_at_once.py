@@ -2,12 +2,15 @@
 they lead."""
 
 import math
+from functools import partial
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from harness.common.last_used import LastUsed
 from harness.diagnosis.criteria import BIC_NEEDED, HOPEFUL
+from harness.diagnosis.fitting import fit
 from harness.diagnosis.fitting.fit import Fitted, Fitting
 from harness.diagnosis.model.hypotheses import hypotheses
 from harness.diagnosis.selection.candidate_fits import CandidateFits
@@ -16,6 +19,7 @@ from harness.diagnosis.selection.score_test import ScoreTest
 from harness.diagnosis.selection.selection_round import SelectionRound
 from harness.diagnosis.selection.validation import HeldOut
 from harness.identification.filtered_model import REMEMBERED
+from harness.identification.fisher_scoring import Maximum
 from support.driven_car import FREE, driven
 
 NAMES = ("steering_offset", "sensor_bias@yaw_rate", "steering_lag")
@@ -50,6 +54,15 @@ def test_candidates_end_in_the_same_bits_whatever_the_number_of_threads(augmente
     assert max(bic for bic, *_ in alone[1]) > 100  # the one that is there
     for jobs in (2, 5):
         assert fitted(augmented, drives, jobs, monkeypatch) == alone
+
+
+@pytest.mark.parametrize("stuck", [True, False])
+def test_a_fit_that_no_step_leads_on_from_has_ended(augmented, drives, monkeypatch, stuck):
+    """Its slopes promise what it does not reach, and so they would in another turn."""
+    promising = partial(Maximum, value=0.0, information=np.empty((0, 0)), predicted=100.0, stuck=stuck)
+    monkeypatch.setattr(fit, "maximise", lambda objective, z, *_, **__: promising(z))
+    fitting = Fitting(augmented, drives[:1], first_variances(augmented, drives), driven=drives)
+    assert fitting.fit((), fitting.first(), 3, 1, afresh=False).ended is stuck
 
 
 @pytest.mark.parametrize(

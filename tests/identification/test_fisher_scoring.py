@@ -120,6 +120,42 @@ def test_the_full_step_comes_first_where_its_run_can_be_kept():
     assert kept[0][1] == pytest.approx(SUMMIT)
 
 
+def misled(objective, tried):
+    """Return an objective whose slopes lead down, which notes how many candidates it was asked for."""
+    inner, values = objective.slopes, objective.values
+
+    def slopes(z, moved):
+        value, gradient, information = inner(z, moved)
+        return value, -gradient, information
+
+    objective.slopes = slopes
+    objective.values = lambda z, keep_first=False: tried.append(z.shape[1]) or values(z)
+    return objective
+
+
+def test_a_search_is_stuck_where_no_step_gains_anything():
+    """Eight steps and eight ever smaller ones say so; it stays where it is."""
+    tried: list[int] = []
+    found = maximise(misled(parabola(), tried), np.zeros(3), np.ones(3, dtype=bool), 10)
+    assert found.stuck
+    assert not found.converged
+    assert np.array_equal(found.z, np.zeros(3))
+    assert tried == [8, 8]
+    assert not maximise(parabola(), np.zeros(3), np.ones(3, dtype=bool), 10).stuck
+
+
+def test_a_step_that_is_damped_enough_gains_where_the_curvature_is_understated():
+    """No step of the first eight gains anything; what is gained later is a damped step and no full one."""
+    objective, tried = parabola(), []
+    inner, values = objective.slopes, objective.values
+    objective.slopes = lambda z, moved: (*inner(z, moved)[:2], 1e-4 * inner(z, moved)[2])
+    objective.values = lambda z, keep_first=False: tried.append(z.shape[1]) or values(z)
+    found = maximise(objective, np.zeros(3), np.ones(3, dtype=bool), 60, enough=1e-9)
+    assert tried[:2] == [8, 8]
+    assert not found.stuck
+    assert np.allclose(found.z, SUMMIT, atol=1e-3)
+
+
 def test_a_search_is_given_up_where_twice_what_it_promises_does_not_count():
     start, every = np.zeros(3), np.ones(3, dtype=bool)
     below = float(parabola().values(start[:, None])[0])  # the summit has 0

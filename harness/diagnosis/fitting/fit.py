@@ -180,7 +180,7 @@ class Fitting:
             most = turns * iterations
             share = _SLOW if turns == 1 else 0.0
             found = maximise(objective, z, every, most, ENOUGH, 3 * ENOUGH, share, least, variances=~parameters)
-            ended = found.hopeless or found.predicted < 10 * ENOUGH
+            ended = found.hopeless or found.stuck or found.predicted < 10 * ENOUGH
             return found, ended
 
         return self._driveable(coordinates, start, search)
