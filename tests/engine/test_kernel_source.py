@@ -16,6 +16,7 @@ from harness.common.errors import ModelError
 from harness.engine import kernel_names, time_loops
 from harness.engine.compile import compile_model, over_duals, paste
 from harness.engine.kernel_source import kernel_source
+from harness.engine.lane_kinds import in_one_lane
 from harness.engine.simd import (
     dual as dual_lanes,
 )
@@ -28,7 +29,6 @@ from harness.engine.simd import (
 )
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import _sigma_points, ukf
-from harness.realtime.one_lane import in_one_lane
 from harness.testing.linear_filter import compiled_linear
 from harness.testing.small_vehicles import linear
 
@@ -185,7 +185,7 @@ from harness.engine.compile import compile_model, load_source, paste
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import ukf
 from harness.identification import time_loops as kernels
-from harness.realtime.one_lane import in_one_lane
+from harness.engine.lane_kinds import in_one_lane
 
 plain, duals = (compile_model(linear(), 0.05, signals=("beta_test",), duals=d) for d in (False, True))
 given = kernels_of(load_estimator("ukf"))

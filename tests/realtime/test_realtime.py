@@ -13,11 +13,11 @@ from harness.cli import main as cli
 from harness.common.errors import UserError
 from harness.config import load_study
 from harness.engine.compile import load_source
+from harness.engine.lane_kinds import in_one_lane
 from harness.engine.simd.lanes import LANES
 from harness.engine.simd.random import generator_words
 from harness.estimation.contract import Estimator
 from harness.realtime.measure import Contestant, contestants, measure
-from harness.realtime.one_lane import in_one_lane
 from harness.realtime.outcome import PACES, QUANTILES, _ratios, judge, published_ratio, read, write
 from harness.realtime.report import headline, write_report
 from harness.simulation.simulate import in_lanes

@@ -33,7 +33,9 @@ def linearise(u, between, constants, x, ahead, outputs):
 
 
 def vary_noise(linear, columns, gain, whitening, whitened, directions, rows):
-    """Write the derivatives of a filter's innovations and of their covariance along eight directions of its noise.
+    """Write the derivatives of a filter's innovations and of their covariance along some directions of its noise.
+
+    All numbers are of single precision, whose seven digits are more than a step of a fit needs of its slopes.
 
     With ``W' W`` the inverse of the innovations' covariance ``S``, the derivatives ``de`` and ``dS`` of a sample are
     written whitened: ``W de``, then the lower triangle of ``G = W dS W'``, its diagonal over the root of 2. With
@@ -51,11 +53,14 @@ def vary_noise(linear, columns, gain, whitening, whitened, directions, rows):
             ``(ny, LANES)`` and of the first state ``(nx, LANES)``.
         rows: Written ``(samples, ny + ny (ny + 1) / 2, LANES)``; the first sample is not used.
     """
+    means, innovation = np.zeros((2, NX, LANES), np.float32), np.empty((NY, LANES), np.float32)
+    squares, seen_by = np.zeros((3, NX, NX, LANES), np.float32), np.empty((2, NX, NY, LANES), np.float32)
+    of_innovation, weighted = np.empty((2, NY, NY, LANES), np.float32), np.empty(NY, np.float32)
     owned = (
-        (np.zeros((NX, LANES)), np.zeros((NX, LANES)), np.empty((NY, LANES))),
-        (np.zeros((NX, NX, LANES)), np.zeros((NX, NX, LANES)), np.zeros((NX, NX, LANES))),
-        (np.empty((NX, NY, LANES)), np.empty((NX, NY, LANES)), np.empty((NY, NY, LANES)), np.empty((NY, NY, LANES))),
-        np.empty(NY),
+        (means[0], means[1], innovation),
+        (squares[0], squares[1], squares[2]),
+        (seen_by[0], seen_by[1], of_innovation[0], of_innovation[1]),
+        weighted,
     )
     (x, x_prior, e), (P, P_prior, T), (V, W, S, U), pull = borrowed(owned)
     (A, H), (moving, seen), (Q, R, first), rows = borrowed((linear, columns, directions, rows))

@@ -1,7 +1,7 @@
 """Derivatives of a filter's log-likelihood to the variances of its noise, along a pass that is finished.
 
 Along the pass the model that the filter knows is linearised, so that along a direction of the variances covariance,
-gains and mean are moved by recursions without a tyre in them: eight directions cost half a run of the filter.
+gains and mean are moved by recursions without a tyre in them: sixteen directions cost half a run of the filter.
 """
 
 from __future__ import annotations
@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from harness.common.arrays import Floats
 from harness.diagnosis.model import noise_loops
 from harness.engine.compile import CompiledModel, load_source, paste
+from harness.engine.lane_kinds import SINGLES, over_singles
 from harness.engine.simd.lanes import LANES
 from harness.identification.data import Drive
 from harness.identification.filtered_model import Candidates, FilterRun
+
+Singles = NDArray[np.float32]
 
 
 class NoiseSlopes:
@@ -28,7 +31,8 @@ class NoiseSlopes:
     def __init__(self, compiled: CompiledModel, inputs: NDArray[np.int_]) -> None:
         self._compiled, self._inputs = compiled, inputs
         self._linearise = load_source("linearise", paste(compiled, "linearise", [noise_loops.linearise])).linearise
-        self._vary = load_source("vary_noise", paste(compiled, "vary_noise", [noise_loops.vary_noise])).vary_noise
+        vary = over_singles(paste(compiled, "vary_noise", [noise_loops.vary_noise]))
+        self._vary = load_source("vary_noise", vary).vary_noise
 
     def along(
         self, drive: Drive, constants: Floats, kept: FilterRun, directions: Candidates, first: Floats
@@ -46,20 +50,19 @@ class NoiseSlopes:
         there = np.isfinite(kept.whitened)
         r = np.where(there, kept.whitened, 0.0)
         whitening = kept.whitening * there[:, :, None] * there[:, None, :]
-        linear = self._linear(drive, constants, kept.state[:, :nx])
-        gain = np.ascontiguousarray(kept.gain[:, :nx])
-        columns = tuple(map(nonzero_columns, linear))
+        jacobians = self._linear(drive, constants, kept.state[:, :nx])
+        columns, linear = (tuple(map(part, jacobians)) for part in (nonzero_columns, _singles))
+        passed = tuple(_singles(part) for part in (kept.gain[:, :nx], whitening, r))
         rows, ny = [], r.shape[1]
-        for s in range(0, n, LANES):
-            lanes = [min(j, n - 1) for j in range(s, s + LANES)]
-            parts = (directions.process, directions.measurement, first)
-            moved = tuple(np.ascontiguousarray(part[:, lanes]) for part in parts)
-            found = np.zeros((len(r), ny + ny * (ny + 1) // 2, LANES))
-            self._vary(linear, columns, gain, whitening, r, moved, found)
-            rows.append(found.reshape(-1, LANES))
-        pull = _pull(r).reshape(-1)
-        gradient = np.concatenate([part.T @ pull for part in rows])
-        information = np.block([[one.T @ other for other in rows] for one in rows])
+        for s in range(0, n, SINGLES):
+            lanes = [min(j, n - 1) for j in range(s, s + SINGLES)]
+            moved = tuple(_singles(part[:, lanes]) for part in (directions.process, directions.measurement, first))
+            found = np.zeros((len(r), ny + ny * (ny + 1) // 2, SINGLES), np.float32)
+            self._vary(linear, columns, *passed, moved, found)
+            rows.append(found.reshape(-1, SINGLES))
+        pull = _singles(_pull(r)).reshape(-1)
+        gradient = np.concatenate([part.T @ pull for part in rows]).astype(float)
+        information = np.block([[one.T @ other for other in rows] for one in rows]).astype(float)
         return gradient[:n], information[:n, :n]
 
     def _linear(self, drive: Drive, constants: Floats, states: Floats) -> tuple[Floats, Floats]:
@@ -77,6 +80,11 @@ def _pull(r: Floats) -> Floats:
     a, b = np.tril_indices(r.shape[1])
     seen = r[:, a] * r[:, b] - (a == b)
     return np.concatenate([-r, np.where(a == b, np.sqrt(0.5), 1.0) * seen], axis=1)
+
+
+def _singles(values: Floats) -> Singles:
+    """Return numbers in single precision, row by row."""
+    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def _in_blocks(values: Floats) -> Floats:

@@ -20,12 +20,14 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 LANES = 8
+NUMBER = types.float64
+"""What a lane holds of each run."""
 
 # No nnan/ninf: they would delete the divergence checks. No reassoc: range reductions rely on the order written.
 FLAGS = ("contract", "arcp", "nsz")
-_F64 = ir.DoubleType()
 _I64 = ir.IntType(64)
-VECTOR = ir.VectorType(_F64, LANES)
+VECTOR = ir.VectorType(ir.DoubleType() if types.float64 == NUMBER else ir.FloatType(), LANES)
+_BYTES = NUMBER.bitwidth // 8
 _INTEGERS = ir.VectorType(_I64, LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
 
@@ -35,7 +37,7 @@ class LaneType(types.Type):
 
     def __init__(self, *, truth: bool) -> None:
         self.truth = truth
-        super().__init__(name=f"{'mask' if truth else 'lane'}{LANES}")
+        super().__init__(name=f"{'mask' if truth else 'lane'}{LANES} of {NUMBER}")
 
 
 lane = LaneType(truth=False)
@@ -57,7 +59,7 @@ def broadcast(context: Any, builder: Any, value: Any, ty: Any) -> Any:
     """Return the value as a vector; a number becomes the same in every lane."""
     if ty == lane:
         return value
-    scalar = context.cast(builder, value, ty, types.float64)
+    scalar = context.cast(builder, value, ty, NUMBER)
     empty = ir.Constant(VECTOR, ir.Undefined)
     first = builder.insert_element(empty, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
@@ -141,7 +143,7 @@ def _llvm(name: str, count: int) -> Any:
             values = cgutils.unpack_tuple(builder, packed[0], count)
             vectors = [broadcast(context, builder, v, t) for v, t in zip(values, args, strict=True)]
             kind = ir.FunctionType(VECTOR, [VECTOR] * count)
-            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f{NUMBER.bitwidth}")
             return builder.call(function, vectors)
 
         # numba hands the values of *args over as one tuple
@@ -236,7 +238,7 @@ def fits(array: Any, indices: Any) -> bool:
     """Return whether the indices lead to a lane of the array."""
     return (
         isinstance(array, types.Array)
-        and array.dtype == types.float64
+        and array.dtype == NUMBER
         and array.layout == "C"
         and array.ndim == len(indices) + 1
     )
@@ -248,7 +250,7 @@ def get(typingctx: Any, array: Any, *indices: Any) -> Any:
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         pointer = address(context, builder, array, args[0], indices, args[1])
-        return builder.load(pointer, align=8, typ=VECTOR)
+        return builder.load(pointer, align=_BYTES, typ=VECTOR)
 
     return (lane(array, types.StarArgTuple(indices)) if fits(array, indices) else None), generate
 
@@ -260,7 +262,7 @@ def put(typingctx: Any, value: Any, array: Any, *indices: Any) -> Any:
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vector = broadcast(context, builder, args[0], value)
         pointer = address(context, builder, array, args[1], indices, args[2])
-        builder.store(vector, pointer, align=8)
+        builder.store(vector, pointer, align=_BYTES)
         return context.get_dummy_value()
 
     return (types.none(value, array, types.StarArgTuple(indices)) if fits(array, indices) else None), generate
