@@ -276,7 +276,7 @@ def _along(objective: LogPosterior, z: Floats, together: list[int]) -> Floats:
     many = np.repeat(z[:, None], len(_COARSE) + 1, axis=1)
     many[together, 1:] += np.array(_COARSE)
     many = np.clip(many, objective.lower[:, None], objective.upper[:, None])
-    return many[:, int(np.argmax(objective.values(many)))]
+    return many[:, int(np.argmax(objective.values(many, keep_first=True)))]
 
 
 def least_of(c: Coordinate) -> float:

@@ -221,13 +221,18 @@ class Linearised:
     @functools.cached_property
     def innovations(self) -> InnovationModel:
         """What it makes of the innovations."""
-        held = np.eye(len(self.active)) - self.gain @ self.output
         return InnovationModel(
-            np.ascontiguousarray(self.transition @ held),
+            np.ascontiguousarray(self.transition - self._correction @ self.output),
             np.ascontiguousarray(self._whitening @ self.output),
             np.nan_to_num(self.whitened),
             self.augmented.spec.step,
         )
+
+    @functools.cached_property
+    def _correction(self) -> Floats:
+        """What an innovation changes of the next state ``(samples, n, ny)``."""
+        found: Floats = self.transition @ self.gain
+        return found
 
     def raw(self, disturbance_inputs: Sequence[DisturbanceInput]) -> tuple[Floats, Floats]:
         """Return how channels move the next state ``(samples, nx, n)`` and the outputs ``(samples, ny, n)``."""
@@ -273,7 +278,7 @@ class Linearised:
 
     def entering(self, ahead: Floats, outputs: Floats) -> list[InputDirection]:
         """Return how what moves active states ``(samples, rows, n)`` and outputs ``(samples, ny, n)`` enters them."""
-        through = -self.transition @ (self.gain @ outputs)
+        through = -(self._correction @ outputs)
         entry = ahead + through
         direct = self._whitening @ outputs
         return [
