@@ -19,12 +19,11 @@ from harness.reporting.document import Block, Bullets, Heading, Picture, Sheet, 
 from harness.reporting.style import number, with_unit
 from harness.study import sobol_indices
 from harness.study.report.analysis import Findings
-from harness.study.report.opening import ALIKE
+from harness.study.report.overall import ALIKE
 from harness.study.report.ranking import Ranking, limits_of, tolerances
 from harness.study.report.sections.sensitivity import in_short
 from harness.study.report.sections.tolerance import breaks_first, told
 from harness.study.results import Design
-from harness.study.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
 from harness.study.tolerance import Tolerance
 
 
@@ -66,7 +65,8 @@ class Joint:
     @cached_property
     def believed(self) -> Floats:
         """Error over all drives where all is as believed, ``(target, estimator)``; NaN where no run has a score."""
-        nominal = self.nested.rmse[:, 0, :, :, :1, :]  # the first point of the innermost box is its centre
+        centre = slice(1)  # the first point of the innermost box
+        nominal = self.nested.errors_under_control[:, 0, :, :, centre, :]
         return np.asarray(sobol_indices.over_drives(nominal)[..., 0])
 
     def quantiles(self, target: int) -> Floats:
@@ -75,7 +75,7 @@ class Joint:
 
     def diverged(self, estimator: int) -> int:
         """Return in how many runs over the box the estimator diverged."""
-        return self.design.count(ESTIMATOR_DIVERGED, None, estimator)
+        return self.design.diverged(estimator)
 
 
 def answer(results: Results, found: list[Finding]) -> list[Block]:
@@ -126,13 +126,12 @@ def _failures(joint: Joint) -> str:
     design = joint.design
     parts = []
     for e, name in enumerate(design.estimators):
-        lower, upper = share(joint.diverged(e), design.planned)[1:]
+        lower, upper = share(joint.diverged(e), design.compared())[1:]
         interval = f"{style.percent(lower)} to {style.percent(upper)}"
         parts.append(f"{name} in {joint.diverged(e)} ({interval})")
-    plant = design.count(PLANT_DIVERGED, None, 0)
-    text = f"Of {design.planned} runs over the box, each estimator on each of them, diverged: {listed(parts)}."
-    if plant:
-        text += f" In {plant} the plant itself left the range in which its equations hold, for every estimator."
+    text = f"Of {design.compared()} runs over the box, each estimator on each of them, diverged: {listed(parts)}."
+    if design.out_of_control.any():
+        text += f" In {int(design.out_of_control.sum())} more the vehicle itself went out of control."
     return text
 
 

@@ -14,7 +14,7 @@ from harness.common.errors import UserError
 from harness.realtime import outcome
 from harness.study.report.analysis import Analysis
 from harness.study.results import Design, StudyResults, read
-from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
+from harness.study.scores import PENDING
 from harness.study.store import STORE
 
 STUDIES = ("ideal", "process-noise", "mass", "cog", "friction", "tyre", "joint")
@@ -62,7 +62,7 @@ class Results:
         return {name: Analysis(store) for name, store in self.stores.items()}
 
     def errors(self, study: str, band: str | None, estimator: str, target: str) -> Floats:
-        """Return the RMSE of a group of runs in report units, ``(stratum, sample, repeat)``; NaN where a run has none.
+        """Return the RMSE of a group of runs in report units, ``(stratum, sample, repeat)``, as ``Design.errors``.
 
         Args:
             study: Its first design is meant, which is the dissertation's.
@@ -77,13 +77,13 @@ class Results:
         t = _index(study, "target", target, [q.name for q in found.targets])
         e = _index(study, "estimator", estimator, found.estimators)
         chosen = range(len(found.bands)) if band is None else [_index(study, "level", band, found.bands)]
-        return np.concatenate([found.rmse[t, b, e] for b in chosen])
+        return np.concatenate([found.errors[t, b, e] for b in chosen])
 
     def diverged(self, study: str, band: str, estimator: str) -> tuple[int, int]:
-        """Return how many runs of a group diverged, be it the estimator or the plant, and how many there are."""
+        """Return in how many runs of a group the estimator diverged, and how many there are of a vehicle in control."""
         found = self.design(study)
         b, e = _index(study, "level", band, found.bands), _index(study, "estimator", estimator, found.estimators)
-        return found.count(ESTIMATOR_DIVERGED, b, e) + found.count(PLANT_DIVERGED, b, e), found.planned
+        return found.diverged(e, b), found.compared(b)
 
     def bands(self, study: str) -> list[str]:
         """Return the labels of the levels of a study's first design."""

@@ -1,7 +1,7 @@
 """The statistics of the report: intervals of medians, paired comparisons, bounds of chi-square averages.
 
 Everything here takes plain arrays and a seed, so that the same store always gives the same report. Runs that
-diverged are removed by the caller, who counts them; a NaN that is left in the data is ignored.
+diverged are infinitely wrong: medians, quartiles and ranks take them as larger than any other. A NaN is ignored.
 
 Why a percentile bootstrap, stratified by drive: the median has no smooth influence function, so the jackknife
 acceleration of BCa is not consistent for it, while the percentile interval is (Efron & Tibshirani, *An
@@ -62,7 +62,7 @@ class Comparison:
     """A paired comparison ``second - first``; negative where the second estimator has the smaller error.
 
     Attributes:
-        n: Number of pairs in which both are finite.
+        n: Number of pairs; infinite errors of one of both count as the largest, of both not at all.
         difference: Median of the paired differences with its bootstrap interval.
         wins: Share of the pairs in which the second is smaller.
         p_value: Two-sided Wilcoxon signed-rank test of a symmetric distribution about zero, not corrected.
@@ -72,6 +72,21 @@ class Comparison:
     difference: Interval
     wins: float
     p_value: float
+
+
+_INFINITE = 1e300
+"""Stands for an infinite value where order statistics are interpolated; what comes near to it is infinite."""
+
+
+def _values(values: ArrayLike) -> Floats:
+    """Return values that are numbers, with infinite ones so large that they can be averaged with others."""
+    flat = np.asarray(values, dtype=float).ravel()
+    return np.clip(flat[~np.isnan(flat)], -_INFINITE, _INFINITE)
+
+
+def _numbers(values: ArrayLike) -> list[float]:
+    """Return order statistics of ``_values`` as numbers, infinite where an infinite value has a part in them."""
+    return [float(np.copysign(np.inf, v)) if abs(v) > _INFINITE / 1e12 else float(v) for v in np.atleast_1d(values)]
 
 
 @lru_cache(maxsize=8)
@@ -108,7 +123,7 @@ def median_interval(
     """Return the median with its percentile bootstrap interval.
 
     Args:
-        values: Any shape; NaN is ignored.
+        values: Any shape; NaN is ignored, infinite values count as the largest.
         strata: Labels of the same shape. Each stratum is resampled within itself. Where a stratum holds a
             single value nothing could vary, so then the whole sample is resampled as one.
         level: Confidence level.
@@ -119,19 +134,16 @@ def median_interval(
     Returns:
         NaN throughout for an empty sample; an interval of no width for a single value.
     """
-    flat = np.asarray(values, dtype=float).ravel()
-    keep = np.isfinite(flat)
-    data = flat[keep]
+    data = _values(values)
     if data.size == 0:
         return Interval(np.nan, np.nan, np.nan)
-    order, sizes = _by_stratum(strata, keep)
+    order, sizes = _by_stratum(strata, ~np.isnan(np.asarray(values, dtype=float).ravel()))
     if data.size > LARGE:
         return _interval_of_large_sample(data[order], sizes, level)
     draws = min(resamples, max(400, _LARGEST_DRAW // data.size))
     medians = np.median(data[order][_resampled_indices(sizes, draws, seed)], axis=1)
     tail = (1.0 - level) / 2.0
-    lower, upper = np.quantile(medians, [tail, 1.0 - tail])
-    return Interval(float(np.median(data)), float(lower), float(upper))
+    return Interval(*_numbers([np.median(data), *np.quantile(medians, [tail, 1.0 - tail])]))
 
 
 def _interval_of_large_sample(data: Floats, sizes: tuple[int, ...], level: float) -> Interval:
@@ -155,24 +167,23 @@ def _interval_of_large_sample(data: Floats, sizes: tuple[int, ...], level: float
     ranks = np.clip([(data.size - 1) / 2.0 - reach, (data.size - 1) / 2.0 + reach], 0, data.size - 1)
     lower, upper = (int(np.floor(ranks[0])), int(np.ceil(ranks[1])))
     ordered = np.partition(data, (lower, upper))
-    return Interval(median, float(ordered[lower]), float(ordered[upper]))
+    return Interval(*_numbers([median, ordered[lower], ordered[upper]]))
 
 
 def summarise(values: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0) -> Summary:
-    """Return the numbers of a box plot; NaN is ignored, an empty sample gives NaN with ``n = 0``.
+    """Return the numbers of a box plot, infinite values as the largest; an empty sample gives NaN with ``n = 0``.
 
     Args:
         values: Any shape.
         strata: Labels for the bootstrap, see ``median_interval``.
         seed: Seed of the bootstrap.
     """
-    data = np.asarray(values, dtype=float).ravel()
-    data = data[np.isfinite(data)]
+    data = _values(values)
     median = median_interval(values, strata, seed=seed)
     if data.size == 0:
         return Summary(0, median, np.nan, np.nan, np.nan, np.nan)
-    minimum, lower, upper, maximum = np.quantile(data, [0.0, 0.25, 0.75, 1.0])
-    return Summary(data.size, median, float(lower), float(upper), float(minimum), float(maximum))
+    minimum, lower, upper, maximum = _numbers(np.quantile(data, [0.0, 0.25, 0.75, 1.0]))
+    return Summary(data.size, median, lower, upper, minimum, maximum)
 
 
 def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None, *, seed: int = 0) -> Comparison:
@@ -184,18 +195,19 @@ def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None
         strata: Labels for the bootstrap, see ``median_interval``.
         seed: Seed of the bootstrap.
     """
-    difference = np.asarray(second, dtype=float) - np.asarray(first, dtype=float)
-    finite = difference[np.isfinite(difference)]
+    with np.errstate(invalid="ignore"):
+        difference = np.asarray(second, dtype=float) - np.asarray(first, dtype=float)
+    pairs = _values(difference)
     interval = median_interval(difference, strata, seed=seed)
-    if finite.size == 0:
+    if pairs.size == 0:
         return Comparison(0, interval, np.nan, np.nan)
-    wins = float(np.mean(finite < 0.0))
-    if not np.any(finite != 0.0):  # the test statistic is undefined; there is no evidence at all
-        return Comparison(finite.size, interval, wins, 1.0)
+    wins = float(np.mean(pairs < 0.0))
+    if not np.any(pairs != 0.0):  # the test statistic is undefined; there is no evidence at all
+        return Comparison(pairs.size, interval, wins, 1.0)
     from scipy.stats import wilcoxon  # takes longer to import than a report of one estimator to write
 
-    result: Any = wilcoxon(finite)
-    return Comparison(finite.size, interval, wins, float(result.pvalue))
+    result: Any = wilcoxon(pairs)
+    return Comparison(pairs.size, interval, wins, float(result.pvalue))
 
 
 def median_ratio(

@@ -49,19 +49,33 @@ def outside(x, limits):
     return bad
 
 
-def undefined(s, needed, least):
+def undefined(s, rows):
     """Return 1 in the lanes in which a signal is no number that can be scored: not one, infinite or absurdly large.
 
     Args:
         s: Signals ``(ns, LANES)``.
-        needed: Which of them count: those with ``least`` or more ``(ns,)``.
-        least: See ``needed``.
+        rows: Negative for those that do not count ``(ns,)``.
     """
     bad = splat(0.0)
     for i in range(NS):
-        if needed[i] >= least:
+        if rows[i] >= 0:
             value = get(s, i)
             bad = select((value <= LARGEST) & (value >= -LARGEST), bad, 1.0)
+    return bad
+
+
+def beyond(s, largest):
+    """Return 1 in the lanes in which a signal is not a number of the magnitude that it may have.
+
+    Args:
+        s: Signals ``(ns, LANES)``.
+        largest: Largest magnitude of each; zero for those that may be anything ``(ns,)``.
+    """
+    bad = splat(0.0)
+    for i in range(NS):
+        if largest[i] > 0.0:
+            value = get(s, i)
+            bad = select((value <= largest[i]) & (value >= -largest[i]), bad, 1.0)  # false for NaN
     return bad
 
 
@@ -72,19 +86,19 @@ def surprised(info):
     return select((get(info.seen, 0) > 0.0) & ~known, 1.0, 0.0)
 
 
-def simulate(inputs, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
+def simulate(inputs, c, deviation_x, deviation_y, limits, largest, x0, noise, truth, y, left_at):
     """Simulate batches of one drive with process and measurement noise.
 
-    The arguments are those of ``simulate_batch``, all but ``inputs``, ``limits`` and ``needed`` with an axis of batches
-    in front.
+    The arguments are those of ``simulate_batch``, all but ``inputs``, ``limits`` and ``largest`` with an axis of
+    batches in front.
     """
     for b in range(noise.shape[0]):
         simulate_batch(
-            inputs, c[b], deviation_x[b], deviation_y[b], limits, needed, x0[b], noise[b], truth[b], y[b], left_at[b]
+            inputs, c[b], deviation_x[b], deviation_y[b], limits, largest, x0[b], noise[b], truth[b], y[b], left_at[b]
         )
 
 
-def simulate_batch(inputs, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
+def simulate_batch(inputs, c, deviation_x, deviation_y, limits, largest, x0, noise, truth, y, left_at):
     """Simulate a batch with process and measurement noise.
 
     Args:
@@ -93,12 +107,12 @@ def simulate_batch(inputs, c, deviation_x, deviation_y, limits, needed, x0, nois
         deviation_x: Standard deviation of the process noise per step ``(nx, LANES)``.
         deviation_y: Standard deviation of the measurement noise ``(ny, LANES)``.
         limits: Largest magnitude of each state ``(nx,)``.
-        needed: Rows of ``truth`` that have to be numbers; 1 for each, else 0 ``(ns,)``.
+        largest: Largest magnitude of each signal, zero where it may be anything ``(ns,)``.
         x0: First state ``(nx, LANES)``.
         noise: Standard normal numbers ``(samples, nx + ny, LANES)``.
         truth: Signals, written ``(samples, ns, LANES)``.
         y: Measurements, written ``(samples, ny, LANES)``.
-        left_at: First sample outside the limits, or at which a signal that is needed is no number, written
+        left_at: First sample at which a state or a signal is beyond its largest magnitude or no number, written
             ``(1, LANES)``; ``samples`` if there is none.
     """
     owned = np.empty((NX, LANES)), np.empty((NX, LANES)), np.empty((NW, LANES))
@@ -114,7 +128,7 @@ def simulate_batch(inputs, c, deviation_x, deviation_y, limits, needed, x0, nois
         for i in range(NY):
             put(get(y, k, i) + get(deviation_y, i) * get(noise, k, NX + i), y, k, i)
         left = get(left_at, 0)
-        bad = (outside(x, limits) > 0.0) | (undefined(truth[k], needed, 1) > 0.0)
+        bad = (outside(x, limits) > 0.0) | (beyond(truth[k], largest) > 0.0)
         put(select(bad & (left > 1.0 * k), 1.0 * k, left), left_at, 0)
         next_state(x, between[k], c, ahead, w)
         for i in range(NX):
@@ -201,7 +215,7 @@ def estimate_batch(
         before, after = turned(before, after)
         diverged = get(per_run, 9)
         signals(before.mean, u[k], belief.constants, s)
-        bad = (outside(before.mean, limits) > 0.0) | (undefined(s, rows[NX:], 0) > 0.0)
+        bad = (outside(before.mean, limits) > 0.0) | (undefined(s, rows[NX:]) > 0.0)
         if stated:
             bad = bad | (surprised(info) > 0.0)
         bad = bad & (diverged > 1.0 * k) & (get(until, 0) > 1.0 * k)

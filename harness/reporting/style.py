@@ -136,7 +136,7 @@ _MOST_DIGITS = 6
 def number(value: float, digits: int = 3) -> str:
     """Write a number with three significant digits and no exponent where it can be read without one."""
     if not math.isfinite(value):
-        return "–"
+        return "–" if math.isnan(value) else "∞" if value > 0 else "−∞"
     if value == 0:
         return "0"
     magnitude = abs(value)

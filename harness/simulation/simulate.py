@@ -32,8 +32,8 @@ class Batch:
     Attributes:
         truth: Signals asked for, ``(samples, ns, LANES)``.
         measurements: Noisy outputs, ``(samples, ny, LANES)``.
-        left_at: First sample outside the plant's range of validity, or at which a signal that is needed is no number,
-            ``(LANES,)``; ``samples`` if there is none.
+        left_at: First sample at which the plant is outside its range of validity or out of control, or a signal that is
+            needed is no number, ``(LANES,)``; ``samples`` if there is none.
         input_errors: By which inputs are off as estimators get them, by signal ``(samples, LANES)``; others are exact.
     """
 
@@ -49,11 +49,15 @@ class Simulator:
     Args:
         compiled: The plant.
         needed: Signals without which a run is worth nothing: it ends where one of them is no number.
+        within: Largest magnitude of further signals, with which a run ends as well.
     """
 
-    def __init__(self, compiled: CompiledModel, needed: Sequence[str] = ()) -> None:
+    def __init__(
+        self, compiled: CompiledModel, needed: Sequence[str] = (), within: Mapping[str, float] | None = None
+    ) -> None:
         self.compiled = compiled
-        self.needed = np.array([name in needed for name in compiled.signal_names], dtype=np.int64)
+        limits = dict.fromkeys(needed, time_loops.LARGEST) | dict(within or {})
+        self.largest = np.array([limits.get(name, 0.0) for name in compiled.signal_names])
         source = paste(compiled, "simulate", [time_loops.simulate])
         self.loop = load_source("simulate", source).simulate
         valid = compiled.model.valid
@@ -90,7 +94,7 @@ class Simulator:
             batches(np.sqrt(variance_x), 2),
             batches(np.sqrt(variance_y), 2),
             self.limits,
-            self.needed,
+            self.largest,
             batches(x0, 2),
             batches(noise, 3),
             batches(truth, 3),

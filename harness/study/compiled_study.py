@@ -43,7 +43,7 @@ class CompiledStudy:
         signals: What the estimators tell of: targets first, then unknown inputs and what is drawn over time.
         supplied: Inputs of the belief that come from the vehicle itself, see ``supplied_inputs``.
         drives: In the order of the study.
-        plant: The compiled plant; its signals are all that scores and estimators need of it.
+        plant: The compiled plant; its signals are all that scores and estimators need of it, and its slip angles.
         truth_names: What is known of a simulated run: the plant's signals, then its parameters as the belief has them.
         belief: The compiled model that the estimators hold for true.
         simulator: Of the plant.
@@ -63,12 +63,13 @@ class CompiledStudy:
         self.supplied = supplied_inputs(plant_model, belief_model)
         states = (s for s in belief_model.states if s in known)
         exact = [name for name in self.supplied if name not in plant_model.outputs]
-        watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in known)]))
+        sliding = plant_model.largest_slip_angles
+        watched = tuple(dict.fromkeys([*states, *exact, *(s for s in self.signals if s in known), *sliding]))
         self.drives = [self._drive(study, i) for i in range(len(study.drives))]
         self.plant = _compile(study.plant, watched)
         self.belief = _compile(study.belief, self.signals)
         self.truth_names = (*self.plant.signal_names, *truth_names(study.belief))
-        self.simulator = Simulator(self.plant, [*study.targets, *exact])
+        self.simulator = Simulator(self.plant, [*study.targets, *exact], sliding)
         self.measured_rows = [list(plant_model.outputs).index(name) for name in belief_model.outputs]
         uncertain = bool(study.belief.input_noise)
         self.estimators = [Estimator(e.kind, self.belief, e.settings, e.base, uncertain) for e in study.estimators]

@@ -26,6 +26,7 @@ from harness.study.parameter_truth import parameter_truth
 from harness.study.run_noise import Case, Cases, RunNoise, in_whole_batches
 from harness.study.scores import (
     ESTIMATOR_DIVERGED,
+    LOST_CONTROL,
     OK,
     OVER_TIME,
     PENDING,
@@ -176,6 +177,7 @@ class StudyEvaluator:
         }
         result |= {n: np.full(shape, np.nan) for n in PER_RUN}
         result[STATUS] = np.full(shape, PENDING, dtype=np.int8)
+        result[LOST_CONTROL] = np.full(shape[:2], np.nan)
         return result
 
     def parameters(self, unit: Unit, group: Cases, side: Literal["plant", "belief"]) -> RunParameters:
@@ -296,7 +298,7 @@ class StudyEvaluator:
         return self._noisy.known(batch, table, believed.input_noise.T, kind)
 
     def enter(self, result: dict[str, NDArray[np.generic]], unit: Unit, e: int, left: Floats, scores: Scores) -> None:
-        """Write a unit's scores of one estimator; ``left`` is where each run's plant left its range."""
+        """Write a unit's scores of one estimator; ``left`` is where each run's plant went out of control."""
         targets, runs = len(self.study.targets), result[STATUS].shape[:2]
         for name in PER_TARGET:
             result[name][:, :, e] = getattr(scores, name)[:targets].T.reshape(*runs, targets)
@@ -308,6 +310,7 @@ class StudyEvaluator:
         status = np.where(diverged, ESTIMATOR_DIVERGED, np.where(lost, PLANT_DIVERGED, OK))
         first = np.where(diverged | lost, np.where(diverged, scores.diverged_at, left) * self.study.plant.step, np.nan)
         result[STATUS][:, :, e], result["time_of_divergence"][:, :, e] = status.reshape(runs), first.reshape(runs)
+        result[LOST_CONTROL][...] = np.where(left < length, left * self.study.plant.step, np.nan).reshape(runs)
 
 
 def in_batches(rows: Floats) -> Floats:

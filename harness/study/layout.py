@@ -22,7 +22,7 @@ from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
 from harness.study.provenance import code_state, commit, processor
-from harness.study.scores import FLAGS, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
+from harness.study.scores import FLAGS, LOST_CONTROL, MEANINGS, OVER_TIME, PENDING, PER_RUN, PER_TARGET, STATUS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -96,6 +96,7 @@ def _scores(over_time: bool) -> dict[str, tuple[tuple[str, ...], str, dict[str, 
     if over_time:
         dims = ("band", "sample", "repeat", "estimator", "target", "window")  # kept along one drive only
         found[OVER_TIME] = (dims, "float32", {"long_name": MEANINGS[OVER_TIME], **of_target})
+    found[LOST_CONTROL] = (_RUN[:-1], "float64", {"long_name": MEANINGS[LOST_CONTROL], "units": "s"})
     flags = {"flag_values": list(FLAGS.values()), "flag_meanings": " ".join(FLAGS)}  # as CF has them
     found[STATUS] = (_RUN, "int8", {"long_name": MEANINGS[STATUS], **flags})
     return found
@@ -180,6 +181,13 @@ def root_attributes(study: Study) -> dict[str, Any]:
         name: {"plant": plant.get(name), "belief": belief.get(name), "unit": units.get(name, "")}
         for name in sorted(plant.keys() | belief.keys())
         if plant.get(name) != belief.get(name)
+    }
+    limits = {side: spec.model().valid for side, spec in sides.items()}
+    shared = [s for s in study.belief.model().states if s in study.plant.model().states]
+    description["valid"] = {
+        s: {**{side: valid.get(s) for side, valid in limits.items()}, "unit": SIGNALS[s].unit}
+        for s in shared
+        if limits["plant"].get(s) != limits["belief"].get(s)
     }
     return {
         **words(study),

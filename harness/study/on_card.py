@@ -294,7 +294,7 @@ class CardEvaluator:
         truth, measured, left = self._room(samples, runs)
         self.simulate_kernel(
             runs, inputs, inputs, _sent(held.constants), _sent(np.sqrt(held.process_noise)),
-            _sent(np.sqrt(held.measurement_noise)), _sent(simulator.limits), _sent(simulator.needed),
+            _sent(np.sqrt(held.measurement_noise)), _sent(simulator.limits), _sent(simulator.largest),
             _sent(held.first), noise, truth, measured, left,
         )  # fmt: skip
         if len(loaded.parameters):

@@ -56,7 +56,7 @@ def size_on_disk(study: Study, runs: int, design: DesignSpec) -> float:
     samples, repeats = unit_shape(study, design)
     own = samples * repeats
     estimators, targets = len(study.estimators), len(study.targets)
-    numbers = [8 * estimators * targets] * len(PER_TARGET) + [8 * estimators] * len(PER_RUN) + [estimators]
+    numbers = [8 * estimators * targets] * len(PER_TARGET) + [8 * estimators] * len(PER_RUN) + [estimators, 8]
     unit = sum(-(-own * each // _BLOCK) * _BLOCK for each in numbers) + _BLOCK
     return unit * max(runs / own, 1.0)
 

@@ -34,6 +34,7 @@ from harness.study.evaluate import StudyEvaluator
 from harness.study.motion import dead_reckoned, motion, published
 from harness.study.replayed import OverTime, dataset
 from harness.study.run_noise import Case
+from harness.study.scores import LOST_CONTROL
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,9 @@ class Replayer:
     @cached_property
     def _watching(self) -> Simulator:
         """The plant with all that it publishes."""
-        spec = self.study.plant
-        names = published(spec.model())
-        return Simulator(compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, names))
+        spec, own = self.study.plant, self.evaluator.compiled.simulator
+        compiled = compile_model(spec.model(), spec.step, spec.integrator, spec.substeps, published(spec.model()))
+        return Simulator(compiled, within=dict(zip(own.compiled.signal_names, own.largest, strict=True)))
 
     def alone(self, place: Place, changes: Sequence[Change] = ()) -> Study:
         """Return a run as a study of its own, see ``harness.config.alone``.
@@ -165,7 +166,7 @@ class Replayer:
         result = self.evaluator.pending(unit)
         for e, run in zip(chosen, found, strict=True):
             self.evaluator.enter(result, unit, e, batch.left_at[:1], run.scores)
-        scores = {name: values[0, 0, list(chosen)] for name, values in result.items()}
+        scores = {name: values[0, 0, list(chosen)] for name, values in result.items() if name != LOST_CONTROL}
         data = dataset(self.evaluator, unit, batch, believed, dict(zip(chosen, found, strict=True)))
         held = dict(zip(own.plant.model().parameter_names, map(float, plant.values[0]), strict=True))
         seen, plan, moves = self._watched(unit, case, plant, held) if everything else (None, None, None)

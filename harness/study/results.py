@@ -21,13 +21,8 @@ from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
 from harness.study import bound_file, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
-from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
+from harness.study.scores import ESTIMATOR_DIVERGED, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
 
-FATES = {
-    ESTIMATOR_DIVERGED: "estimator diverged",
-    PLANT_DIVERGED: "plant left its range",
-    PENDING: "not yet run",
-}
 _RUN_DIMS = ("band", "estimator", "drive", "sample", "repeat")
 
 _HELD = 256e6
@@ -136,17 +131,49 @@ class Design:
         """RMSE in report units, ``(target, band, estimator, drive, sample, repeat)``; NaN unless ok."""
         return self.per_target("rmse")
 
+    @cached_property
+    def out_of_control(self) -> NDArray[np.bool_]:
+        """Whether the vehicle went out of control, alike for all estimators, ``(band, drive, sample, repeat)``."""
+        if LOST_CONTROL not in self.data:  # a store of an earlier version
+            return np.asarray((self.status == PLANT_DIVERGED).any(axis=1))
+        return np.isfinite(self._read(LOST_CONTROL, tuple(d for d in _RUN_DIMS if d != "estimator")))
+
+    @cached_property
+    def errors(self) -> NDArray[np.float64]:
+        """RMSE by which estimators are compared, shape as ``rmse``.
+
+        All have it on the same runs, those of a vehicle under control: infinite where the estimator diverged, NaN of
+        the other runs, of those that are pending, and of targets that an estimator does not give.
+        """
+        if not self.out_of_control.any():
+            return self.errors_under_control
+        return np.where(self.out_of_control[:, None], np.nan, self.errors_under_control)
+
+    @cached_property
+    def errors_under_control(self) -> NDArray[np.float64]:
+        """The same with the RMSE of the other runs, up to where the vehicle went out of control."""
+        values = self._in_report_units("rmse")
+        finished = self.status == OK
+        given = (np.isfinite(values) & finished).any(axis=(1, 3, 4, 5)) | ~finished.any(axis=(0, 2, 3, 4))
+        values[:, self.status == ESTIMATOR_DIVERGED] = np.inf
+        values[:, self.status == PENDING] = np.nan
+        return np.where(given[:, None, :, None, None, None], values, np.nan)
+
     def giving(self, target: int) -> list[int]:
         """Return the estimators that give a target: all but those whose finished runs have no error in it."""
         finished = (self.status == OK).any(axis=(0, 2, 3, 4))
-        known = np.isfinite(self.rmse[target]).any(axis=(0, 2, 3, 4))
-        return [e for e in range(len(self.estimators)) if known[e] or not finished[e]]
+        has_error = (~np.isnan(self.errors_under_control[target])).any(axis=(0, 2, 3, 4))
+        return [e for e in range(len(self.estimators)) if has_error[e] or not finished[e]]
 
     def per_target(self, name: str) -> NDArray[np.float64]:
         """Return a score of targets in report units, shape as ``rmse``; NaN unless the run is ok."""
+        values = self._in_report_units(name)
+        values[:, self.status != OK] = np.nan
+        return values
+
+    def _in_report_units(self, name: str) -> NDArray[np.float64]:
         values = self._read(name, ("target", *_RUN_DIMS)).astype(float, copy=False)
         values *= np.array([t.scale for t in self.targets]).reshape(-1, 1, 1, 1, 1, 1)
-        values[:, self.status != OK] = np.nan
         return values
 
     def per_run(self, name: str) -> NDArray[np.float64]:
@@ -239,9 +266,16 @@ class Design:
         chosen = chosen if estimator is None else chosen[:, estimator : estimator + 1]
         return int(np.sum(chosen == fate))
 
-    def lost(self, band: int, estimator: int) -> int:
-        """Count the runs of a band and estimator that have no score for the box: everything but ok."""
-        return self.planned - self.count(OK, band, estimator)
+    def diverged(self, estimator: int, band: int | None = None) -> int:
+        """Count the runs of a vehicle under control in which an estimator diverged, in all bands or in one."""
+        chosen = slice(None) if band is None else slice(band, band + 1)
+        in_control = ~self.out_of_control[chosen]
+        return int(np.sum((self.status[chosen, estimator] == ESTIMATOR_DIVERGED) & in_control))
+
+    def compared(self, band: int | None = None) -> int:
+        """Count the runs of a vehicle under control that are not pending, which every estimator has."""
+        chosen = slice(None) if band is None else slice(band, band + 1)
+        return int(np.sum((self.status[chosen] != PENDING).all(axis=1) & ~self.out_of_control[chosen]))
 
 
 def run_in_words(history: xr.Dataset, drive: bool = True) -> str:

@@ -156,6 +156,10 @@ def _run(
     if store is not None and left < total:
         console.print(f"{total - left:,} of {total:,} runs are in {store.path} already")
     if todo:
+        from harness.study.grip import asked_too_much
+
+        for sentence in asked_too_much(study, evaluator().compiled):
+            _say(console, sentence, "yellow")
         plan = _plan(evaluator(), todo, workers, console, agree)
         compiled = time.perf_counter()
         store = store or Store(study, evaluator, out)

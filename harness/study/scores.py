@@ -12,6 +12,7 @@ PER_TARGET = ("rmse", "bias", "max_error")
 PER_RUN = (
     "nees", "nis", "nees_inside", "nis_inside", "log_likelihood", "repairs", "updates", "time_of_divergence"
 )  # fmt: skip
+LOST_CONTROL = "loss_of_control"
 
 MEANINGS = {
     "rmse": "root mean square error",
@@ -25,6 +26,7 @@ MEANINGS = {
     "repairs": "samples at which a covariance factor was repaired",
     "updates": "samples with a measurement",
     "time_of_divergence": "time at which estimator or plant left its range of validity, or a score was no number",
+    LOST_CONTROL: "time at which the vehicle slid more sideways than it rolled or left the range of its equations",
     OVER_TIME: "root mean square error in a window of time",
     STATUS: f"{OK} ok, {ESTIMATOR_DIVERGED} estimator diverged, {PLANT_DIVERGED} plant left its range, "
     f"{PENDING} pending",

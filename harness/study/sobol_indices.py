@@ -5,10 +5,10 @@ Sobol indices of a ``saltelli`` design (``harness.study.design``) by SALib: firs
 variance that is gone once the factor is known; the total index is the share that is left while it alone is unknown.
 They differ by what the factor does together with others.
 
-A diverged run has no error, and leaving it out would destroy the pairs of points that the estimates are made of.
-``scored`` therefore gives every lost run the largest error that any finished run had for the same target on the same
-drive. The influence of that rule is seen from the indices of the ranks, which it hardly changes, and of the share of
-lost runs, which it does not change.
+A diverged run is infinitely wrong, and leaving it out would destroy the pairs of points that the estimates are made of.
+``scored`` therefore gives it the largest error that any other run had for the same target on the same drive. The
+influence of that rule is seen from the indices of the ranks, which it hardly changes, and of the share of diverged
+runs, which it does not change.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def sobol_indices(
             f"{values.shape} values fit no design of {factors} factors, which has N * {factors + 2} points"
         )
     if not np.isfinite(values).all():
-        raise ValueError("an outcome is not finite; score lost runs first (harness.study.sobol_indices.scored)")
+        raise ValueError("an outcome is not finite; score diverged runs first (harness.study.sobol_indices.scored)")
     if np.ptp(values) <= 1e-12 * np.abs(values).max():
         return None
     names = [str(i) for i in range(factors)]
@@ -122,30 +122,31 @@ def converging(outcome: ArrayLike, factors: int, *, seed: int = 0, resamples: in
 
 
 def scored(rmse: Floats) -> Floats:
-    """Return errors in which every lost run has the largest error of a finished run on its drive.
+    """Return errors in which every diverged run has the largest error of any other on its drive.
 
     Args:
-        rmse: ``(estimator, drive, sample, repeat)``, NaN where a run was lost.
+        rmse: ``(estimator, drive, sample, repeat)``, infinite where a run diverged, NaN where there is none.
 
     Returns:
-        The same shape; NaN only on a drive on which no estimator finished any run.
+        The same shape; NaN where there is none, and on a drive on which every run diverged.
     """
     finished = np.where(np.isfinite(rmse), rmse, -np.inf)
     largest = finished.max(axis=(0, 2, 3), keepdims=True)
-    return np.where(np.isfinite(rmse), rmse, np.where(np.isfinite(largest), largest, np.nan))
+    return np.where(np.isinf(rmse), np.where(np.isfinite(largest), largest, np.nan), rmse)
 
 
 def over_drives(scores: Floats) -> Floats:
     """Return one error per point: the root of the mean square over drives and repeats, all drives alike.
 
     Args:
-        scores: ``(..., drive, sample, repeat)``; a drive without any score (NaN) is left out.
+        scores: ``(..., drive, sample, repeat)``, infinite where a run diverged; a drive without any score (NaN) is
+            left out.
 
     Returns:
         ``(..., sample)``.
     """
     squares = np.square(scores)
-    used = np.isfinite(squares)
+    used = ~np.isnan(squares)
     count = used.sum(axis=(-3, -1))
     total = np.where(used, squares, 0.0).sum(axis=(-3, -1))
     return np.asarray(np.sqrt(np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)))

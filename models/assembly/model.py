@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -10,6 +11,13 @@ import sympy as sp
 from harness.common import registry
 from harness.common.errors import ModelError
 from harness.models.contracts import Parameter
+
+SLIDING = math.pi / 4
+"""Slip angle in rad beyond which a wheel moves more sideways than it rolls.
+
+Tyres are measured to 15 to 20 degrees and keep their largest force up to there, so a vehicle at its friction limit
+stays well below; one that spins or jackknifes passes this angle on its way to 90 degrees, whatever its tyres are.
+"""
 
 
 def symbol(name: str) -> sp.Symbol:
@@ -54,7 +62,8 @@ class Model:
             earlier ports only.
         derivatives: Time derivative of each state; of a discrete model its value one sample later.
         outputs: Names and expressions of what is measured.
-        valid: Largest magnitude of a state for which the equations hold; beyond it a run counts as diverged.
+        valid: Largest magnitude of a state for which the equations hold; a vehicle beyond it is out of control, an
+            estimate beyond it has diverged.
         rates: Inputs that are time derivatives of other inputs, ``{"speed_rate": "speed"}``.
         otherwise: Value of an effect's input in a simulated drive that does not state it.
         axles: Axle names, front to rear.
@@ -100,6 +109,12 @@ class Model:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters in the order of the parameter vector."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def largest_slip_angles(self) -> dict[str, float]:
+        """Largest slip angle in rad of each axle of a vehicle under control, by its port; see ``SLIDING``."""
+        ports = (p for p in self.ports if p.startswith("slip_angle_") and "_before_" not in p)
+        return dict.fromkeys(ports, SLIDING)
 
     def resolve(self, name: str) -> sp.Expr:
         """Return the expression of a state, input, port or estimated parameter by name.

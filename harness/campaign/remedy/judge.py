@@ -14,7 +14,6 @@ from harness.config import Study
 from harness.models.quantities import Quantity
 from harness.study.report.ranking import tolerances
 from harness.study.results import Design, StudyResults
-from harness.study.scores import OK, PLANT_DIVERGED
 from harness.study.tolerance import Tolerance
 
 HELPS = 0.8
@@ -70,8 +69,8 @@ def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) 
     """Return what came of a remedy by the results of its study."""
     design = found.designs[0]
     wanted = [t for t, q in enumerate(design.targets) if q.name not in study.belief.estimated_parameters]
-    there = design.status != PLANT_DIVERGED
-    errors = np.where(design.status == OK, design.rmse, np.where(there, np.inf, np.nan))[wanted, :, 0]
+    compared = design.compared()
+    errors = design.errors[wanted, :, 0]
     medians = _median(errors.reshape(*errors.shape[:2], -1))
     nested = next((d for d in found.designs if d.sampling == "tolerance"), None)
     nominal = np.full(len(wanted), np.nan) if design.matched is None else medians[:, design.matched]
@@ -79,8 +78,7 @@ def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) 
     if nested is not None:
         boxes = {t: one for (t, _), one in tolerances(nested, study.limits).items() if t in wanted}
         if design.matched is None:
-            at_home = np.where(nested.status == OK, nested.rmse, np.inf)[wanted, 0, 0, :, 0]
-            nominal = np.median(at_home.reshape(len(wanted), -1), axis=1)
+            nominal = _median(nested.errors[wanted, 0, 0, :, 0].reshape(len(wanted), -1))
     nees, consistent = _consistency(design)
     return Outcome(
         remedy=remedy,
@@ -90,8 +88,8 @@ def judged(remedy: Remedy, study: Study, found: StudyResults, step_time: float) 
         medians=medians,
         home=design.matched,
         nominal=nominal,
-        worst=np.nanmax(errors, axis=(1, 2, 3, 4)) if there.any() else np.full(len(wanted), np.inf),
-        lost=float(np.mean(design.status[there] != OK)) if there.any() else 1.0,
+        worst=np.nanmax(errors, axis=(1, 2, 3, 4)) if compared else np.full(len(wanted), np.inf),
+        lost=design.diverged(0) / compared if compared else 1.0,
         nees=nees,
         consistent=consistent,
         boxes=boxes,

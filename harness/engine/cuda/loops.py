@@ -63,7 +63,7 @@ def carried_over(before, after):
     return before, after
 
 
-def simulate_runs(u, between, c, deviation_x, deviation_y, limits, needed, x0, noise, truth, y, left_at):
+def simulate_runs(u, between, c, deviation_x, deviation_y, limits, largest, x0, noise, truth, y, left_at):
     """Simulate the run of each thread; see ``simulate_batch``, with runs in place of lanes."""
     run = cuda.grid(1)
     if run < left_at.shape[1]:
@@ -73,7 +73,7 @@ def simulate_runs(u, between, c, deviation_x, deviation_y, limits, needed, x0, n
             own(deviation_x, run),
             own(deviation_y, run),
             limits,
-            needed,
+            largest,
             own(x0, run),
             own(noise, run),
             own(truth, run),

@@ -73,8 +73,8 @@ def analyse(directory: Path) -> Analysis:
 
 
 def headline(analysis: Analysis) -> str:
-    """Return the answer of a study in one or two sentences, as its report opens."""
-    return answer_in_short(analysis.main, analysis.store.designs)
+    """Return the answer of a study in some sentences, as its report opens."""
+    return answer_in_short(analysis)
 
 
 def write_report(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Path]:

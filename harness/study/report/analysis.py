@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,16 +13,12 @@ from harness.common import statistics
 from harness.reporting.style import Look, looks
 from harness.study.report.ranking import Ranking
 from harness.study.results import Design, StudyResults
-from harness.study.scores import OK
 
 NEGLIGIBLE = 0.01
 """Share of the error below which a difference between estimators is negligible."""
 
 EXACT_AT_ZERO = ("input_noise_scale", "both")
 """Factor and owner: with it at zero, inputs are exact and estimators know it."""
-
-HARDLY_MORE = 0.001
-"""Share of the runs by which an estimator may lose more than another and still be compared by its median."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +95,7 @@ class Findings:
         d = self.design
         return [
             [
-                [statistics.summarise(d.rmse[t, b, e], d.strata, seed=self.seed) for e in range(len(d.estimators))]
+                [statistics.summarise(d.errors[t, b, e], d.strata, seed=self.seed) for e in range(len(d.estimators))]
                 for b in range(len(d.bands))
             ]
             for t in range(len(d.targets))
@@ -106,25 +103,20 @@ class Findings:
 
     @cached_property
     def medians(self) -> NDArray[np.float64]:
-        """Median errors, ``(target, band, estimator)``; NaN without a run."""
+        """Median errors, ``(target, band, estimator)``: infinite where most runs diverged, NaN without a run."""
         return np.array([[[s.median.value for s in row] for row in table] for table in self.summaries])
 
     @cached_property
-    def comparable(self) -> NDArray[np.bool_]:
-        """Estimators whose medians may be compared, ``(estimator,)``: those that lose hardly more runs than any other.
-
-        The medians of the others are those of the runs that were easy enough to survive.
-        """
-        lost = np.asarray((self.design.status != OK).mean(axis=(0, 2, 3, 4)))
-        return lost <= lost.min() + HARDLY_MORE
-
-    @cached_property
     def reference(self) -> int:
-        """Estimator that many are compared with: the best over all targets and bands, by the mean of log medians."""
-        some = np.isfinite(self.medians) & (self.medians > 0)
-        known = self.comparable & some.any(axis=(0, 1))
-        logs = np.log(np.where(some, self.medians, 1.0)).sum(axis=(0, 1)) / np.maximum(some.sum(axis=(0, 1)), 1)
-        return int(np.argmin(np.where(known, logs, np.inf)))
+        """Estimator that many are compared with: the best over all targets and bands.
+
+        That is the one with the smallest mean logarithm of its median over the smallest one, of the targets it gives.
+        """
+        with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a band without any run has no smallest median
+            behind = np.log(self.medians / np.nanmin(self.medians, axis=2, keepdims=True))
+            mean = np.nanmean(behind, axis=(0, 1))
+        return int(np.argmin(np.where(np.isnan(mean), np.inf, mean)))
 
     @cached_property
     def pairs(self) -> list[tuple[int, int]]:
@@ -153,7 +145,7 @@ class Findings:
         shares = [
             [
                 [
-                    statistics.share_of_squares(d.rmse[t, exact[0], e], d.rmse[t, b, e], d.strata, seed=self.seed)
+                    statistics.share_of_squares(d.errors[t, exact[0], e], d.errors[t, b, e], d.strata, seed=self.seed)
                     for e in range(len(d.estimators))
                 ]
                 for b in range(len(d.bands))
@@ -176,7 +168,7 @@ class Findings:
         rows: list[tuple[int, int, int, int | None, statistics.Comparison, float]] = []
         for t in range(len(d.targets)):
             for first, second in self.pairs:
-                values = d.rmse[t]
+                values = d.errors[t]
                 for b in range(len(d.bands)):
                     one, other = values[b, first], values[b, second]
                     result = statistics.compare(one, other, d.strata, seed=self.seed)
@@ -240,11 +232,6 @@ class Findings:
         """Count the steps of a band and estimator at which a covariance factor had to be repaired."""
         return int(np.nansum(self.design.per_run("repairs")[band, estimator]))
 
-    def shared_n(self, band: int) -> tuple[int, int]:
-        """Return the smallest and largest number of scored runs over the estimators of a band."""
-        counts = [self.design.count(OK, band, e) for e in range(len(self.design.estimators))]
-        return min(counts), max(counts)
-
 
 def _over_bands(
     first: NDArray[np.float64], second: NDArray[np.float64]
@@ -253,7 +240,7 @@ def _over_bands(
 
     Bands share the noise of a run: to count it once for each would make an interval too narrow and a p-value too small.
     """
-    both = np.isfinite(first) & np.isfinite(second)
+    both = ~np.isnan(first) & ~np.isnan(second)
     count = both.sum(axis=0)
     means = (np.where(both, x, 0.0).sum(axis=0) / np.maximum(count, 1) for x in (first, second))
     one, other = (np.where(count > 0, mean, np.nan) for mean in means)
@@ -262,7 +249,7 @@ def _over_bands(
 
 def _relative(result: statistics.Comparison, first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return the median difference over the median error of the first estimator on the runs of both."""
-    both = np.isfinite(first) & np.isfinite(second)
+    both = ~np.isnan(first) & ~np.isnan(second)
     error = float(np.median(first[both])) if both.any() else 0.0
     return result.difference.value / error if error > 0 else np.nan
 

@@ -1,167 +1,185 @@
-"""The answer in one or two sentences: how much the error grows where plant and belief differ most.
+"""Answer of a study in words: which estimator bears the deviations best, and how much the error grows in each design.
 
 The report opens with it and ``harness run`` ends with it. It is built from names and numbers of the store alone, so it
-fits any study: one level or many, any number of factors, targets and estimators.
+fits any study: one level or many, any number of factors, targets, estimators and designs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.models.quantities import Quantity, listed
-from harness.reporting.style import number, with_unit
-from harness.study.report.analysis import Findings
+from harness.reporting.style import number, percent, with_unit
+from harness.study.report.analysis import Analysis
+from harness.study.report.overall import ALIKE, Standing, standings
+from harness.study.report.ranking import limits_of
 from harness.study.results import Design
-from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
-
-ALIKE = 0.03
-"""Estimators whose medians differ by less than this share are told in one number."""
+from harness.study.scores import PENDING
 
 NAMED = 4
-"""Factors of a design up to which each is named."""
+"""Factors, designs or estimators up to which each is named."""
 
 _STEADY = 0.02
-_BOUNDS = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)  # percent
 
 
-def answer_in_short(findings: Findings, designs: Sequence[Design] = ()) -> str:
-    """Return the answer of a design; ``headline`` of the package does the same for a result folder.
+def answer_in_short(analysis: Analysis) -> str:
+    """Return the answer of a study in some sentences."""
+    best, harms, counts = sentences(analysis)
+    return " ".join([*best, *harms, *counts])
+
+
+def sentences(analysis: Analysis) -> tuple[list[str], list[str], list[str]]:
+    """Return the answer in parts.
+
+    Returns:
+        Which estimator is best over all designs, nothing of a single one; what each design does to the error, the
+        most harmful one first; and what was lost.
+    """
+    of_targets = standings(analysis.findings, limits_of(analysis.store.attributes))
+    scored = [s for s in of_targets if s.order]
+    counts = _counts(analysis.store.designs)
+    if not scored:
+        return ["No run has a score."], [], counts
+    return _best(scored), _harms(scored), counts
+
+
+def _best(scored: Sequence[Standing]) -> list[str]:
+    """Say which estimator bears all designs best, with its losses, and which is last; for each target that differs."""
+    designs = [f.design for f in scored[0].designs]
+    if len(designs[0].estimators) == 1:
+        return []
+    groups: dict[tuple[int, ...], list[Standing]] = {}
+    for standing in scored:
+        groups.setdefault(tuple(sorted(standing.leaders)), []).append(standing)
+    over = (
+        "" if len(designs) == 1 else f" over all {len(designs)} designs" if len(designs) > 2 else " over both designs"
+    )
+    return [_leading(group, designs, over, len(groups) > 1) for group in groups.values()]
+
+
+def _leading(group: Sequence[Standing], designs: Sequence[Design], over: str, several: bool) -> str:
+    """Return which estimators are best for some targets and by what, and which is the last."""
+    leaders, given, last = group[0].leaders, group[0].order, group[0].order[-1]
+    names = designs[0].estimators
+    aim = f"for the {listed([_quantity(s).words for s in group])} " if several else ""
+    who = _everyone([_with_losses(designs, names[e], e) for e in leaders])
+    sizes = listed([_numbers(s, s.leaders[0], not several or len(group) > 1) for s in group])
+    if len(leaders) == len(given):
+        alike = f"are alike within {100 * ALIKE:.0f} %" if len(given) > 1 else "alone gives it"
+        text = f"{aim}{who} {alike}{over}, with a median error of {sizes}"
+    else:
+        verb = "is the best" if len(leaders) == 1 else "are the best"
+        text = f"{aim}{who} {verb} of {len(given)}{over}, with a median error of {sizes}"
+        if all(s.order[-1] == last for s in group):
+            text += f"; {_with_losses(designs, names[last], last)} is the last"
+            if all(np.isfinite(s.mean[last]) for s in group):
+                text += f" with {listed([_numbers(s, last, False) for s in group])}"
+    return f"{_capital(text) if several else text}."
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _quantity(standing: Standing) -> Quantity:
+    return standing.designs[0].design.targets[standing.target]
+
+
+def _numbers(standing: Standing, e: int, named: bool) -> str:
+    """Return the error of an estimator in the mean over all levels, at worst, and how often it is within the limit."""
+    quantity = _quantity(standing)
+    text = with_unit(standing.mean[e], quantity.unit)
+    worst = float(np.fmax.reduce(standing.worst[:, e]))
+    if worst > standing.mean[e] * (1 + _STEADY):
+        text += f" (at worst {with_unit(worst, quantity.unit)})"
+    text += f" in the {quantity.words}" if named else ""
+    if standing.limit is None:
+        return text
+    share = percent(float(standing.within[:, e].mean()))
+    return f"{text}, within {with_unit(standing.limit, quantity.unit)} in {share} of the runs"
+
+
+def _with_losses(designs: Sequence[Design], name: str, e: int) -> str:
+    """Name an estimator with the runs in which it diverged, if there are any."""
+    diverged = sum(d.diverged(e) for d in designs)
+    return f"{name} (diverged in {diverged} of {sum(d.compared() for d in designs)} runs)" if diverged else name
+
+
+def _harms(scored: Sequence[Standing]) -> list[str]:
+    """Say what each design does to the error of the best estimator, the most harmful one first."""
+    limited = [s for s in scored if s.limit is not None] or scored
+    places = range(len(scored[0].designs))
+    order = sorted(places, key=lambda place: -max(s.harm(place) for s in limited))
+    shown = [text for place in order if (text := _harm(scored, place))]
+    return [f"{_capital(text)}." for text in shown[:NAMED]] + (
+        [f"The other {len(shown) - NAMED} designs do less."] if len(shown) > NAMED else []
+    )
+
+
+def _harm(scored: Sequence[Standing], place: int) -> str:
+    """Return a sentence on a design: where the error of each target is largest, and from what it grows there."""
+    design = scored[0].designs[place].design
+    clauses: dict[int, list[str]] = {}
+    for standing in scored:
+        order = standing.order_in(place)
+        if not order or not (standing.tells_growth(place) or len(design.estimators) == 1):
+            continue
+        band = int(np.nanargmax(standing.designs[place].medians[standing.target][:, order[0]]))
+        subject = "that of the" if clauses else "the median error of the"
+        clauses.setdefault(band, []).append(f"{subject} {_change(standing, place, order, band)}")
+    texts = [f"{_where(design, band, first=not k)} {listed(parts)}" for k, (band, parts) in enumerate(clauses.items())]
+    gone = [design.bands[b] for b in range(len(design.bands)) if design.out_of_control[b].all()]
+    if gone:
+        texts.append(f"at {listed(gone)} the vehicle goes out of control in every run")
+    return "; ".join(texts)
+
+
+def _change(standing: Standing, place: int, order: Sequence[int], band: int) -> str:
+    """Return e.g. ``sideslip angle grows from 0.2 to 2.4° (12 times) with EKF, the best (3° with UKF, the worst)``.
 
     Args:
-        findings: Of the design that the answer is about.
-        designs: All designs of the study, whose lost runs are counted; that one alone by default.
+        standing: Of the target.
+        place: Index of the design.
+        order: Its estimators, best first.
+        band: Level at which the error of the best one is largest.
     """
-    design = findings.design
-    medians = np.where(findings.comparable, findings.medians, np.nan)
-    changes = [_change(design, target, medians[k]) for k, target in enumerate(design.targets)]
-    known = [c for c in changes if c is not None]
-    lost = _lost(designs or [design])
-    if not known:
-        return " ".join(["No run has a score.", *lost])
-    lost += _left_out(design, [name for change in known for name in change.names])
-    clauses: list[str] = []
-    for worst in dict.fromkeys((c.home, c.worst) for c in known):
-        group = [c for c in known if (c.home, c.worst) == worst]
-        texts = [c.text("that of the" if clauses or k else "the median error of the") for k, c in enumerate(group)]
-        told = "; ".join(texts) if any("," in text for text in texts) else listed(texts)
-        clauses.append(f"{_where(design, *worst, first=not clauses)} {told}")
-    text = "; ".join(clauses)
-    alike = [c for c in known if not c.differs and len(c.names) > 1]
-    if alike:
-        bound = next(b for b in (*_BOUNDS, 100.0) if 100 * max(c.spread for c in alike) < b)
-        of = "" if len(alike) == len(known) else f" in the {listed([c.quantity.words for c in alike])}"
-        text += f"; {_everyone(alike[0].names)} differ by less than {bound:g} %{of}"
-    return " ".join([f"{text[:1].upper()}{text[1:]}.", *lost])
-
-
-@dataclass(frozen=True)
-class _Change:
-    """How the median error of one target changes from the band that is believed to the worst one.
-
-    Attributes:
-        quantity: The target.
-        names: Estimators with a score in both bands.
-        among: Number of all estimators.
-        home: Band compared with; None where there is only one band.
-        worst: Band of the largest growth.
-        before: Median per estimator in ``home``.
-        after: Median per estimator in ``worst``.
-    """
-
-    quantity: Quantity
-    names: tuple[str, ...]
-    among: int
-    home: int | None
-    worst: int
-    before: NDArray[np.float64]
-    after: NDArray[np.float64]
-
-    @property
-    def spread(self) -> float:
-        """Largest over smallest median, less one, in the worse of the two bands."""
-        pairs = [self.after] if self.home is None else [self.before, self.after]
-        return max(float(v.max() / v.min()) - 1.0 if v.min() > 0 else 0.0 for v in pairs)
-
-    @property
-    def differs(self) -> bool:
-        """Whether the estimators have to be told apart."""
-        return len(self.names) > 1 and self.spread >= ALIKE
-
-    def text(self, subject: str) -> str:
-        """Say it, e.g. ``the median error of the sideslip angle grows from 0.2 to 2.4° (12 times)``."""
-        best = int(np.argmin(self.after)) if self.differs else 0
-        before, after, unit = float(self.before[best]), float(self.after[best]), self.quantity.unit
-        if self.home is None:
-            change, other = f"is {with_unit(after, unit)}", ""
-        elif before > 0 and after / before < 1 + _STEADY:
-            change, other = f"stays at {with_unit(before, unit)}", "is "
-        else:
-            change = f"grows from {number(before)} to {with_unit(after, unit)} ({_times(before, after)})"
-            other = "to "
-        return f"{subject} {self.quantity.words} {change}{self._others(best, other)}"
-
-    def _others(self, best: int, verb: str) -> str:
-        """Return which estimator that was, and behind a verb the worst one if they have to be told apart."""
-        if len(self.names) == 1 < self.among:
-            return f" with {self.names[0]}"  # all others lost more runs
-        if not self.differs:
-            return ""
-        last = int(np.argmax(self.after))
-        other = f"{verb}{with_unit(float(self.after[last]), self.quantity.unit)} with {self.names[last]}"
-        if len(self.names) == 2:
-            return f" with {self.names[best]} and {other}"
-        worst = "" if self.home is None else ", the worst"
-        return f" with {self.names[best]}, the best of {len(self.names)}, and {other}{worst}"
+    design, e, quantity = standing.designs[place].design, order[0], _quantity(standing)
+    medians = standing.designs[place].medians[standing.target, band]
+    after, before = float(medians[e]), standing.home(place, e)
+    last = max(order, key=lambda other: medians[other])
+    text = f"{quantity.words} "
+    if before is None or not before > 0:
+        text += f"is {with_unit(after, quantity.unit)}"
+    elif after / before < 1 + _STEADY:
+        text += f"stays at {with_unit(after, quantity.unit)}"
+    else:
+        text += f"grows from {number(before)} to {with_unit(after, quantity.unit)} ({_times(before, after)})"
+    if standing.limit is not None:
+        text += f", {'beyond' if after > standing.limit else 'within'} the limit"
+    if len(design.estimators) == 1:
+        return text
+    if not medians[last] > (1 + ALIKE) * after:
+        return f"{text} with {'all estimators' if len(order) > 1 else design.estimators[e]}"
+    size = with_unit(float(medians[last]), quantity.unit) if np.isfinite(medians[last]) else "no bound"
+    others = f"{size} with {design.estimators[last]}" + (", the worst" if len(order) > 2 else "")
+    return f"{text} with {design.estimators[e]}, the best ({others})"
 
 
 def _times(before: float, after: float) -> str:
-    if not before > 0:
-        return "from nothing"
     growth = after / before
     return f"{100 * (growth - 1):.0f} % more" if growth < 1.5 else f"{number(growth, 2)} times"
 
 
-def _change(design: Design, quantity: Quantity, medians: NDArray[np.float64]) -> _Change | None:
-    """Return the largest growth of a target over ``medians[band, estimator]``; None without a score."""
-    known = np.isfinite(medians)
-    scored = np.asarray(known.any(axis=1))
-    if not scored.any():
-        return None
-    home = design.matched
-    if home is None or not scored[home]:
-        home = int(np.argmin(_least(medians)))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        growth = _most(medians / medians[home])
-    growth[home] = -np.inf  # an estimator that scores nothing in either band has grown by nothing
-    worst = int(np.argmax(growth))
-    compared = bool(np.isfinite(growth[worst]))
-    both = known[home] & known[worst] if compared else known[home]
-    worst = worst if compared else home
-    names = tuple(name for name, chosen in zip(design.estimators, both, strict=True) if chosen)
-    among = len(design.estimators)
-    return _Change(quantity, names, among, home if compared else None, worst, medians[home][both], medians[worst][both])
-
-
-def _least(medians: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.min(np.where(np.isfinite(medians), medians, np.inf), axis=1)
-
-
-def _most(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.max(np.where(np.isfinite(values), values, -np.inf), axis=1)
-
-
-def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
+def _where(design: Design, worst: int, first: bool) -> str:
     """Say which level is meant and what it is compared with, e.g. ``with the trailer mass at 8 t``."""
-    label = design.bands[worst]
+    label, home = design.bands[worst], design.matched
     if not design.factors:
         return "in the case as stated"
     if design.sampling == "saltelli":
         return f"over the whole box of {varied(design)}"
-    believed = home is not None and home == design.matched
+    believed = home is not None
     single = len(design.factors) == 1 or label.startswith("±")
     within = label.startswith("±")
     if not single:
@@ -172,7 +190,7 @@ def _where(design: Design, home: int | None, worst: int, first: bool) -> str:
     else:
         owner = "believed to be" if design.factors[0].of == "belief" else "at"
         text = f"with the {varied(design)} {owner} {label}"
-    if home is None or not first:
+    if home is None or home == worst or not first:
         return text
     other = design.bands[home]
     if within:
@@ -194,37 +212,22 @@ def varied(design: Design) -> str:
 
 
 def _everyone(names: Sequence[str]) -> str:
-    return listed(names) if len(names) <= 4 else f"the {len(names)} estimators"
+    return listed(names) if len(names) <= NAMED else f"the {len(names)} estimators"
 
 
-def _left_out(design: Design, compared: Sequence[str]) -> list[str]:
-    """Name the estimators that the answer says nothing of: their medians are those of the runs that they survived."""
-    others = [name for name in design.estimators if name not in compared]
-    if not others:
-        return []
-    return [f"Not compared, as more of {'its' if len(others) == 1 else 'their'} runs were lost: {listed(others)}."]
-
-
-def _lost(designs: Sequence[Design]) -> list[str]:
-    """Say how many runs of the designs have no score."""
-    found = []
-    total = sum(d.status.size for d in designs)
-    runs = f"{total} runs" if len(designs) == 1 else f"{total} runs of all {len(designs)} designs"
-    for fate, text in (
-        (ESTIMATOR_DIVERGED, "the estimator diverged"),
-        (PLANT_DIVERGED, "the plant left its range"),
-    ):
-        counts: dict[str, int] = {}
-        for design in designs:
-            for e, name in enumerate(design.estimators):
-                counts[name] = counts.get(name, 0) + design.count(fate, None, e)
-        some = [f"{name} {count}" for name, count in counts.items() if count]
-        if some:
-            who = f" ({', '.join(some)})" if fate != PLANT_DIVERGED and len(some) <= 8 else ""
-            found.append(f"in {sum(counts.values())} {text}{who}")
-    pending = sum(d.count(PENDING) for d in designs)
-    sentences = [f"Of {runs}, {listed(found)}."] if found else []
-    if pending:
-        sentences.append(f"{pending} of {runs} are still to come.")
-    assert found or pending or sum(d.count(OK) for d in designs) == total
-    return sentences
+def _counts(designs: Sequence[Design]) -> list[str]:
+    """Say in how many runs the vehicle went out of control, in how many an estimator diverged, and what is to come."""
+    runs = sum(d.out_of_control.size for d in designs)
+    total = f"{runs} runs" if len(designs) == 1 else f"{runs} runs of all {len(designs)} designs"
+    told = []
+    out = {d.name: int(d.out_of_control.sum()) for d in designs}
+    if lost := sum(out.values()):
+        where = f" ({listed([f'{n} of {name}' for name, n in out.items() if n])})" if len(designs) > 1 else ""
+        told.append(f"In {lost} of {total} the vehicle itself goes out of control{where}: they count for no estimator.")
+    names = dict.fromkeys(name for d in designs for name in d.estimators)
+    diverged = {n: sum(d.diverged(d.estimators.index(n)) for d in designs if n in d.estimators) for n in names}
+    if losses := [f"{name} in {n}" for name, n in diverged.items() if n]:
+        told.append(f"Of {sum(d.compared() for d in designs)} runs under control diverged {listed(losses)}.")
+    if pending := sum(d.count(PENDING, None, 0) for d in designs):
+        told.append(f"{pending} of {total} are still to come.")
+    return told

@@ -11,12 +11,12 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.study import sobol_indices
 from harness.study.results import Design
-from harness.study.scores import OK
+from harness.study.scores import ESTIMATOR_DIVERGED
 from harness.study.sobol_indices import Indices
 from harness.study.tolerance import Tolerance, tolerance
 
 FEWEST = 0.05
-"""Share of the points that must differ in their lost runs from the others; an index of fewer is mostly chance."""
+"""Share of the points that must differ from the others in their diverged runs; an index of fewer is mostly chance."""
 
 
 class Ranking:
@@ -33,18 +33,23 @@ class Ranking:
 
     @cached_property
     def outcomes(self) -> Floats:
-        """Error of each point over all drives in report units, lost runs scored, ``(target, estimator, sample)``.
+        """Error of each point over all drives in report units, diverged runs scored, ``(target, estimator, sample)``.
 
-        NaN for an estimator that does not give the target.
+        Runs of a vehicle out of control count up to there. NaN for an estimator that does not give the target.
         """
-        scored = [sobol_indices.over_drives(sobol_indices.scored(values[0])) for values in self.design.rmse]
-        giving = np.array([np.isin(range(len(one)), self.design.giving(t)) for t, one in enumerate(scored)])
-        return np.where(giving[..., None], np.stack(scored), np.nan)
+        errors = self.design.errors_under_control[:, 0]
+        return np.stack([sobol_indices.over_drives(sobol_indices.scored(values)) for values in errors])
 
     @cached_property
     def lost(self) -> Floats:
-        """Share of the runs of each point that were lost, ``(estimator, sample)``."""
-        return np.asarray(np.mean(self.design.status[0] != OK, axis=(1, 3)))
+        """Share of the runs of each point in which an estimator diverged, ``(estimator, sample)``."""
+        return np.asarray(np.mean(self.design.status[0] == ESTIMATOR_DIVERGED, axis=(1, 3)))
+
+    @cached_property
+    def out_of_control(self) -> Indices | None:
+        """Indices of the share of runs of a vehicle out of control; None as ``divergence``."""
+        share = np.asarray(np.mean(self.design.out_of_control[0], axis=(0, 2)))
+        return self._indices(share) if np.mean(share != np.median(share)) >= FEWEST else None
 
     @cached_property
     def errors(self) -> list[list[Indices | None]]:
@@ -53,12 +58,12 @@ class Ranking:
 
     @cached_property
     def of_ranks(self) -> list[list[Indices | None]]:
-        """Indices of the rank of the error, for which the score of a lost run matters little."""
+        """Indices of the rank of the error, for which the score of a diverged run matters little."""
         return [[self._indices(np.where(np.isnan(y), y, sobol_indices.ranks(y))) for y in row] for row in self.outcomes]
 
     @cached_property
     def divergence(self) -> list[Indices | None]:
-        """Indices of the share of lost runs by estimator; None where too few points differ in it from the others."""
+        """Indices of the share of diverged runs by estimator; None where too few points differ in it from others."""
         return [self._indices(y) if np.mean(y != np.median(y)) >= FEWEST else None for y in self.lost]
 
     def converging(self, target: int, estimator: int) -> list[Indices]:
@@ -66,7 +71,7 @@ class Ranking:
         return sobol_indices.converging(self.outcomes[target, estimator], len(self.design.factors), seed=self.seed)
 
     def best(self, target: int) -> int:
-        """Return the estimator with the smallest median of the error, lost runs scored."""
+        """Return the estimator with the smallest median of the error, diverged runs scored."""
         medians = np.median(self.outcomes[target], axis=-1)
         return int(np.argmin(np.where(np.isnan(medians), np.inf, medians)))
 
@@ -94,7 +99,7 @@ def tolerances(design: Design, limits: dict[str, float]) -> dict[tuple[int, int]
         if target.name not in limits:
             continue
         for e in design.giving(t):
-            errors = np.where(design.status[:, e] == OK, design.rmse[t, :, e], np.inf)
-            worst = errors.max(axis=(1, 3))  # over drives and repeats
+            errors = design.errors_under_control[t, :, e]
+            worst = np.fmax.reduce(errors, axis=(1, 3), initial=0.0)  # over drives and repeats
             found[t, e] = tolerance(worst, limits[target.name] * target.scale, len(design.factors))
     return found

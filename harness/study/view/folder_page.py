@@ -67,7 +67,7 @@ def _told(folder: Path, kind: str) -> tuple[str, str]:
             found = analyse(folder)
             attributes = found.store.attributes
             title = str(attributes.get("title") or attributes.get("study_name") or folder.name)
-            return title, answer_in_short(found.main, found.store.designs)
+            return title, answer_in_short(found)
         if kind == "campaign":
             record = read_record(folder / campaign_page.FILE)
             return str(record.get("title", folder.name)), campaign_page.in_short(record)

@@ -119,7 +119,7 @@ class _SideBySide:
             {
                 "study": studies.names,
                 "question": [str(s.attributes.get("title") or s.attributes.get("study_name") or "") for s in stores],
-                "answer": [answer_in_short(a.main, a.store.designs) for a in studies.analyses],
+                "answer": [answer_in_short(a) for a in studies.analyses],
             },
             {"study": [str(k + 1) for k in range(len(studies.names))]},
         )

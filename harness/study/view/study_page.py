@@ -132,7 +132,7 @@ class StudyPage:
         title = str(attributes.get("title") or attributes.get("study_name") or self._results.directory.name)
         roots = {
             "title": said(title, styles={"font-size": "1.35rem", "font-weight": "bold"}),
-            "answer": said(answer_in_short(self._analysis.main, self._results.designs), styles={"font-size": "1rem"}),
+            "answer": said(answer_in_short(self._analysis), styles={"font-size": "1rem"}),
             "boxes": self._holder,
             "factors": self._factors.layout,
             "address": self._address,

@@ -11,12 +11,12 @@ from harness.models.quantities import listed, words
 from harness.reporting.document import Block, Bullets, Heading, Prose, plain, strong
 from harness.reporting.style import number
 from harness.study.report.analysis import Analysis, Findings
-from harness.study.report.opening import answer_in_short, at
+from harness.study.report.opening import at, sentences
 from harness.study.report.ranking import limits_of, tolerances
 from harness.study.report.sections import boxes, in_numbers, inputs, sensitivity, tolerance
 from harness.study.report.sections.history import inside
-from harness.study.results import FATES, Design
-from harness.study.scores import OK, PENDING
+from harness.study.results import Design
+from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
 
 SURE = 0.5  # share within ± 2σ below which an estimator is over-confident
 
@@ -30,14 +30,18 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
     """
     findings = analysis.main
     items = [f"{strong('Inputs.')} {plain(text)}" for text in inputs.in_short(findings)]
-    items.append(f"{strong('Lost runs.')} {plain(_lost(analysis))}")
+    items.append(f"{strong('Diverged runs.')} {plain(_lost(analysis))}")
     if findings.with_covariance:
         items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")
-    sentence = Prose(strong(answer_in_short(findings, analysis.store.designs)))
+    best, harms, counts = sentences(analysis)
+    opening_sentences: list[Block] = [Prose(strong(" ".join(best or harms[:1])))]
+    further = harms if best else harms[1:]
+    if further or counts:
+        opening_sentences.append(Bullets([plain(text) for text in (*further, *counts)]))
     figures = boxes.pictures(analysis, findings, opening=True)
     return [
         Heading("Answer"),
-        sentence,
+        *opening_sentences,
         *opening,
         *_of_the_box(analysis),
         Prose(plain(_scope(analysis))),
@@ -49,16 +53,15 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
 
 def _of_the_box(analysis: Analysis) -> list[Block]:
     """Say of a study of all factors at once which of them drive the error, and how far all may drift together."""
-    design = analysis.main.design
-    if design.sampling != "saltelli" or design.count(PENDING):
-        return []
-    items = [("What drives the error?", " ".join(sensitivity.in_short(analysis.main.ranking)))]
+    boxes = [f for f in analysis.findings if f.design.sampling == "saltelli" and not f.design.count(PENDING)]
+    items = [("What drives the error?", " ".join(sensitivity.in_short(f.ranking))) for f in boxes]
     limits = limits_of(analysis.store.attributes)
     for nested in (d for d in analysis.store.designs if d.sampling == "tolerance" and not d.count(PENDING)):
         found = tolerance.told(nested, limits, tolerances(nested, limits))
         borne = " ".join(f"For the {target.words}: {text}" for target, text in found)
         items.append(("How far may all factors drift?", borne))
-    return [Bullets([f"{strong(question)} {plain(text)}" for question, text in items if text])]
+    shown = [f"{strong(question)} {plain(text)}" for question, text in items if text]
+    return [Bullets(shown)] if shown else []
 
 
 def _capital(text: str) -> str:
@@ -89,32 +92,25 @@ def _belief(analysis: Analysis) -> str:
 
 
 def _lost(analysis: Analysis) -> str:
+    """Say in how many runs each estimator diverged while the vehicle was under control, and what that means."""
     designs = analysis.store.designs
-    total = sum(d.status.size for d in designs)
-    if all(d.count(OK) == d.status.size for d in designs):
-        return f"None: all {total} runs of all designs have a score."
-    parts = []
-    for fate, name in FATES.items():
-        count = sum(d.count(fate) for d in designs)
-        if not count:
-            continue
-        per = [
-            f"{e} {n}{_only_on(designs, e, fate) if n > 1 else ''}"
-            for e in dict.fromkeys(e for d in designs for e in d.estimators)
-            if (n := sum(d.count(fate, None, d.estimators.index(e)) for d in designs if e in d.estimators))
-        ]
-        separator = "; " if any("," in text for text in per) else ", "
-        parts.append(f"{name} in {count} ({separator.join(per)})")
-    return f"Of {total} runs of all designs, {'; '.join(parts)}. They are in no box and no median."
+    per = [
+        f"{e} in {n}{_only_on(designs, e) if n > 1 else ''}"
+        for e in dict.fromkeys(e for d in designs for e in d.estimators)
+        if (n := sum(d.count(ESTIMATOR_DIVERGED, None, d.estimators.index(e)) for d in designs if e in d.estimators))
+    ]
+    if not per:
+        return "None."
+    return f"{'; '.join(per)}. They count as larger than any other error."
 
 
-def _only_on(designs: Sequence[Design], estimator: str, fate: int) -> str:
-    """Name the drive on which an estimator lost its runs, if there is only one of several."""
+def _only_on(designs: Sequence[Design], estimator: str) -> str:
+    """Name the drive on which an estimator diverged, if there is only one of several."""
     where = {
         d.drives[k]
         for d in designs
         if estimator in d.estimators
-        for k in np.flatnonzero((d.status[:, d.estimators.index(estimator)] == fate).any(axis=(0, 2, 3)))
+        for k in np.flatnonzero((d.status[:, d.estimators.index(estimator)] == ESTIMATOR_DIVERGED).any(axis=(0, 2, 3)))
     }
     several = any(len(d.drives) > 1 for d in designs)
     return f", all on {where.pop()}" if several and len(where) == 1 else ""

@@ -15,7 +15,7 @@ from harness.reporting.document import Block, Heading, Picture, Prose, Sheet, pl
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import NAMED, varied
 from harness.study.results import Design
-from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED
+from harness.study.scores import PENDING
 
 UPRIGHT = 9  # levels whose labels fit side by side; more are turned
 _OPENING = 5.8  # inches of the first page that the answer in words leaves to a figure
@@ -77,17 +77,16 @@ def factor_label(design: Design) -> str:
     return textwrap.fill(label, _LABEL)
 
 
-def tick_labels(design: Design, findings: Findings) -> list[str]:
-    """Return what stands under each level: its name, the runs in the box and those that have no score."""
+def tick_labels(design: Design) -> list[str]:
+    """Return what stands under each level: its name, the runs of each box, those that diverged or are in no box."""
     labels = []
     for band, name in enumerate(design.bands):
-        low, high = findings.shared_n(band)
-        lines = [_broken(name), f"n {low}" if low == high else f"n {low}–{high}"]
-        fates = (ESTIMATOR_DIVERGED, PLANT_DIVERGED)
-        counts = [sum(design.count(f, band, e) for f in fates) for e in range(len(design.estimators))]
+        lines = [_broken(name), f"n {design.compared(band)}"]
+        counts = [design.diverged(e, band) for e in range(len(design.estimators))]
         if max(counts):
-            some = str(max(counts)) if min(counts) == max(counts) else f"{min(counts)}–{max(counts)}"
-            lines.append(f"div. {some}")
+            lines.append(f"div. {max(counts)}" if min(counts) == max(counts) else f"div. {min(counts)}–{max(counts)}")
+        if out := int(design.out_of_control[band].sum()):
+            lines.append(f"out {out}")
         labels.append(("\n" if len(design.bands) <= UPRIGHT else " · ").join(lines))
     return labels
 
@@ -96,10 +95,10 @@ def _broken(label: str) -> str:
     return label.replace(", ", ",\n") if len(label) > 12 else label
 
 
-def label_levels(axes: Axes, design: Design, findings: Findings) -> None:
+def label_levels(axes: Axes, design: Design) -> None:
     """Write the levels, the runs and the losses under an axis."""
     turn: dict[str, Any] = {} if len(design.bands) <= UPRIGHT else {"rotation": 90}
-    axes.set_xticks(range(len(design.bands)), tick_labels(design, findings), **turn)
+    axes.set_xticks(range(len(design.bands)), tick_labels(design), **turn)
     axes.tick_params(axis="x", length=0)
     axes.set_xlim(-0.5, len(design.bands) - 0.5)
     axes.set_xlabel(factor_label(design))
@@ -138,7 +137,7 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int], height:
         rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
         for axes, t in zip(rows, targets, strict=True):
             _boxes(axes, analysis, findings, t)
-        label_levels(rows[-1], design, findings)
+        label_levels(rows[-1], design)
         handles: list[Any] = style.patches(design.estimators, analysis.looks)
         for name in _at_best(analysis, findings, targets[0]):
             handles.append(Line2D([], [], color="black", ls=_LINES[name], label=name))
@@ -147,8 +146,12 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int], height:
     names = " and ".join(design.targets[t].words for t in targets)
     caption = (
         f"RMSE of {names}. Box: quartiles; line: median; thick bar: its 95 % bootstrap interval; whiskers: smallest "
-        "and largest run. n: runs in each box; div.: runs in which estimator or plant diverged, in no box."
+        "and largest run. n: runs of each box, the same for all estimators."
     )
+    if any(design.diverged(e) for e in range(len(design.estimators))):
+        caption += " div.: of these, runs in which an estimator diverged; they count as larger than any other."
+    if design.out_of_control.any():
+        caption += " out: runs in which the vehicle went out of control, in no box."
     shown = _at_best(analysis, findings, targets[0])
     if "bound" in shown:
         caption += (
@@ -194,7 +197,7 @@ def _boxes(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> N
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
-    shown = design.rmse[target]
+    shown = design.errors[target]
     for name, values in _at_best(analysis, findings, target).items():
         left, right = ([band + side for band in range(len(values))] for side in (-0.45, 0.45))
         style.mark(axes.hlines(values, left, right, color="black", ls=_LINES[name], lw=1.0), "", name)
@@ -248,26 +251,29 @@ def _statistics(s: Summary) -> dict[str, Any]:
 def table(findings: Findings, target: int) -> Sheet:
     """Return the numbers behind the boxes of a target: levels down, estimators across."""
     design = findings.design
+    out = design.out_of_control.sum(axis=(1, 2, 3))
     rows = [
-        [label, *(_cell(findings, target, band, e) for e in range(len(design.estimators)))]
+        [
+            label + (f"\n{out[band]} out of control" if out[band] else ""),
+            *(_cell(findings, target, band, e) for e in range(len(design.estimators))),
+        ]
         for band, label in enumerate(design.bands)
     ]
     quantity = design.targets[target]
     caption = (
         f"RMSE of {quantity.words}{style.in_unit(quantity.unit)}, design “{design.name}”: median, its 95 % interval, "
-        f"largest; {design.planned} runs each where no loss is stated."
+        f"largest; {design.planned} runs of each estimator at a level"
+        + (", less those in which the vehicle went out of control." if out.any() else ".")
     )
     return Sheet(["level", *design.estimators], rows, caption)
 
 
-_FATES = {ESTIMATOR_DIVERGED: "diverged", PLANT_DIVERGED: "plant lost", PENDING: "not run"}
-
-
 def _cell(findings: Findings, target: int, band: int, e: int) -> str:
-    """Return the lines of a cell; fates that did not happen have none."""
+    """Return the lines of a cell; what did not happen has none."""
     s = findings.summaries[target][band][e]
     lines = [style.number(s.median.value)]
     if s.n:
         lines += [f"{style.number(s.median.lower)}–{style.number(s.median.upper)}", f"max {style.number(s.maximum)}"]
-    counts = {name: findings.design.count(fate, band, e) for fate, name in _FATES.items()}
+    design = findings.design
+    counts = {"diverged": design.diverged(e, band), "not run": design.count(PENDING, band, e)}
     return "\n".join(lines + [f"{count} {name}" for name, count in counts.items() if count])

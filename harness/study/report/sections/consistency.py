@@ -54,7 +54,7 @@ def _picture(analysis: Analysis, findings: Findings) -> Picture:
         _ratios(rows[0], analysis, findings, "nees")
         _ratios(rows[1], analysis, findings, "nis")
         _shares(rows[2], analysis, findings)
-        label_levels(rows[2], design, findings)
+        label_levels(rows[2], design)
         handles = []
         for e in findings.with_covariance:
             look = analysis.looks[design.estimators[e]]

@@ -48,7 +48,7 @@ def blocks(analysis: Analysis) -> list[Block]:
 
 def shown(findings: Findings, target: int) -> list[int]:
     """Return the bands drawn of a target: the one believed, and the one with the largest median over estimators."""
-    medians = np.where(findings.comparable, findings.medians[target], np.nan)
+    medians = findings.medians[target]
     size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else -np.inf for row in medians])
     worst = int(np.argmax(size))
     home = findings.design.matched
@@ -56,11 +56,14 @@ def shown(findings: Findings, target: int) -> list[int]:
 
 
 def medians(findings: Findings, target: int) -> NDArray[np.float64]:
-    """Return the median RMSE over samples and repeats, ``(band, estimator, drive)``; NaN without a run."""
-    values = findings.design.rmse[target]
+    """Return the median RMSE over samples and repeats, ``(band, estimator, drive)``.
+
+    Infinite where most runs diverged, NaN without a run.
+    """
+    values = findings.design.errors[target]
     flat = values.reshape(*values.shape[:3], -1)
     result = np.full(flat.shape[:3], np.nan)
-    some = np.isfinite(flat).any(axis=-1)
+    some = ~np.isnan(flat).all(axis=-1)
     result[some] = np.nanmedian(flat[some], axis=-1)
     return result
 

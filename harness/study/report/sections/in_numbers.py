@@ -9,7 +9,6 @@ from harness.reporting.document import Sheet
 from harness.reporting.style import in_unit, number, percent
 from harness.study.report.analysis import Findings, Paired
 from harness.study.results import Design
-from harness.study.scores import OK
 
 
 def home(findings: Findings) -> int | None:
@@ -23,13 +22,13 @@ def table(findings: Findings) -> Sheet:
     """Return the table that the answer rests on: targets and estimators down, levels and comparisons across."""
     design, start = findings.design, home(findings)
     ends = _ends(findings, start)
-    lost = [int((design.status[:, e] != OK).sum()) for e in range(len(design.estimators))]
+    lost = [design.diverged(e) for e in range(len(design.estimators))]
     told = findings.told if findings.pairs else []
     header = ["target", "estimator"]
     header += [_level(design, start)] if start is not None else []
     header += [_level(design, band) for band in ends]
     header += [f"same run, {_where(design, band)}" for band in told]
-    header += ["lost"] if any(lost) else []
+    header += ["diverged"] if any(lost) else []
     rows = []
     for target, quantity in enumerate(design.targets):
         for e, name in enumerate(design.estimators):
@@ -61,7 +60,9 @@ def _caption(findings: Findings, start: int | None, ends: list[int], lost: bool)
             "after Holm's correction."
         )
     if lost:
-        text += " Lost: runs without a score, in no median; the median of who loses more is that of easier runs."
+        text += " A run that diverged counts as larger than any other."
+    if design.out_of_control.any():
+        text += " Runs in which the vehicle went out of control count for no estimator."
     return text
 
 
@@ -71,8 +72,8 @@ def _ends(findings: Findings, start: int | None) -> list[int]:
     if len(design.factors) == 1:
         centres = (design.factors[0].lower + design.factors[0].upper) / 2
         found = list(dict.fromkeys([int(np.argmin(centres)), int(np.argmax(centres))]))
-    elif np.isfinite(medians[0]).any():
-        found = [int(np.nanargmax(np.nanmax(np.where(np.isfinite(medians[0]), medians[0], -np.inf), axis=1)))]
+    elif (~np.isnan(medians[0])).any():
+        found = [int(np.argmax(np.nanmax(np.where(np.isnan(medians[0]), -np.inf, medians[0]), axis=1)))]
     else:
         found = []
     return [b for b in found if b != start]

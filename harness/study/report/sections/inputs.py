@@ -82,7 +82,7 @@ def _picture(analysis: Analysis, findings: Findings, shares: Floats) -> Picture:
         for axes, t in zip(rows, range(len(design.targets)), strict=True):
             _panel(axes, analysis, findings, 100 * shares[t])
             axes.set_title(design.targets[t].words, loc="left")
-        label_levels(rows[-1], design, findings)
+        label_levels(rows[-1], design)
         style.head(fig, question, style.patches(design.estimators, analysis.looks))
         svg = style.svg(fig)
     return Picture(svg, _CAPTION, question)

@@ -128,14 +128,19 @@ def _models(store: StudyResults) -> list[Block]:
     keys = [k for k in dict.fromkeys(k for side in sides.values() for k in side) if k not in _NOISES]
     rows = [[words(k), *(_text(sides[side].get(k)) or "–" for side in _SIDES)] for k in keys]
     rows = [row for row in rows if row[1:] != ["–", "–"]]
-    differing = store.attributes["description"].get("differing") or {}
-    for name, entry in differing.items():
-        unit = print_unit(str(entry.get("unit") or ""))
-        texts = [with_unit(entry[s], unit) if isinstance(entry.get(s), int | float) else "–" for s in _SIDES]
-        rows.append([words(name), *texts])
+    description = store.attributes["description"]
+    for key, label in (("differing", "{}"), ("valid", "largest {}")):
+        for name, entry in (description.get(key) or {}).items():
+            unit = print_unit(str(entry.get("unit") or ""))
+            texts = [with_unit(entry[s], unit) if isinstance(entry.get(s), int | float) else "–" for s in _SIDES]
+            rows.append([label.format(words(name)), *texts])
     caption = (
         "The simulated vehicle (plant) and the model that the estimators assume (belief), before a design changes them."
     )
+    if description.get("valid"):
+        caption += (
+            " A vehicle beyond its largest values is out of control, an estimate beyond the belief's has diverged."
+        )
     return [Sheet(["item", "plant", "belief"], rows, caption, left=3)]
 
 

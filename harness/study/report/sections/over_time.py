@@ -16,7 +16,7 @@ from harness.reporting.document import Block, Heading, Picture, Prose, plain
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import Ranking
 from harness.study.results import Design
-from harness.study.scores import OK, PENDING
+from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
 from harness.study.sobol_indices import sobol_indices
 
 _SHOWN = 4  # factors drawn
@@ -38,7 +38,8 @@ def blocks(analysis: Analysis) -> list[Block]:
         return []
     text = (
         "The same indices from the error in each window of one drive, for the estimator with the smallest median "
-        "error. A lost run has in the windows after its end the largest error that any run had there."
+        "error. A diverged run has in the windows after its end the largest error that any run had there; there are no "
+        "indices of windows in which the vehicle is out of control at some point."
     )
     return [Heading("Which parameter causes the error, and when?"), Prose(plain(text)), *found]
 
@@ -52,11 +53,16 @@ class AlongDrive:
 
     @cached_property
     def errors(self) -> NDArray[np.float64]:
-        """Error by point and window in report units, root mean square over repeats, ``(sample, window)``."""
+        """Error by point and window in report units, root mean square over repeats, ``(sample, window)``.
+
+        NaN where the vehicle is out of control.
+        """
         data = self.design.data["rmse_over_time"].isel(band=0, target=self.target)
         values = data.transpose("estimator", "sample", "repeat", "window").values.astype(float)
         finished = np.where(np.isfinite(values), values, -np.inf).max(axis=(0, 1, 2))
-        scored = np.where(np.isfinite(values), values, np.where(np.isfinite(finished), finished, np.nan))
+        largest = np.where(np.isfinite(finished), finished, np.nan)
+        diverged = self.design.status[0, :, self.design.drives.index(self.drive)] == ESTIMATOR_DIVERGED
+        scored = np.where(np.isnan(values) & diverged[..., None], largest, values)
         errors: NDArray[np.float64] = np.sqrt(np.mean(scored[self.estimator] ** 2, axis=1))
         return errors * self.design.targets[self.target].scale
 
@@ -113,12 +119,13 @@ def _picture(along: AlongDrive) -> Picture:
         ]
         style.head(fig, question, handles)
         svg = style.svg(fig)
-    lost = int(np.sum(design.status[0, along.estimator, design.drives.index(along.drive)] != OK))
+    status = design.status[0, along.estimator, design.drives.index(along.drive)]
+    diverged = int(np.sum(status == ESTIMATOR_DIVERGED))
     leader = [design.factors[i].words for i in along.leading[:2]]
     caption = (
         f"Total Sobol indices of the RMSE of {quantity.words} in windows of "
         f"{float(design.data.attrs['over_time_window']):g} s along the drive {along.drive}, {name}, n = "
-        f"{len(along.errors)} points, lost: {lost}; shaded: 95 % interval. Most of the variance is that of "
+        f"{len(along.errors)} points, diverged: {diverged}; shaded: 95 % interval. Most of the variance is that of "
         f"{listed(leader)}."
     )
     return Picture(svg, caption, question)

@@ -59,7 +59,7 @@ def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Pict
         rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
         for axes, t in zip(rows, targets, strict=True):
             _differences(axes, analysis, findings, t)
-        label_levels(rows[-1], design, findings)
+        label_levels(rows[-1], design)
         handles = []
         for a, b in findings.pairs:
             look = analysis.looks[names[b]]

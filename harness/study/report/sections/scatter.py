@@ -69,11 +69,10 @@ def _picture(analysis: Analysis, findings: Findings, number: int, targets: list[
 
 
 def _counted(design: Design) -> str:
-    """Say how many runs there are, and which have no score."""
-    lost = {name: sum(design.lost(b, e) for b in range(len(design.bands))) for e, name in enumerate(design.estimators)}
-    some = ", ".join(f"{name} {count}" for name, count in lost.items() if count)
-    runs = f"{design.planned * len(design.bands)} runs of each estimator"
-    runs = f"{runs}, less those without a score ({some})" if some else runs
+    """Say how many runs there are, and which are not drawn."""
+    some = ", ".join(f"{name} {n}" for e, name in enumerate(design.estimators) if (n := design.diverged(e)))
+    runs = f"{design.compared()} runs of each estimator"
+    runs = f"{runs}, less those that diverged ({some})" if some else runs
     points, drawn = design.factors[0].values.shape[1], _drawn(design)
     return runs if drawn == points else f"{runs}, of which the first {drawn} of {points} points of each band are drawn"
 
@@ -91,7 +90,9 @@ def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, t
         axes.axvspan(low, high, color=style.SHADE, lw=0, zorder=0)
     if np.isfinite(factor.nominal):
         axes.axvline(factor.nominal, color="black", ls="--", lw=1.0, zorder=1)
-    values = design.rmse[target][:, :, :, : _drawn(design)]  # band, estimator, drive, sample, repeat
+    values = np.where(np.isinf(design.errors[target]), np.nan, design.errors[target])[
+        :, :, :, : _drawn(design)
+    ]  # band, estimator, drive, sample, repeat
     actual = factor.values[:, : _drawn(design)]
     pixels = bool(values.size > _AS_PIXELS_FROM)
     x = np.broadcast_to(actual[:, None, :, None], values[:, 0].shape)

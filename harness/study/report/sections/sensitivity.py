@@ -14,7 +14,8 @@ from harness.reporting import style
 from harness.reporting.document import Block, Bullets, Heading, Picture, Prose, Sheet, plain, strong
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import FEWEST, Ranking
-from harness.study.scores import ESTIMATOR_DIVERGED, OK, PENDING, PLANT_DIVERGED
+from harness.study.report.sections.tolerance import uncontrolled
+from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
 from harness.study.sobol_indices import Indices
 
 DRIVING = 0.1
@@ -84,13 +85,17 @@ def _words(ranking: Ranking) -> list[str]:
     for t, target in enumerate(design.targets):
         name = strong(target.words[:1].upper() + target.words[1:] + ".")
         items.append(f"{name} {plain(_drivers(ranking, ranking.errors[t], ranking.best(t)) + _by_ranks(ranking, t))}")
-    lost = strong("Divergence.")
+    divergence = strong("Divergence.")
     if any(ranking.divergence):
         some = [e for e, found in enumerate(ranking.divergence) if found is not None]
         most = max(some, key=lambda e: float(ranking.lost[e].mean()))
-        items.append(f"{lost} {plain(_drivers(ranking, ranking.divergence, most, 'the share of lost runs'))}")
+        items.append(f"{divergence} {plain(_drivers(ranking, ranking.divergence, most, 'the share of diverged runs'))}")
     else:
-        items.append(f"{lost} {plain('No estimator lost runs at enough points to explain it by factors.')}")
+        items.append(f"{divergence} {plain('No estimator diverged at enough points to explain it by factors.')}")
+    if (indices := ranking.out_of_control) is not None:
+        total = [f"{design.factors[i].words} {_told(indices.total[i])}" for i in indices.order[:NAMED]]
+        text = f"The largest total indices of the share of runs out of control are {listed(total)}."
+        items.append(f"{strong('Loss of control.')} {plain(text)}")
     return items
 
 
@@ -134,23 +139,16 @@ def _by_ranks(ranking: Ranking, target: int) -> str:
 
 def _rule(ranking: Ranking) -> str:
     design = ranking.design
-    counts = [
-        f"{name} {estimator} + {plant}"
-        for e, name in enumerate(design.estimators)
-        if (estimator := design.count(ESTIMATOR_DIVERGED, None, e)) + (plant := design.count(PLANT_DIVERGED, None, e))
-    ]
     runs = design.status[:, 0].size
-    told = (
-        f"Runs lost (estimator diverged + plant left its range): {', '.join(counts)}." if counts else "No run was lost."
-    )
+    told = f"Of these {_lost(ranking)}." if ranking.lost.any() else "No run diverged."
     base = int(design.data.attrs["base_samples"])
     return (
         f"Sobol indices from {base} base samples, {len(design.factors)} factors, hence {design.status.shape[3]} "
         f"points, on {len(design.drives)} drives: {runs} runs of each estimator. The error of a point is the root "
         "mean square over its drives; all points share the noise, so the factors alone make it vary. The "
         "first-order index is the share of the variance that one factor explains alone, the total index adds what "
-        "it does together with others; intervals are at 95 %, bootstrapped over base samples. A lost run keeps the "
-        f"design balanced with the largest error that any finished run had on the same drive. {told}"
+        "it does together with others; intervals are at 95 %, bootstrapped over base samples. A diverged run keeps the "
+        f"design balanced with the largest error that any other run had on the same drive. {told}{uncontrolled(design)}"
     )
 
 
@@ -170,19 +168,21 @@ def _divergence_picture(analysis: Analysis, ranking: Ranking) -> Picture:
     question = "Which parameter makes runs diverge?"
     known = [found for found in ranking.divergence if found is not None]
     order = [int(i) for i in np.argsort(-np.mean([[t.value for t in f.total] for f in known], axis=0), kind="stable")]
-    svg = _dots(analysis, ranking, ranking.divergence, order, question, "share of the variance of the outcome “lost”")
+    svg = _dots(
+        analysis, ranking, ranking.divergence, order, question, "share of the variance of the outcome “diverged”"
+    )
     caption = (
-        f"Sobol indices of the share of runs lost at a point, design “{ranking.design.name}”, {_lost(ranking)}. "
-        "Filled: total index with its 95 % interval; open: first order. Estimators whose losses differ at less than "
-        f"{100 * FEWEST:g} % of the points are not shown."
+        f"Sobol indices of the share of runs that diverged at a point, design “{ranking.design.name}”, "
+        f"{_lost(ranking)}. Filled: total index with its 95 % interval; open: first order. Estimators whose "
+        f"divergences differ at less than {100 * FEWEST:g} % of the points are not shown."
     )
     return Picture(svg, caption, question)
 
 
 def _lost(ranking: Ranking) -> str:
     design = ranking.design
-    counts = [f"{n} {int(np.sum(design.status[:, e] != OK))}" for e, n in enumerate(design.estimators)]
-    return f"lost: {', '.join(counts)}"
+    counts = [f"{n} {design.count(ESTIMATOR_DIVERGED, None, e)}" for e, n in enumerate(design.estimators)]
+    return f"diverged: {', '.join(counts)}"
 
 
 def _dots(
@@ -268,8 +268,8 @@ def _divergence_table(ranking: Ranking) -> Sheet:
         for i, f in enumerate(design.factors)
     ]
     share = [f"{100 * float(np.mean(lost)):.1f} %" for lost in ranking.lost]
-    caption = f"Total Sobol indices of the share of lost runs with 95 % intervals, design “{design.name}”."
-    return Sheet(["factor", *design.estimators], [["runs lost", *share], *rows], caption)
+    caption = f"Total Sobol indices of the share of diverged runs with 95 % intervals, design “{design.name}”."
+    return Sheet(["factor", *design.estimators], [["runs diverged", *share], *rows], caption)
 
 
 def _convergence_picture(ranking: Ranking) -> list[Block]:

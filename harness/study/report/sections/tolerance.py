@@ -13,7 +13,7 @@ from harness.reporting.style import number, with_unit
 from harness.study.report.analysis import Analysis
 from harness.study.report.ranking import limits_of, tolerances
 from harness.study.results import Design, Factor
-from harness.study.scores import OK, PENDING
+from harness.study.scores import ESTIMATOR_DIVERGED, PENDING
 from harness.study.tolerance import Tolerance
 
 _ROW = 0.34
@@ -78,6 +78,18 @@ def _best(design: Design, t: int, borne: dict[tuple[int, int], Tolerance]) -> in
     return max(design.giving(t), key=lambda e: (borne[t, e].box, borne[t, e].typical))
 
 
+def uncontrolled(design: Design) -> str:
+    """Say of a design over all factors in how many runs the vehicle goes out of control, and how these count."""
+    runs = int(design.out_of_control.sum())
+    if not runs:
+        return ""
+    points = int(design.out_of_control.any(axis=(1, 3)).sum())
+    return (
+        f" In {runs} runs, at {points} points, the vehicle itself goes out of control; the error of an estimator "
+        "counts up to there."
+    )
+
+
 def _capital(target: Quantity) -> str:
     return f"{target.words[:1].upper()}{target.words[1:]}."
 
@@ -85,10 +97,10 @@ def _capital(target: Quantity) -> str:
 def _sentence(design: Design, limit: str, e: int, borne: Tolerance) -> str:
     name = design.estimators[e]
     if borne.nominal > 1.0:
-        times = "in a lost run" if np.isinf(borne.nominal) else f"{number(borne.nominal, 2)} times as large"
+        how = "diverges" if np.isinf(borne.nominal) else f"has an error {number(borne.nominal, 2)} times as large"
         return (
-            f"No estimator stays below {limit} even where the vehicle is as believed: the best, {name}, has an "
-            f"error {times} on the worst drive. No box meets this limit."
+            f"No estimator stays below {limit} even where the vehicle is as believed: the best, {name}, {how} on the "
+            "worst drive. No box meets this limit."
         )
     text = f"{name} tolerates most: its error stays below {limit} on every drive"
     text += f" while all factors together stay within {100 * borne.box:.0f} % of the way to the edges of the box."
@@ -103,10 +115,9 @@ def _rule(design: Design, borne: dict[tuple[int, int], Tolerance]) -> str:
     return (
         f"{one.rays} points of the whole box and each factor alone drift from the believed values to the edges in "
         f"{len(design.bands)} steps, {runs} runs of each estimator on {len(design.drives)} drives. The limit is "
-        "broken where the RMSE on any drive exceeds it, or a run is lost, be it that the estimator diverged or that "
-        "the plant left its range. Between two steps the error is taken as linear. The box is the largest in which "
-        f"no point broke the limit; so {100 * one.holds:.1f} % of its points or more hold it at 95 % confidence "
-        "(distribution-free, Wilks 1941)."
+        "broken where the RMSE on any drive exceeds it or the estimator diverges. Between two steps the error is "
+        f"taken as linear. The box is the largest in which no point broke the limit; so {100 * one.holds:.1f} % of its "
+        f"points or more hold it at 95 % confidence (distribution-free, Wilks 1941).{uncontrolled(design)}"
     )
 
 
@@ -137,12 +148,12 @@ def _picture(
         ]
         style.head(fig, question, handles)
         svg = style.svg(fig)
-    lost = ", ".join(f"{n} {int(np.sum(design.status[:, e] != OK))}" for e, n in enumerate(design.estimators))
+    lost = ", ".join(f"{n} {design.count(ESTIMATOR_DIVERGED, None, e)}" for e, n in enumerate(design.estimators))
     caption = (
         f"Drift from the believed value (0) towards the edges of the box (−100 %, 100 %), design “{design.name}”, "
         f"at which the RMSE of {target.words} reaches {limit} on some drive: all factors at once, and each alone. "
         f"Filled: the limit is reached; open: it holds up to the edge. n = {design.status[:, 0].size} runs of each "
-        f"estimator, lost: {lost}."
+        f"estimator, diverged: {lost}."
     )
     return Picture(svg, caption, question)
 
@@ -168,7 +179,7 @@ def _summary(design: Design, t: int, limit: str, borne: dict[tuple[int, int], To
     rows = []
     for e in design.giving(t):
         name, one = design.estimators[e], borne[t, e]
-        nominal = "lost" if np.isinf(one.nominal) else f"{100 * one.nominal:.0f} %"
+        nominal = "diverged" if np.isinf(one.nominal) else f"{100 * one.nominal:.0f} %"
         rows.append([name, breaks_first(design, one), nominal, f"{100 * one.box:.0f} %", f"{100 * one.typical:.0f} %"])
     caption = (
         f"What the estimators tolerate until the RMSE of {design.targets[t].words} exceeds {limit}. As believed: error "
