@@ -20,9 +20,11 @@ from harness.engine.simd.lanes import LANES
 from harness.study.bound import smallest_rmse
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
+from harness.study.results import read
 from harness.study.run_noise import Case
 from harness.study.scores import ESTIMATOR_DIVERGED, OK, PLANT_DIVERGED
 from harness.study.tolerance import Tolerance
+from support import synthetic
 
 CONTENT = {
     "name": "small",
@@ -175,18 +177,21 @@ def test_a_box_that_grows_from_nothing_helps_and_the_larger_one_is_taken():
     assert not helps(none, first)
 
 
-def test_runs_in_which_the_vehicle_left_its_model_are_not_the_estimators():
-    errors = np.array([1.0, 3.0, np.nan, np.nan]).reshape(1, 1, 1, 1, 4, 1)
-    status = np.array([OK, OK, PLANT_DIVERGED, ESTIMATOR_DIVERGED]).reshape(1, 1, 1, 4, 1)
-    design = SimpleNamespace(
-        status=status, rmse=errors, targets=[SimpleNamespace(name="articulation_angle")], sampling="sobol",
-        matched=None, bands=["all"], state_dimension=3, per_run=lambda _: np.full(4, np.nan),
-    )  # fmt: skip
-    found = judged(AS_IT_IS, study(), SimpleNamespace(designs=[design]), 1.0)
-    assert (found.medians[0, 0], found.worst[0]) == (3.0, np.inf)  # of 1, 3 and the lost one
-    assert found.lost == pytest.approx(1 / 3)
-    gone = np.full_like(status, PLANT_DIVERGED)
-    none = judged(AS_IT_IS, study(), SimpleNamespace(designs=[SimpleNamespace(**vars(design) | {"status": gone})]), 1.0)
+def test_runs_of_a_vehicle_out_of_control_are_not_the_estimators(tmp_path):
+    fates = np.array([OK, OK, PLANT_DIVERGED, ESTIMATOR_DIVERGED])
+
+    def judged_with(statuses, name):
+        data = synthetic.design(
+            estimators=("EKF",), levels=(8.0,), drives=("sine",), targets={"articulation_angle": ("rad", 0.01)},
+            repeats=4, status=lambda all_runs: np.copyto(all_runs[0, 0, 0, :, 0], statuses),
+        )  # fmt: skip
+        data["rmse"][0, 0, 0, :, 0, 0] = np.deg2rad([1.0, 3.0, 9.0, 9.0])
+        return judged(AS_IT_IS, study(), read(synthetic.write(tmp_path / name, {"level": data})), 1.0)
+
+    some = judged_with(fates, "some")
+    assert (some.medians[0, 0], some.worst[0]) == (pytest.approx(3.0), np.inf)  # of 1, 3 and the diverged one
+    assert some.lost == pytest.approx(1 / 3)
+    none = judged_with(np.full(4, PLANT_DIVERGED), "none")
     assert (none.medians[0, 0], none.worst[0], none.lost) == (np.inf, np.inf, 1.0)
 
 

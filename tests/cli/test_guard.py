@@ -88,7 +88,7 @@ def test_the_headline_after_a_run_is_guarded(tmp_path, monkeypatch):
     out = tmp_path / "out"
     written = {"level": synthetic.design(repeats=2)}
     monkeypatch.setattr(stage, "run_study", lambda _, out, *__, **___: synthetic.write(out, written))
-    monkeypatch.setattr(report, "answer_in_short", lambda *_: {}["headline"])
+    monkeypatch.setattr(report, "answer_in_short", lambda _: {}["headline"])
     done = CliRunner().invoke(main.app, ["run", str(tmp_path / "s.toml"), "--out", str(out)])
     assert done.exit_code == 70, done.output
     assert "fault: KeyError: 'headline'" in done.stderr

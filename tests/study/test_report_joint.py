@@ -50,7 +50,7 @@ def test_indices_are_those_of_the_error_that_was_made(analysis):
     assert ranking.of_ranks[1][0].order[:2] == [0, 1]
 
 
-def test_lost_runs_score_as_much_as_the_worst_that_finished(analysis):
+def test_diverged_runs_score_as_much_as_the_worst_that_finished(analysis):
     ranking = Ranking(analysis.findings[0].design, seed=0)
     lost = ranking.lost[1] == 1.0
     assert 0.0 < lost.mean() < 0.2
@@ -61,9 +61,9 @@ def test_lost_runs_score_as_much_as_the_worst_that_finished(analysis):
 def test_words_name_the_leading_factor_and_count_what_was_lost(analysis):
     told = words(sensitivity.blocks(analysis))
     assert "the total indices of the error are trailer mass" in told
-    assert "UKF, the total indices of the share of lost runs are trailer mass" in told
-    lost = int((analysis.findings[0].design.status[:, 1] == 1).sum())
-    assert f"UKF {lost} + 0" in told
+    assert "UKF, the total indices of the share of diverged runs are trailer mass" in told
+    diverged = int((analysis.findings[0].design.status[:, 1] == 1).sum())
+    assert f"Of these diverged: EKF 0, UKF {diverged}." in told
     assert "128 base samples, 3 factors, hence 640 points, on 2 drives: 1280 runs" in told
 
 
@@ -84,7 +84,7 @@ def test_an_estimator_that_does_not_give_a_target_tolerates_nothing_and_has_no_i
     """It has no error, which is neither a small one nor that of a lost run."""
     analysis = Analysis(read(folder))
     for findings in analysis.findings:
-        findings.design.rmse[1, :, 0] = np.nan  # the articulation angle of the first
+        findings.design.errors_under_control[1, :, 0] = np.nan  # the articulation angle of the first
     indices, nested = (f.design for f in analysis.findings[:2])
     assert (indices.giving(0), indices.giving(1)) == ([0, 1], [1])
     ranking = Ranking(indices, seed=0)
@@ -96,6 +96,31 @@ def test_an_estimator_that_does_not_give_a_target_tolerates_nothing_and_has_no_i
     assert list(found) == [(1, 1)]
     text = words(tolerance.blocks(analysis))
     assert f"{nested.estimators[1]} tolerates most" in text
+
+
+def test_a_vehicle_out_of_control_is_charged_to_no_estimator(folder, tmp_path):
+    """Heavy trailers spin: the error counts up to there, the limit is kept, and the mass is named as the cause."""
+    made = scores(study_of(tmp_path))
+    for data in made.values():
+        heavy = data["factor_trailer_mass"] > 30e3
+        for name, value in (("status", 2), ("rmse", np.deg2rad(0.5))):
+            data[name] = data[name].where(~heavy, value).astype(data[name].dtype).transpose(*data[name].dims)
+        data["loss_of_control"] = data["loss_of_control"].where(~heavy, 3.0).transpose(*data["loss_of_control"].dims)
+    synthetic.write(tmp_path / "out", made)
+    analysis = Analysis(read(tmp_path / "out"))
+    joint, nested = (f.design for f in analysis.findings[:2])
+    assert 0 < joint.out_of_control.sum() == (joint.factors[0].values > 30).sum() * 2
+    assert not any(joint.diverged(e) for e in range(2))
+    ranking = Ranking(joint, seed=0)
+    assert ranking.divergence == [None, None]
+    assert ranking.out_of_control.order[0] == 0
+    assert np.isfinite(ranking.outcomes).all()
+    told = words(sensitivity.blocks(analysis))
+    assert "The largest total indices of the share of runs out of control are trailer mass" in told
+    assert f"In {int(nested.out_of_control.sum())} runs, at" in words(tolerance.blocks(analysis)) or (
+        not nested.out_of_control.any()
+    )
+    assert all(t.nominal <= 1.0 for t in tolerances(nested, {TARGETS[1]: np.deg2rad(2.0)}).values())
 
 
 def test_sensitivity_over_time_changes_with_the_cause(analysis):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,10 @@ from harness.reporting import style
 from harness.reporting.document import Bullets, Prose
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import answer_in_short
-from harness.study.report.sections import answer, in_numbers
+from harness.study.report.sections import answer, boxes, in_numbers
+from harness.study.results import Design, StudyResults, read
+from harness.study.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
+from support import synthetic
 from support.report_parts import everything
 
 
@@ -20,10 +24,14 @@ def _words(analysis: Analysis) -> str:
     return " ".join(item for block in answer.blocks(analysis) if isinstance(block, Bullets) for item in block.items)
 
 
-def test_words_when_nothing_is_left(one_design):
-    lost = one_design(status=everything)
-    text = _words(lost)
-    assert "plant left its range in 84 (EKF 42, UKF 42)" in text
+def _answer(design: Design, limits: dict[str, float] | None = None) -> str:
+    """The answer of a study of this design alone."""
+    attributes = {"limits": limits} if limits else {}
+    return answer_in_short(Analysis(StudyResults(Path("study"), attributes, [design], [])))
+
+
+def test_words_when_no_vehicle_stays_under_control(one_design):
+    assert "In 42 of 42 runs the vehicle itself goes out of control" in _words(one_design(status=everything))
 
 
 def _row(findings: Findings, estimator: str) -> dict[str, str]:
@@ -36,7 +44,7 @@ def _row(findings: Findings, estimator: str) -> dict[str, str]:
 def test_no_difference_is_called_none(one_design):
     analysis = one_design()
     design = analysis.main.design
-    design.rmse[:, :, 1] = design.rmse[:, :, 0]
+    design.errors[:, :, 1] = design.errors[:, :, 0]
     row = _row(Findings(design, 0), "UKF")
     assert row["same run, all levels"] == "not shown"
     assert _row(Findings(design, 0), "EKF")["same run, all levels"] == "compared with"
@@ -45,14 +53,14 @@ def test_no_difference_is_called_none(one_design):
 def test_a_difference_that_is_shown_may_still_be_negligible(one_design):
     """Half a per mille on every run is significant and of no use to anybody."""
     design = one_design(repeats=20).main.design
-    design.rmse[:, :, 1] = design.rmse[:, :, 0] * 0.9995
+    design.errors[:, :, 1] = design.errors[:, :, 0] * 0.9995
     findings = Findings(design, 0)
     pair = findings.compared(0, 0, 1, None)
     assert pair.shown
     assert pair.negligible
     assert pair.relative == pytest.approx(-0.0005, rel=0.05)
     assert _row(findings, "UKF")["same run, all levels"] == "within 1 %"
-    design.rmse[:, :, 1] = design.rmse[:, :, 0] * 0.9
+    design.errors[:, :, 1] = design.errors[:, :, 0] * 0.9
     assert _row(Findings(design, 0), "UKF")["same run, 24 t"] == "−10 %"
 
 
@@ -62,91 +70,107 @@ def test_the_table_of_the_answer_has_the_medians_and_their_growth(one_design):
     row = _row(Findings(design, 0), "UKF")
     assert row["24 t"].startswith(f"{style.number(medians[0, 4, 1])} (")
     assert row["8 t"] == f"{style.number(medians[0, 0, 1])} ({style.number(medians[0, 0, 1] / medians[0, 4, 1], 2)}×)"
-    assert "lost" not in row
+    assert "diverged" not in row
     single = in_numbers.table(one_design(estimators=("EKF",), levels=(24.0,)).main)
     assert list(single.header) == ["target", "estimator", "24 t"]
     assert single.caption == "Median RMSE as believed with its 95 % interval."
 
 
 def _medians(design) -> np.ndarray:
-    return np.nanmedian(design.rmse.reshape(*design.rmse.shape[:3], -1), axis=-1)
+    return np.nanmedian(design.errors.reshape(*design.errors.shape[:3], -1), axis=-1)
 
 
-def test_headline_tells_the_largest_growth_of_each_target(one_design):
+def test_the_answer_says_where_the_error_of_each_target_grows_most(one_design):
     design = one_design().main.design
-    design.rmse[:, :, 1] = design.rmse[:, :, 0]
-    design.rmse[1, 6] = design.rmse[1, 0] * 2  # the articulation angle is worst at 32 t
+    design.errors[:, :, 1] = design.errors[:, :, 0]
+    design.errors[1, 6] = design.errors[1, 0] * 2  # the articulation angle is worst at 32 t
     medians = _medians(design)
-    text = answer_in_short(Findings(design, 0))
-    force = f"{style.number(medians[0, 4, 0])} to {style.number(medians[0, 0, 0])} kN"
-    angle = f"{style.number(medians[1, 4, 0])} to {style.number(medians[1, 6, 0])}°"
-    times = [
-        f"({style.number(a / b, 2)} times)" for a, b in zip(medians[[0, 1], [0, 6], 0], medians[:, 4, 0], strict=True)
-    ]
-    assert text == (
-        "With the trailer mass at 8 t instead of the believed 24 t, the median error of the lateral force axle 21 "
-        f"grows from {force} {times[0]}; with the trailer mass at 32 t that of the articulation angle grows from "
-        f"{angle} {times[1]}; EKF and UKF differ by less than 0.1 %."
-    )
+    text = _answer(design)
+    assert text.startswith("EKF and UKF are alike within 3 %, with a median error of ")
+    for k, band in enumerate((0, 6)):
+        grown = f"{style.number(medians[k, 4, 0])} to {style.with_unit(medians[k, band, 0], design.targets[k].unit)}"
+        assert f"grows from {grown} ({style.number(medians[k, band, 0] / medians[k, 4, 0], 2)} times)" in text
+    assert "With the trailer mass at 8 t instead of the believed 24 t, the" in text
+    assert "; with the trailer mass at 32 t that of the articulation angle" in text
 
 
-def test_headline_names_the_best_estimator_where_they_differ_and_what_was_lost(one_design):
+def test_the_best_estimator_has_the_smallest_area_and_its_losses_are_said(one_design):
     design = one_design(estimators=("EKF", "UKF", "PF"), status=_lose_two).main.design
-    design.rmse[:, :, 2] = design.rmse[:, :, 0] * 0.5
-    text = answer_in_short(Findings(design, 0))
-    medians = _medians(design)
-    best = f"{style.number(medians[0, 4, 2])} to {style.number(medians[0, 0, 2])} kN"
-    assert f"grows from {best} ({medians[0, 0, 2] / medians[0, 4, 2]:.1f} times) with PF and to " in text
-    assert f"{style.number(medians[0, 0, 0])} kN with EKF" in text
-    assert "with UKF" not in text  # its median is that of the runs it survived; it is counted instead
-    assert "differ by less" not in text
-    assert text.endswith(
-        "Of 126 runs, in 2 the estimator diverged (UKF 2). Not compared, as more of its runs were lost: UKF."
-    )
+    design.errors[:, :, 2] = design.errors[:, :, 0] * 0.5
+    design.errors[:, 0, 2, 0, 0, 0] = np.inf
+    design.status[0, 2, 0, 0, 0] = ESTIMATOR_DIVERGED
+    text = _answer(design)
+    assert text.startswith("PF (diverged in 1 of 42 runs) is the best of 3, with a median error of ")
+    levels = np.array([8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 32.0])
+    medians = np.median(design.errors[0, :, 2].reshape(7, -1), axis=1)
+    area = np.trapezoid(medians, levels) / 24.0
+    assert f"error of {style.with_unit(area, 'kN')} (at worst {style.with_unit(medians.max(), 'kN')})" in text
+    assert text.endswith("Of 42 runs under control diverged UKF in 2 and PF in 1.")
 
 
-def test_headline_counts_the_lost_runs_of_all_designs(one_design):
-    first = one_design().main.design
-    other = one_design(estimators=("EKF", "PF"), levels=(8.0, 24.0), status=_lose_the_second).main.design
-    text = answer_in_short(Findings(first, 0), [first, other])
-    runs, lost = first.status.size + other.status.size, other.status.size // 2
-    assert text.endswith(f"Of {runs} runs of all 2 designs, in {lost} the estimator diverged (PF {lost}).")
+def test_a_diverged_run_counts_as_larger_than_any_other(one_design):
+    design = one_design(status=_lose_on_the_first_drive).main.design
+    findings = Findings(design, 0)
+    rest = np.sort(design.errors[0, 0, 0, 1].ravel())
+    assert findings.summaries[0][0][0].n == 6
+    assert findings.summaries[0][0][0].maximum == np.inf
+    assert findings.summaries[0][0][0].minimum == rest[0]
+    assert findings.medians[0, 0, 0] == np.inf  # three of six: half of the way to an infinite one
+    assert findings.compared(0, 0, 1, 0).result.n == 6
 
 
-def test_headline_names_those_that_it_leaves_out(one_design):
-    def lose(fates: np.ndarray) -> None:
-        fates[:, 0, :, :, 2:] = 1
-
-    text = answer_in_short(one_design(estimators=("EKF", "UKF", "KF", "PF"), status=lose).main)
-    assert text.endswith("Not compared, as more of their runs were lost: KF and PF.")
-
-
-def test_headline_names_the_estimator_that_alone_can_be_compared(one_design):
-    text = answer_in_short(one_design(status=_lose_the_second).main)
-    assert text.count(" with EKF") == 2  # once for each target
+def test_limits_decide_which_is_best_and_how_harmful_a_design_is(one_design):
+    design = one_design().main.design
+    design.errors[0, :, 0], design.errors[0, :, 1] = 1.0, 0.5
+    design.errors[0, :, 1, 0] = 30.0  # smaller in the median, but one drive of two beyond the limit
+    text = _answer(design, {"lateral_force_axle_21": 2000.0})
+    assert text.startswith("EKF is the best of 2, with a median error of 1.00 kN in the lateral force axle 21")
+    assert "within 2.00 kN in 100 % of the runs" in text
+    assert "within 2.00 kN in 50 % of the runs" in text
 
 
-def _lose_the_second(fates: np.ndarray) -> None:
-    fates[..., 1] = 1
+def test_designs_are_in_the_order_of_their_harm(tmp_path):
+    mild, harsh = (synthetic.design(levels=(8.0, 24.0), repeats=3, drives=synthetic.DRIVES[:2]) for _ in "ab")
+    folder = synthetic.write(tmp_path, {"mild": mild, "harsh": harsh})
+    store = read(folder)
+    for design, factor in zip(store.designs, (1.5, 40.0), strict=True):
+        design.errors[:, 0] = design.errors[:, 1] * factor
+    text = answer_in_short(Analysis(store))
+    assert text.index("(40 times)") < text.index("(1.5 times)")
+    assert " over both designs, with a median error of " in text
+
+
+def test_runs_out_of_control_count_for_no_estimator(one_design):
+    def spin(fates: np.ndarray) -> None:
+        fates[0, 0, 0, :, :] = PLANT_DIVERGED
+        fates[0, 0, 1, :, :] = PLANT_DIVERGED
+        fates[1, 0, 0, 0, :] = PLANT_DIVERGED
+
+    analysis = one_design(status=spin)
+    design = analysis.main.design
+    assert [design.compared(b) for b in range(3)] == [0, 5, 6]
+    assert [s.n for s in analysis.main.summaries[0][1]] == [5, 5]
+    assert boxes.tick_labels(design)[1] == "12 t\nn 5\nout 1"
+    text = answer_in_short(analysis)
+    assert "at 8 t the vehicle goes out of control in every run" in text
+    assert text.endswith("In 7 of 42 runs the vehicle itself goes out of control: they count for no estimator.")
 
 
 def _lose_two(fates: np.ndarray) -> None:
     fates[3, 0, 0, :2, 1] = 1
 
 
-def test_headline_of_other_studies(one_design):
-    one = answer_in_short(one_design(estimators=("EKF",), levels=(24.0,)).main)
+def test_answers_of_other_studies(one_design):
+    one = answer_in_short(one_design(estimators=("EKF",), levels=(24.0,)))
     assert re.fullmatch(
-        r"With the trailer mass at 24 t the median error of the \D+21 is [\d.]+ kN and that .* is [\d.]+°\.", one
+        r"With the trailer mass at 24 t the median error of the \D+21 stays at [\d.]+ kN and that .* at [\d.]+°\.", one
     )
     steady = one_design(levels=(8.0, 24.0)).main.design
-    steady.rmse[:] = 1.0
-    assert "stays at 1.00 kN" in answer_in_short(Findings(steady, 0))
-    unmatched = answer_in_short(one_design(levels=(8.0, 12.0)).main)
-    assert unmatched.startswith("With the trailer mass at 8 t instead of 12 t, the median error")
-    assert answer_in_short(one_design(status=everything).main).startswith(
-        "No run has a score. Of 84 runs, in 84 the plant"
-    )
+    steady.errors[:] = 1.0
+    assert "stays at 1.00 kN with all estimators" in _answer(steady)
+    unmatched = answer_in_short(one_design(levels=(8.0, 12.0), estimators=("EKF",)))
+    assert unmatched.startswith("With the trailer mass at 8 t the median error of the lateral force axle 21 is ")
+    assert answer_in_short(one_design(status=everything)).startswith("No run has a score. In 42 of 42 runs the vehicle")
 
 
 SEVEN = ("KF", "EKF", "UKF", "CDKF", "ST-CDKF", "PF", "NARX")
@@ -157,17 +181,17 @@ def _lose_on_the_first_drive(fates: np.ndarray) -> None:
 
 
 def test_many_estimators_are_compared_with_the_best(one_design):
-    """KF is best on the runs it survives: that makes it neither the reference nor the best."""
+    """KF is best on the runs it survives, half of all: that makes it neither the reference nor the best."""
     design = one_design(estimators=SEVEN, repeats=20, status=_lose_on_the_first_drive).main.design
     for e, factor in enumerate((0.5, 1.0, 0.999, 1.001, 1.002, 1.5, 2.0)):
-        design.rmse[:, :, e] = np.where(design.status[:, e] == 0, design.rmse[:, :, 1] * factor, np.nan)
+        design.errors[:, :, e] = np.where(design.status[:, e] == 0, design.errors[:, :, 1] * factor, np.inf)
     findings = Findings(design, 0)
     assert design.estimators[findings.reference] == "UKF"
     assert findings.pairs == [(2, e) for e in (0, 1, 3, 4, 5, 6)]
     rows = {name: _row(findings, name) for name in SEVEN}
     shown = {name: row["same run, all levels"] for name, row in rows.items()}
     assert shown == {
-        "KF": "−50 %",
+        "KF": "not shown",  # half of its runs are better, half are lost
         "EKF": "within 1 %",
         "UKF": "compared with",
         "CDKF": "within 1 %",
@@ -175,13 +199,12 @@ def test_many_estimators_are_compared_with_the_best(one_design):
         "PF": "+50 %",
         "NARX": "+100 %",
     }
-    assert rows["KF"]["lost"] == str(int((design.status[:, 0] != 0).sum())) != "0"
-    assert rows["PF"]["lost"] == "0"
+    assert rows["KF"]["diverged"] == str(int((design.status[:, 0] != 0).sum())) != "0"
+    assert rows["PF"]["diverged"] == "0"
 
 
-def test_lost_runs_name_the_drive_they_share(one_design):
-    text = _words(one_design(status=_lose_on_the_first_drive))
-    assert "estimator diverged in 21 (EKF 21, all on winding-road)" in text
+def test_diverged_runs_name_the_drive_they_share(one_design):
+    assert "EKF in 21, all on winding-road." in _words(one_design(status=_lose_on_the_first_drive))
 
 
 def test_a_belief_in_another_model_is_told(one_design):

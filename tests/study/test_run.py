@@ -15,9 +15,8 @@ import zarr
 from rich.console import Console
 
 from harness.common.errors import UserError, WorkError
-from harness.config import load_study
 from harness.reporting.document import Sheet
-from harness.study.design import Unit, units
+from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.histories import histories
 from harness.study.report.analysis import Analysis
@@ -26,13 +25,11 @@ from harness.study.results import read
 from harness.study.run import run_study
 from harness.study.run_noise import Case
 from harness.study.scores import (
-    ESTIMATOR_DIVERGED,
     FLAGS,
     OK,
     PENDING,
     PER_RUN,
     PER_TARGET,
-    PLANT_DIVERGED,
 )
 from harness.study.store import STORE, Store
 from support.probe_study import STUDY, bits
@@ -313,26 +310,6 @@ def test_a_signal_without_truth_is_estimated_but_not_scored():
     np.testing.assert_array_equal(part.rmse[::2], whole.rmse[::2])
     assert np.isfinite(whole.nees).all()
     assert np.isnan(part.nees).all()
-
-
-def test_a_plant_that_leaves_its_range_is_a_result_with_a_time(tmp_path):
-    wild = STUDY.replace("speed = 12", 'speed = 22\namplitude = "180 deg"\nlateral_acceleration_limit = 20').replace(
-        'sensors = "series"', 'sensors = "series"\n[plant.values]\nfriction = 0.3'
-    )
-    path = tmp_path / "wild.toml"
-    path.write_text(wild)
-    study = load_study(path)
-    evaluator = StudyEvaluator(study)
-    result = evaluator.evaluate(units(study, study.designs[0])[0])
-    left = result["status"] != OK
-    assert left.any()
-    assert set(np.unique(result["status"][left])) <= {ESTIMATOR_DIVERGED, PLANT_DIVERGED}
-    assert np.isfinite(result["time_of_divergence"][left]).all()
-    assert (result["time_of_divergence"][left] < 20).all()
-    drawn, end = histories(evaluator)[0], result["time_of_divergence"][0, 0, 0]  # the first run of the unit
-    assert left[0, 0, 0]
-    assert drawn["estimate"].where(drawn["time"] < end - 1e-9, drop=True).notnull().all()
-    assert drawn["estimate"].where(drawn["time"] > end - 1e-9, drop=True).isnull().all()
 
 
 def test_a_matched_filter_is_consistent():
