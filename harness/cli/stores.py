@@ -72,7 +72,7 @@ def status(folder: FolderArgument) -> None:
         Text(f"study '{found.name}': {found.done:,} of {found.planned:,} runs done, {missing:,} missing", style="bold"),
         soft_wrap=True,
     )
-    table = Table("design", "estimator", "done", "estimator diverged", "plant left its range", "missing", box=None)
+    table = Table("design", "estimator", "done", "estimator diverged", "out of control", "missing", box=None)
     for count in found.counts:
         numbers = (count.done, count.diverged, count.plant_left, count.planned - count.done)
         table.add_row(count.design, count.estimator, *(f"{n:,}" for n in numbers))

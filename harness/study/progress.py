@@ -32,7 +32,7 @@ class Count:
         planned: All runs.
         done: Those that have a score or a reason for having none.
         diverged: Done, but the estimator diverged.
-        plant_left: Done, but the plant left its range.
+        plant_left: Done, but the vehicle went out of control.
     """
 
     design: str

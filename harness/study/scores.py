@@ -28,6 +28,6 @@ MEANINGS = {
     "time_of_divergence": "time at which estimator or plant left its range of validity, or a score was no number",
     LOST_CONTROL: "time at which the vehicle slid more sideways than it rolled or left the range of its equations",
     OVER_TIME: "root mean square error in a window of time",
-    STATUS: f"{OK} ok, {ESTIMATOR_DIVERGED} estimator diverged, {PLANT_DIVERGED} plant left its range, "
+    STATUS: f"{OK} ok, {ESTIMATOR_DIVERGED} estimator diverged, {PLANT_DIVERGED} vehicle out of control, "
     f"{PENDING} pending",
 }
