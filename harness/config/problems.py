@@ -100,6 +100,10 @@ def add_validation_errors(problems: Problems, error: ValidationError, table: typ
         elif item["type"] == "too_short":
             least, there = item["ctx"]["min_length"], item["ctx"]["actual_length"]
             problems.add(place, f"{'is empty' if not there else f'has {there}'}; give at least {least}")
+        elif item["type"] in ("model_type", "dict_type"):
+            known = keys_at(table, location)
+            which = f" with {', '.join(known)}" if known else ""
+            problems.add(place, f"expected a table{which}, got {item['input']!r}")
         elif item["type"] == "string_pattern_mismatch":  # the one pattern there is: names that become files
             problems.add(place, f"{item['input']!r} cannot be the name of a file; use letters, digits, '-', '_', '.'")
         else:

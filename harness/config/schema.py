@@ -166,6 +166,14 @@ class EstimatorTable(OpenTable):
     )
 
 
+def as_table(estimator: object) -> object:
+    """Return the table of an estimator that is given by its kind alone."""
+    return {"kind": estimator} if isinstance(estimator, str) else estimator
+
+
+Estimators = list[Annotated[EstimatorTable, BeforeValidator(as_table, json_schema_input_type=Name | EstimatorTable)]]
+
+
 class FactorTable(Table):
     """``[[design.factor]]``: exactly one of ``levels``, ``shift``, ``bands`` and ``range``."""
 
@@ -297,7 +305,9 @@ class StudyFile(Table):
     belief: ModelTable = Field(
         default=ModelTable(), description="the model that the estimators assume; default: as the plant"
     )
-    estimator: Annotated[list[EstimatorTable], Field(min_length=1)] = Field(description="the estimators to compare")
+    estimator: Annotated[Estimators, Field(min_length=1)] = Field(
+        description="the estimators to compare: tables, or kinds alone"
+    )
     design: Annotated[list[DesignTable], Field(min_length=1)] = Field(description="what is varied")
     history: Histories = Field(default_factory=list, description="the runs to plot over time")
     limits: dict[str, Quantity] = Field(

@@ -30,6 +30,16 @@ def test_values_come_from_the_set_and_si_units(load):
     assert study.designs[0].factors[0].nominal == 8000.0
 
 
+def test_estimators_by_their_kinds_alone(load, tmp_path):
+    text = STUDY.replace('[[estimator]]\nname = "EKF"\nkind = "ekf"\n', "")
+    assert "estimator" not in tomllib.loads(text)
+    path = tmp_path / "kinds.toml"
+    path.write_text(f'estimator = ["ekf", {{ kind = "ukf", name = "mine" }}]\n{text}')
+    kinds, tables = load_study(path), load(append='[[estimator]]\nkind = "ukf"\nname = "mine"\n')
+    assert [(e.name, e.kind) for e in kinds.estimators] == [("ekf", "ekf"), ("mine", "ukf")]
+    assert kinds.estimators[1] == tables.estimators[1]
+
+
 def test_belief_inherits_what_it_does_not_state(load):
     study = load(
         append="""

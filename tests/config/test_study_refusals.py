@@ -58,6 +58,10 @@ REFUSALS = {
         "estimator[0].kappa: '1_5' means '15'",
     ),
     "setting without end": ([('kind = "ekf"', 'kind = "ukf"\nkappa = inf')], "estimator[0].kappa: inf is not a finite"),
+    "estimator that is no table": (
+        [('[[estimator]]\nname = "EKF"\nkind = "ekf"\n', ""), ('name = "small"', 'estimator = [3]\nname = "small"')],
+        "estimator[0]: expected a table with input_signal, kind, name, got 3",
+    ),
     "unknown key": ([("seed = 0", "sed = 0")], "sed: unknown key 'sed'; closest: seed"),
     "unknown nested key": (
         [("repeats = 2", "repeat = 2")],

@@ -72,7 +72,7 @@ def test_both_studies_have_the_amended_plant_and_differ_in_the_belief_alone(stud
 
 def test_estimators_that_only_their_tuning_tells_apart_are_run_once():
     kept = stage.bare_tables(
-        {"estimator": [*FILTERS, {"name": "EKF, tuned", "kind": "ekf"}], "design": [{}]}, ("ekf",), 2
+        {"estimator": [*FILTERS, {"name": "EKF, tuned", "kind": "ekf"}, "ekf"], "design": [{}]}, ("ekf",), 2
     )
     assert kept["estimator"] == FILTERS
 

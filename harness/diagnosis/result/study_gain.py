@@ -20,6 +20,7 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_toml
 from harness.config import ModelSpec, Study, build_study, load_study
+from harness.config.schema import as_table
 from harness.simulation.drives import profile_of
 from harness.study.results import Design, read
 from harness.study.run import run_study
@@ -168,7 +169,7 @@ def bare_tables(content: dict[str, Any], estimators: Sequence[str], repeats: int
     """Return what is kept of a study file: drives, targets, sensors, its first design, and no values of its own."""
     sides = {"plant": _PLANT, "belief": _BELIEF}
     kept = ("name", "title", "seed", "targets", "drives", "drive")
-    there = _different([e for e in content["estimator"] if e["kind"] in estimators])
+    there = _different([e for e in map(as_table, content["estimator"]) if e["kind"] in estimators])
     more = [{"name": k.upper(), "kind": k} for k in estimators if k not in [e["kind"] for e in there]]
     return {
         **{k: content[k] for k in kept if k in content},
