@@ -173,7 +173,7 @@ class Results(xr.DataTree):
             plant: What if the plant held other values? By parameter (of the model or its load, or
                 ``process_noise_scale`` and so on), a number in SI units or text with a unit.
             belief: The same of what the estimators believe.
-            beside: Folder of the study file, where the study names files that lie beside it.
+            beside: Folder of the study file, where recordings or networks lie beside it.
 
         Raises:
             UserError: If there is no such run, a value is not possible, or the study names a file that is no longer

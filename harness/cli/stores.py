@@ -15,6 +15,7 @@ from harness.cli.options import place, study_path
 from harness.common.errors import WorkError
 
 if TYPE_CHECKING:
+    from harness.config import Study
     from harness.study.checksums import Fault
 
 _SHOWN = 20
@@ -27,7 +28,7 @@ def verify(
     folder: FolderArgument,
     study: Annotated[
         str | None,
-        typer.Option("--study", help="Study of the result; found by the name that the result has if absent."),
+        typer.Option("--study", help="Study of the result; the one that the result keeps if absent."),
     ] = None,
     sample: Annotated[
         int, typer.Option("--sample", min=0, help="How many units to compute again and compare bit for bit.")
@@ -41,9 +42,13 @@ def verify(
     Exit status 1 if a file is lost or a score differs.
     """
     from harness.config import load_study
+    from harness.study.stored import study_of
     from harness.study.verify import verify as check
 
-    found = check(folder, lambda name: load_study(study_path(study or name)), sample, seed)
+    def find() -> Study:
+        return study_of(folder) if study is None else load_study(study_path(study))
+
+    found = check(folder, find, sample, seed)
     console = Console()
 
     def say(words: str, style: str = "") -> None:

@@ -237,7 +237,7 @@ def _parameter_set(table: Stated, folder: Path, problems: Problems) -> Parameter
     found: ParameterSet | None = None
     with problems.catch(key):
         found = load_set(name, folder, problems.at(key))
-    if found is not None and table["vehicle"] is not None and found.vehicle != table["vehicle"]:
+    if found is not None and name and table["vehicle"] is not None and found.vehicle != table["vehicle"]:
         problems.add(
             key,
             f"parameter set '{name}' is for vehicle '{found.vehicle}', but {table.key('vehicle')} is "

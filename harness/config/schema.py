@@ -166,7 +166,16 @@ class EstimatorTable(OpenTable):
     )
 
 
-def as_table(estimator: object) -> object:
+class TuningTable(Table):
+    """``[tuning]``: the content of a tuning file in the place of its name."""
+
+    rule: StrictStr = Field(default="stated", description="how the factors came about")
+    estimator: dict[str, dict[Literal["process", "unknown_inputs", "measurement"], Number]] = Field(
+        description="factors on the variances that an estimator believes, by its name"
+    )
+
+
+def as_table(estimator: Any) -> Any:
     """Return the table of an estimator that is given by its kind alone."""
     return {"kind": estimator} if isinstance(estimator, str) else estimator
 
@@ -291,8 +300,9 @@ class StudyFile(Table):
     targets: Annotated[list[Name], Field(min_length=1)] = Field(
         description="quantities to score: states or ports of both models"
     )
-    tuning: Name | None = Field(
-        default=None, description="file written by harness tune: factors on the noise each estimator believes"
+    tuning: Name | TuningTable | None = Field(
+        default=None,
+        description="file written by harness tune, or its table: factors on the noise each estimator believes",
     )
     score_after: Quantity = Field(
         default=0.0, description="time at the beginning of every drive that no score counts: estimators settle"

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from harness.config import DesignSpec, ModelSpec, Study
 from harness.config.bounds import loading_parameters
+from harness.config.self_contained import self_contained
 from harness.models.signals import SIGNALS
 from harness.study import checksums
 from harness.study.design import points, unit_counts, unit_shape
@@ -218,5 +219,13 @@ def _uncertain(spec: ModelSpec) -> list[str]:
 
 
 def words(study: Study) -> dict[str, Any]:
-    """Return what the report tells of a study and no score depends on."""
-    return {"study": study.text, "title": study.title, "limits": json.dumps(study.limits)}
+    """Return what a store says of its study that no score depends on, for the report and to compute runs again.
+
+    ``study`` is the file as written, ``self_contained_study`` the same with all that its files say.
+    """
+    return {
+        "study": study.text,
+        "self_contained_study": self_contained(study),
+        "title": study.title,
+        "limits": json.dumps(study.limits),
+    }

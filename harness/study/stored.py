@@ -13,8 +13,10 @@ import zarr
 from harness.common import locations
 from harness.common.errors import UserError
 from harness.common.files import BUNDLED_STUDIES, parse_toml
-from harness.common.places import zarr_store
+from harness.common.places import is_url, zarr_store
 from harness.config import Study, build_study
+from harness.models.drive_options import options_of
+from harness.models.quantities import listed
 from harness.study.differences import differences
 from harness.study.layout import root_attributes
 from harness.study.replay import Place, Replayed, Replayer
@@ -28,29 +30,59 @@ TOLERANCE = 1e-6
 def study_of(folder: Path, beside: Path | None = None) -> Study:
     """Return the study that a result is of.
 
+    The store says all of it but recordings and networks, which are looked for near the result and here. Stores of
+    before keep the study as it was written: what that names is looked for in the same places.
+
     Args:
         folder: Result folder.
         beside: Folder of the study file; files that the study names are looked for there first.
 
     Raises:
-        UserError: If there is no store, or what the study names is not what it was.
+        UserError: If there is no store, or what the study names is not here or not what it was.
     """
     attributes = attributes_of(folder)
-    text, name = str(attributes.get("study", "")), str(attributes.get("study_name", "study"))
-    content = parse_toml(text, f"{folder}: the study")
-    project = locations.project()
-    places = [beside, project and project / "studies", Path("studies"), folder.parent, Path(), BUNDLED_STUDIES]
+    name, text = str(attributes.get("study_name", "study")), attributes.get("self_contained_study")
+    content = parse_toml(str(text or attributes.get("study", "")), f"{folder}: the study")
     said = ""
-    for place in dict.fromkeys(p for p in places if p is not None):
+    for place in _places(folder, beside):
+        path = place / f"{name}.toml"
         try:
-            study = build_study(content, place / f"{name}.toml")
+            study = build_study(content, path)
         except UserError as error:
-            said = said or str(error)
+            said = said or str(error).replace(f"{path}: ", "")
             continue
         if study.hash == attributes.get("study_hash"):
             return study
-        said = f"{folder} {differences(attributes, root_attributes(study), study)}"
-    raise UserError(f"no run can be computed again: {said}; name the folder of the study file that this result is of")
+        if text and (files := _files(study)):
+            said = f"it needs {listed(files)} as {'it was' if len(files) == 1 else 'they were'}"
+        elif text:
+            said = "this version of the harness makes another study of what the result says of its own"
+        else:
+            said = f"{folder} {differences(attributes, root_attributes(study), study)}"
+    raise UserError(
+        f"{folder}: no run can be computed again: {said}; work in the project that has what it needs, or name its "
+        "study file with --study"
+    )
+
+
+def _places(folder: Path, beside: Path | None) -> list[Path]:
+    """Return the folders in which files that a study names are looked for: its own, near the result, and here."""
+    project = locations.project()
+    near = [] if is_url(folder) else [p for above in folder.absolute().parents[:2] for p in (above, above / "studies")]
+    found = [beside, project and project / "studies", Path("studies"), *near, Path(), BUNDLED_STUDIES]
+    return list(dict.fromkeys(p for p in found if p is not None))
+
+
+def _files(study: Study) -> list[str]:
+    """Return the files that drives and estimators of a study name."""
+    of_drives = [
+        str(drive.options[option.name])
+        for drive in study.drives
+        for option in options_of(drive.kind)
+        if option.unit == "text" and option.name in drive.options
+    ]
+    settings = [value for e in study.estimators for value in e.settings.values() if isinstance(value, str)]
+    return list(dict.fromkeys(name for name in of_drives + settings if Path(name).suffix[1:].isalnum()))
 
 
 def attributes_of(folder: Path) -> dict[str, Any]:

@@ -12,8 +12,11 @@ from harness.common import components, sources
 from harness.common.errors import UserError
 from harness.config import load_study
 from harness.study import cluster
+from harness.study.evaluate import StudyEvaluator
 from harness.study.provenance import engine_hash
 from harness.study.run import run_study
+from harness.study.store import Store
+from harness.study.stored import study_of
 from harness.testing import check_effect, check_estimator, check_parameter_set, check_vehicle
 from support.plugins import OneProcess, example, forget, package, project, register, write
 from support.probe_study import bits
@@ -71,6 +74,19 @@ def test_three_ways_give_the_same_bits_and_the_example_of_the_page_holds(tmp_pat
             forget()
     assert len(set(engines.values())) == 1
     assert results["project"] == results["package"] == results["register"]
+
+
+def test_a_result_whose_vehicle_is_not_here_names_it(tmp_path, files, study, monkeypatch):
+    come("project", tmp_path / "lab", files, monkeypatch)
+    out = tmp_path / "out"
+    loaded = load_study(study)
+    Store(loaded, lambda: StudyEvaluator(loaded), out)
+    study.unlink()
+    assert study_of(out).hash == loaded.hash
+    forget()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=r"no run can be computed again: plant\.vehicle: unknown vehicle 'rigid_truck'"):
+        study_of(out)
 
 
 def test_the_example_keeps_the_contracts(tmp_path, files, monkeypatch):

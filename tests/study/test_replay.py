@@ -14,10 +14,12 @@ from harness.common.errors import UserError
 from harness.config import build_study, load_study
 from harness.config.alone import Change
 from harness.study.design import points
+from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
 from harness.study.replay import Place, Replayer
 from harness.study.replayed import table
 from harness.study.run import run_study
+from harness.study.store import Store
 from harness.study.stored import attributes_of, compare, stored_scores, study_of
 from support.probe_study import STUDY
 
@@ -200,6 +202,38 @@ def test_the_study_of_a_store_is_found_or_it_is_said_what_differs(stores, tmp_pa
     monkeypatch.setattr("harness.study.stored.attributes_of", lambda f: {**attributes_of(f), "study_hash": "0"})
     with pytest.raises(UserError, match="no run can be computed again"):
         study_of(folder / "noisy")
+
+
+def test_a_recording_is_found_near_the_result_or_named(tmp_path, monkeypatch):
+    lap = tmp_path / "lab" / "studies" / "lap.csv"
+    lap.parent.mkdir(parents=True)
+    rows = "".join(f"{0.01 * i:.2f},{0.1 * np.sin(0.02 * i):.6f},15\n" for i in range(500))
+    lap.write_text(f"time,steering_wheel_angle,speed\n{rows}")
+    study = build_study({**CAR, "drive": [{"name": "lap", "kind": "from_file", "file": "lap.csv"},
+                                          *CAR["drive"]]}, lap.parent / "study.toml")  # fmt: skip
+    out = tmp_path / "lab" / "results" / "car"
+    Store(study, lambda: StudyEvaluator(study), out)
+    monkeypatch.chdir(tmp_path)
+    assert study_of(out).hash == study.hash
+    lap.write_text(lap.read_text().replace(",15\n", ",16\n", 1))
+    with pytest.raises(UserError, match=r"no run can be computed again: it needs lap\.csv as it was"):
+        study_of(out)
+    moved = lap.parent / "moved"
+    moved.mkdir()
+    lap.rename(moved / "lap.csv")
+    (moved / "lap.csv").write_text((moved / "lap.csv").read_text().replace(",16\n", ",15\n", 1))
+    assert study_of(out, beside=moved).hash == study.hash
+
+
+def test_a_store_of_before_has_its_study_from_the_text_as_written(stores, tmp_path, monkeypatch):
+    def before(folder):
+        return {k: v for k, v in attributes_of(folder).items() if k != "self_contained_study"}
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("harness.study.stored.attributes_of", before)
+    again = study_of(stores[0] / "car")
+    assert again.hash == stores[1]["car"].hash
+    assert again.plant.parameters == "govindarajan_2018"
 
 
 def test_in_python(stores, tmp_path):

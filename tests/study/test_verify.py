@@ -26,22 +26,22 @@ RMSE = "level/rmse/c.1.0.0.0.0.0"
 
 
 def test_a_whole_store_holds_and_computes_to_the_same_bits(study, finished):
-    found = verify(finished, lambda name: study, sample=100)
+    found = verify(finished, lambda: study, sample=100)
     assert found.holds
     assert (found.finished, len(found.recomputed), found.runs) == (6, 6, 28)
     assert found.files == len(bits(finished))
     assert not found.other_code
-    assert len(verify(finished, lambda name: study, sample=2).recomputed) == 2
+    assert len(verify(finished, lambda: study, sample=2).recomputed) == 2
 
 
 def test_a_score_that_was_changed_with_its_checksum_is_found_by_computing_it_again(study, copy):
     level = zarr.open_group(copy / STORE, path="level", mode="r+")
     level["rmse"][1, 0, 0, 3, 0, 1] = np.nextafter(level["rmse"][1, 0, 0, 3, 0, 1], 1.0)
-    assert verify(copy, lambda name: study).lost
+    assert verify(copy, lambda: study).lost
     sums = zarr.open_group(copy / STORE, path="checksums", mode="r+")["level"]
     files = checksums.chunk_files(sums.attrs, ("level", 1, 0, 0))
     sums[1, 0, 0] = [checksums.digest(content) for content in places.contents(copy / STORE, list(files.values()))]
-    found = verify(copy, lambda name: study, sample=100)
+    found = verify(copy, lambda: study, sample=100)
     assert not found.lost
     assert found.differing == ["level, 24 t, weave, samples 0 to 0: 'rmse' computed again is not what is stored"]
 
@@ -49,7 +49,7 @@ def test_a_score_that_was_changed_with_its_checksum_is_found_by_computing_it_aga
 def test_every_lost_file_is_named(study, copy):
     (copy / STORE / RMSE).unlink()
     (copy / STORE / "band" / "nis" / "c.0.0.1.0.0").write_bytes(b"")
-    found = verify(copy, lambda name: pytest.fail("nothing to compute"))
+    found = verify(copy, lambda: pytest.fail("nothing to compute"))
     assert [str(f) for f in found.lost] == [f"{RMSE} is missing", "band/nis/c.0.0.1.0.0 is damaged"]
     assert not found.holds
 
@@ -57,13 +57,13 @@ def test_every_lost_file_is_named(study, copy):
 def test_a_study_of_another_text_cannot_be_computed_again(study, finished, load):
     other = load()
     with pytest.raises(UserError, match="every file is as it was written, but nothing can be computed again") as caught:
-        verify(finished, lambda name: other)
+        verify(finished, lambda: other)
     assert "give the study of this result with --study" in str(caught.value)
-    assert verify(finished, lambda name: other, sample=0).holds
+    assert verify(finished, lambda: other, sample=0).holds
 
 
 def test_a_folder_without_a_store(tmp_path, study):
-    for look in (progress, lambda folder: verify(folder, lambda name: study)):
+    for look in (progress, lambda folder: verify(folder, lambda: study)):
         with pytest.raises(UserError, match="there is no result of a study here"):
             look(tmp_path)
 
@@ -90,7 +90,7 @@ def test_a_damaged_root_is_refused_and_mended(study, finished, copy, damage):
     file = "checksums/zarr.json" if "copy" in damage and damage != "a copied array" else "zarr.json"
     with pytest.raises(UserError, match=rf"{file} is (damaged|missing); 'harness run' with the study 'probe'"):
         read(copy)
-    assert verify(copy, lambda name: study).lost
+    assert verify(copy, lambda: study).lost
     run_study(study, copy, jobs=1)
     content = bits(copy)
     assert content.keys() == bits(finished).keys()

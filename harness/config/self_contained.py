@@ -1,0 +1,57 @@
+"""A study with all that its files say written out, so that it can be had again where they are not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from harness.common.files import parse_toml, toml_text
+from harness.config.schema import DriveTable, ModelTable, NoiseTable, StudyFile, TuningTable, UncertainTable
+from harness.config.specs import ModelSpec, Study, assembled
+
+
+def self_contained(study: Study) -> str:
+    """Return a study file that states the same as a study, to the bit, and names no other but recordings and networks.
+
+    Values and noise of parameter sets, drives of sets and tuned noise are written out.
+    """
+    raw = StudyFile.model_validate(parse_toml(study.text, str(study.path)))
+    tuned = {e.name: e.noise for e in study.estimators if e.noise}
+    update: dict[str, Any] = {
+        "plant": _table(study.plant),
+        "belief": _table(study.belief),
+        "drives": [],
+        "drive": [DriveTable(name=d.name, kind=d.kind, **d.options) for d in study.drives],
+        "tuning": TuningTable.model_validate({"rule": study.tuning, "estimator": tuned}) if tuned else None,
+    }
+    return toml_text(raw.model_copy(update=update).model_dump(exclude_unset=True, exclude_none=True))
+
+
+def _table(spec: ModelSpec) -> ModelTable:
+    """Return the table that states a model without a parameter set."""
+    states = assembled(spec.vehicle, spec.tyre, spec.effects, spec.sensors, spec.unknown_inputs).states
+    stated: dict[str, Any] = {
+        "vehicle": spec.vehicle,
+        "tyre": spec.tyre,
+        "effects": list(spec.effects),
+        "sensors": spec.sensors,
+        "integrator": spec.integrator,
+        "step": spec.step,
+        "substeps": spec.substeps,
+        "values": spec.values,
+        "noise": NoiseTable(
+            process={n: spec.process_noise[n] for n in states},
+            measurement=spec.measurement_noise,
+            input=spec.input_noise,
+        ),
+    }
+    if spec.unknown_inputs:
+        stated["unknown_inputs"] = list(spec.unknown_inputs)
+    for key, considered in (("unknown_parameters", False), ("considered_parameters", True)):
+        entries = [
+            UncertainTable(name=s.name, prior=s.prior, **({"walk": s.walk} if s.walk else {}))
+            for s in spec.parameter_states
+            if s.considered is considered
+        ]
+        if entries:
+            stated[key] = entries
+    return ModelTable(**stated)
