@@ -13,13 +13,11 @@ import numpy as np
 from harness.models.quantities import Quantity, listed
 from harness.reporting.style import number, percent, with_unit
 from harness.study.report.analysis import Analysis
+from harness.study.report.levels import NAMED, phrase
 from harness.study.report.overall import ALIKE, Standing, standings
 from harness.study.report.ranking import limits_of
 from harness.study.results import Design
 from harness.study.scores import PENDING
-
-NAMED = 4
-"""Factors, designs or estimators up to which each is named."""
 
 _STEADY = 0.02
 
@@ -136,6 +134,13 @@ def _harm(scored: Sequence[Standing], place: int) -> str:
     return "; ".join(texts)
 
 
+def _where(design: Design, band: int, first: bool) -> str:
+    """Say which level is meant, of the first also what it is compared with."""
+    compared = first and design.matched is not None and design.matched != band
+    text = phrase(design, band, design.matched if compared else None)
+    return f"{text}," if compared else text
+
+
 def _change(standing: Standing, place: int, order: Sequence[int], band: int) -> str:
     """Return e.g. ``sideslip angle grows from 0.2 to 2.4° (12 times) with EKF, the best (3° with UKF, the worst)``.
 
@@ -172,43 +177,9 @@ def _times(before: float, after: float) -> str:
     return f"{100 * (growth - 1):.0f} % more" if growth < 1.5 else f"{number(growth, 2)} times"
 
 
-def _where(design: Design, worst: int, first: bool) -> str:
-    """Say which level is meant and what it is compared with, e.g. ``with the trailer mass at 8 t``."""
-    label, home = design.bands[worst], design.matched
-    if not design.factors:
-        return "in the case as stated"
-    if design.sampling == "saltelli":
-        return f"over the whole box of {varied(design)}"
-    believed = home is not None
-    single = len(design.factors) == 1 or label.startswith("±")
-    within = label.startswith("±")
-    if not single:
-        named = all(f.words in label for f in design.factors)
-        text = f"with {label}" if named else f"at the level {label}"
-    elif within:
-        text = f"with the {varied(design)} within {label}"
-    else:
-        owner = "believed to be" if design.factors[0].of == "belief" else "at"
-        text = f"with the {varied(design)} {owner} {label}"
-    if home is None or home == worst or not first:
-        return text
-    other = design.bands[home]
-    if within:
-        return f"{text} instead of {other}"
-    if believed and all(f.of == "plant" for f in design.factors[: 1 if single else None]):
-        return f"{text} instead of the believed {other},"
-    return f"{text} instead of {other},"
-
-
 def at(design: Design, band: int) -> str:
     """Say at which level, e.g. ``at 24 t``."""
     return "over the whole box" if design.sampling == "saltelli" else f"at {design.bands[band]}"
-
-
-def varied(design: Design) -> str:
-    """Name the factors of a design; of more than ``NAMED`` say only how many there are."""
-    names = [f.words for f in design.factors]
-    return listed(names) if len(names) <= NAMED else f"{len(names)} factors"
 
 
 def _everyone(names: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ from harness.common.statistics import Summary
 from harness.reporting import style
 from harness.reporting.document import Block, Heading, Picture, Prose, Sheet, plain
 from harness.study.report.analysis import Analysis, Findings
-from harness.study.report.opening import NAMED, varied
+from harness.study.report.levels import NAMED, varied
 from harness.study.results import Design
 from harness.study.scores import PENDING
 
