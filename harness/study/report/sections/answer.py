@@ -8,10 +8,11 @@ import numpy as np
 import xarray as xr
 
 from harness.models.quantities import listed, words
-from harness.reporting.document import Block, Bullets, Heading, Prose, plain, strong
-from harness.reporting.style import number
+from harness.reporting.document import Block, Bullets, Heading, Prose, Sheet, plain, strong
+from harness.reporting.style import in_unit, number
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import at, sentences
+from harness.study.report.overall import standings
 from harness.study.report.ranking import limits_of, tolerances
 from harness.study.report.sections import boxes, in_numbers, inputs, sensitivity, tolerance
 from harness.study.report.sections.history import inside
@@ -44,11 +45,33 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
         *opening_sentences,
         *opening,
         *_of_the_box(analysis),
+        *_standings(analysis),
         Prose(plain(_scope(analysis))),
         *figures,
         in_numbers.table(findings),
         Bullets(items),
     ]
+
+
+def _standings(analysis: Analysis) -> list[Block]:
+    """Return what every estimator bears of every design; nothing of a single design or estimator."""
+    of_targets = standings(analysis.findings, limits_of(analysis.store.attributes))
+    designs = [f.design for f in of_targets[0].designs]
+    names = designs[0].estimators
+    if len(designs) == 1 or len(names) == 1:
+        return []
+    rows = []
+    for place, design in enumerate(designs):
+        for standing in of_targets:
+            quantity = design.targets[standing.target]
+            cells = zip(standing.area[place], standing.worst[place], strict=True)
+            sizes = ["–" if np.isnan(mean) else f"{number(mean)}\n{number(worst)}" for mean, worst in cells]
+            rows.append(["" if standing.target else design.name, f"{quantity.words}{in_unit(quantity.unit)}", *sizes])
+    caption = (
+        "What each estimator bears of each design: median RMSE in the mean over its levels (area under the error over "
+        "the deviation, by the width of the range), and below it at the worst level; ∞: most runs diverged."
+    )
+    return [Sheet(["design", "target", *names], rows, caption, left=2)]
 
 
 def _of_the_box(analysis: Analysis) -> list[Block]:
