@@ -6,6 +6,11 @@ OK, ESTIMATOR_DIVERGED, PLANT_DIVERGED, PENDING = 0, 1, 2, -1
 FLAGS = {"ok": OK, "estimator_diverged": ESTIMATOR_DIVERGED, "plant_diverged": PLANT_DIVERGED, "pending": PENDING}
 """Codes of the status by the word that stores and tables have for them."""
 
+FATES = {
+    OK: "ok", ESTIMATOR_DIVERGED: "estimator diverged", PLANT_DIVERGED: "vehicle out of control", PENDING: "pending"
+}  # fmt: skip
+"""What they mean, in words."""
+
 STATUS = "status"
 OVER_TIME = "rmse_over_time"
 PER_TARGET = ("rmse", "bias", "max_error")
@@ -28,6 +33,5 @@ MEANINGS = {
     "time_of_divergence": "time at which estimator or plant left its range of validity, or a score was no number",
     LOST_CONTROL: "time at which the vehicle slid more sideways than it rolled or left the range of its equations",
     OVER_TIME: "root mean square error in a window of time",
-    STATUS: f"{OK} ok, {ESTIMATOR_DIVERGED} estimator diverged, {PLANT_DIVERGED} vehicle out of control, "
-    f"{PENDING} pending",
+    STATUS: ", ".join(f"{code} {fate}" for code, fate in FATES.items()),
 }

@@ -102,14 +102,15 @@ def test_a_vehicle_out_of_control_is_charged_to_no_estimator(folder, tmp_path):
     """Heavy trailers spin: the error counts up to there, the limit is kept, and the mass is named as the cause."""
     made = scores(study_of(tmp_path))
     for data in made.values():
-        heavy = data["factor_trailer_mass"] > 30e3
+        heavy = data["factor_trailer_mass"] > 28.5e3
         for name, value in (("status", 2), ("rmse", np.deg2rad(0.5))):
             data[name] = data[name].where(~heavy, value).astype(data[name].dtype).transpose(*data[name].dims)
         data["loss_of_control"] = data["loss_of_control"].where(~heavy, 3.0).transpose(*data["loss_of_control"].dims)
     synthetic.write(tmp_path / "out", made)
+    zarr.open_group(tmp_path / "out" / "scores.zarr", mode="r+").attrs["limits"] = '{"articulation_angle": 0.0349}'
     analysis = Analysis(read(tmp_path / "out"))
     joint, nested = (f.design for f in analysis.findings[:2])
-    assert 0 < joint.out_of_control.sum() == (joint.factors[0].values > 30).sum() * 2
+    assert 0 < joint.out_of_control.sum() == (joint.factors[0].values > 28.5).sum() * 2
     assert not any(joint.diverged(e) for e in range(2))
     ranking = Ranking(joint, seed=0)
     assert ranking.divergence == [None, None]
@@ -117,10 +118,9 @@ def test_a_vehicle_out_of_control_is_charged_to_no_estimator(folder, tmp_path):
     assert np.isfinite(ranking.outcomes).all()
     told = words(sensitivity.blocks(analysis))
     assert "The largest total indices of the share of runs out of control are trailer mass" in told
-    assert f"In {int(nested.out_of_control.sum())} runs, at" in words(tolerance.blocks(analysis)) or (
-        not nested.out_of_control.any()
-    )
-    assert all(t.nominal <= 1.0 for t in tolerances(nested, {TARGETS[1]: np.deg2rad(2.0)}).values())
+    assert f"In {int(nested.out_of_control.sum())} runs, at" in words(tolerance.blocks(analysis))
+    borne, whole = (tolerances(d, {TARGETS[1]: np.deg2rad(2.0)}) for d in (nested, read(folder).designs[1]))
+    assert borne[1, 0].box > whole[1, 0].box  # the heavy edge broke the limit, and is the vehicle's doing now
 
 
 def test_sensitivity_over_time_changes_with_the_cause(analysis):

@@ -106,14 +106,16 @@ def test_a_design_with_gaps_is_refused():
         sobol_indices.sobol_indices(np.array([1.0, np.nan] * 5), 3)
 
 
-def test_lost_runs_score_the_largest_error_of_their_drive():
+def test_diverged_runs_score_the_largest_error_of_their_drive():
     rmse = np.ones((2, 2, 3, 1))  # estimator, drive, sample, repeat
-    rmse[0, 0, 1], rmse[1, 0, 2], rmse[1, 1] = 4.0, np.nan, 9.0
+    rmse[0, 0, 1], rmse[1, 0, 2], rmse[1, 1] = 4.0, np.inf, 9.0
     scores = sobol_indices.scored(rmse)
     assert scores[1, 0, 2, 0] == 4.0  # of the other estimator, on the same drive
     kept = np.isfinite(rmse)
     np.testing.assert_array_equal(scores[kept], rmse[kept])
-    rmse[:, 0] = np.nan
+    rmse[0, 0, 0] = np.nan
+    assert np.isnan(sobol_indices.scored(rmse)[0, 0, 0])
+    rmse[:, 0] = np.inf
     assert np.isnan(sobol_indices.scored(rmse)[:, 0]).all()
 
 
@@ -130,7 +132,7 @@ def test_a_lost_run_hides_no_factor():
     x = saltelli_points(256, 2, seed=1)
     error = 1.0 + x[:, 0] + 0.2 * x[:, 1]
     lost = x[:, 0] > 0.9
-    scores = sobol_indices.scored(np.where(lost, np.nan, error)[None, None, :, None])
+    scores = sobol_indices.scored(np.where(lost, np.inf, error)[None, None, :, None])
     whole, capped = (sobol_indices.sobol_indices(y, 2) for y in (error, sobol_indices.over_drives(scores)[0]))
     assert capped.total[0].value == pytest.approx(whole.total[0].value, abs=0.05)
     assert sobol_indices.sobol_indices(lost.astype(float), 2).total[0].value > 0.9

@@ -51,10 +51,12 @@ def _best(scored: Sequence[Standing]) -> list[str]:
     groups: dict[tuple[int, ...], list[Standing]] = {}
     for standing in scored:
         groups.setdefault(tuple(sorted(standing.leaders)), []).append(standing)
-    over = (
-        "" if len(designs) == 1 else f" over all {len(designs)} designs" if len(designs) > 2 else " over both designs"
-    )
+    over = f" over {_all(designs)}" if len(designs) > 1 else ""
     return [_leading(group, designs, over, len(groups) > 1) for group in groups.values()]
+
+
+def _all(designs: Sequence[Design]) -> str:
+    return "both designs" if len(designs) == 2 else f"all {len(designs)} designs"
 
 
 def _leading(group: Sequence[Standing], designs: Sequence[Design], over: str, several: bool) -> str:
@@ -189,7 +191,7 @@ def _everyone(names: Sequence[str]) -> str:
 def _counts(designs: Sequence[Design]) -> list[str]:
     """Say in how many runs the vehicle went out of control, in how many an estimator diverged, and what is to come."""
     runs = sum(d.out_of_control.size for d in designs)
-    total = f"{runs} runs" if len(designs) == 1 else f"{runs} runs of all {len(designs)} designs"
+    total = f"{runs} runs" if len(designs) == 1 else f"{runs} runs of {_all(designs)}"
     told = []
     out = {d.name: int(d.out_of_control.sum()) for d in designs}
     if lost := sum(out.values()):

@@ -37,7 +37,7 @@ from harness.reporting.style import Look
 from harness.study.motion import published
 from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
-from harness.study.scores import FLAGS, STATUS
+from harness.study.scores import FATES, STATUS
 from harness.study.stored import StoredRuns
 from harness.study.view import looks, tables
 from harness.study.view.above import AboveFigure
@@ -319,7 +319,7 @@ class RunPanel:
                 self.above.show(self._run)
 
     def _fill_table(self) -> None:
-        run, words_of = self._run, {code: w.replace("_", " ") for w, code in FLAGS.items()}
+        run = self._run
         assert run is not None
         rows: list[tuple[str, ...]] = []
         for i, e in enumerate(run.estimators):
@@ -332,7 +332,7 @@ class RunPanel:
             for name in ("nees", "nis"):
                 pair = [style.number(float(s[name][i])) for s in (run.scores, self._stored_scores)]
                 rows.append((f"{self._names[e]}: {name.upper()}", *pair))
-            pair = [words_of[int(s[STATUS][i])] for s in (run.scores, self._stored_scores)]
+            pair = [FATES[int(s[STATUS][i])] for s in (run.scores, self._stored_scores)]
             rows.append((f"{self._names[e]}: status", *pair))
         columns = {key: [row[i] for row in rows] for i, key in enumerate(("score", "this run", "as stored"))}
         self.roots["scores"].update(text=tables.rows_of(columns, still=True), visible=True)
