@@ -16,7 +16,7 @@ from harness.common.units import to_si
 from harness.config.specs import DriveSpec, ModelSpec
 from harness.models.contracts import DriveContext, Option, Profile
 from harness.models.drive_options import options_of
-from harness.models.drives._shapes import LIMIT, check_lateral_acceleration
+from harness.models.drives._shapes import AMPLITUDE, LIMIT, check_lateral_acceleration, within_limit
 from harness.models.roles import DRIVES, VEHICLES
 from harness.recordings import readers
 
@@ -50,8 +50,13 @@ def build_drive(kind: str, options: Mapping[str, object], context: DriveContext,
         context = dataclasses.replace(context, read=readers.read)
     module = DRIVES.load(kind)
     try:
-        profile = module.generate({k: v for k, v in values.items() if _declares(module, k)}, context)
+        own = {k: v for k, v in values.items() if _declares(module, k)}
+        profile = module.generate(own, context)
         _check_shape(profile, context.step)
+        if AMPLITUDE.name in own.keys() - options.keys():  # one number for all vehicles is too much for some
+            within = within_limit(own[AMPLITUDE.name], profile, context, values[LIMIT.name])
+            if within != own[AMPLITUDE.name]:
+                profile = module.generate(own | {AMPLITUDE.name: within}, context)
         check_lateral_acceleration(profile, context, values[LIMIT.name])
     except (ModelError, UserError) as error:
         raise type(error)(f"{where}: {error}") from None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,9 @@ LIMIT = Option(
     20.0,
     "largest kinematic lateral acceleration, speed^2 tan(road-wheel angle) / wheelbase, before it is refused",
 )
+
+_ROUNDING = 1e-9
+"""Share by which a drive that is laid out to reach the limit exactly may pass it."""
 
 _GRID = 0.1
 """m; spacing of the way on which curvature and speed of a path are laid out."""
@@ -51,9 +54,37 @@ FADE = Option("fade", "s", 4.0, 0.1, 60.0, "time in which the steering motion gr
 DIRECTION = Option("direction", "text", "left", 0.0, 0.0, "side of the (first) turn: left or right")
 
 
+AMPLITUDE = Option(
+    "amplitude",
+    "rad",
+    0.0,
+    -30.0,
+    30.0,
+    "steering-wheel angle; negative begins to the right; one that is not stated is no more than the limit allows",
+)
+
+
 def amplitude(default: float) -> Option:
-    """Return the option of a steering-wheel amplitude in rad."""
-    return Option("amplitude", "rad", default, -30.0, 30.0, "steering-wheel angle; negative begins to the right")
+    """Return the option of a steering-wheel amplitude in rad, whose default ``within_limit`` makes fit the vehicle."""
+    return replace(AMPLITUDE, default=default)
+
+
+def within_limit(amplitude: float, profile: Profile, context: DriveContext, limit: float) -> float:
+    """Return the amplitude at which the largest angle of a drive reaches the limit at its largest speed.
+
+    Args:
+        amplitude: That the profile has.
+        profile: The drive; its steering grows with the amplitude, and its speed does not depend on it.
+        context: Wheelbase and steering ratio.
+        limit: Of the kinematic lateral acceleration in m/s^2.
+
+    Returns:
+        The amplitude in rad; the one that the profile has, where it keeps to the limit.
+    """
+    if np.abs(lateral_acceleration(profile, context)).max() <= limit * (1 + _ROUNDING):
+        return amplitude
+    allowed = float(steering_of_curvature(limit / float(profile.speed.max()) ** 2, context))
+    return amplitude * allowed / float(np.abs(profile.steering_wheel_angle).max())
 
 
 def seed(default: int) -> Option:
@@ -172,8 +203,7 @@ def check_lateral_acceleration(profile: Profile, context: DriveContext, limit: f
         )
     demand = np.abs(lateral_acceleration(profile, context))
     n = int(demand.argmax())
-    # A drive that is laid out to reach the limit exactly may pass it by rounding.
-    if demand[n] > limit * (1 + 1e-9):
+    if demand[n] > limit * (1 + _ROUNDING):
         speed, wheel = profile.speed[n], profile.steering_wheel_angle[n]
         slower = speed * np.sqrt(limit / demand[n])
         straighter = context.steering_ratio * np.arctan(limit * context.wheelbase / speed**2)
