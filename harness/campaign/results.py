@@ -41,8 +41,8 @@ class Results:
         stores = dict.fromkeys(STUDIES, STORE) | {REALTIME: outcome.STORE}
         missing = [name for name, store in stores.items() if not (folder / name / store).is_dir()]
         if missing:
-            made = " ".join(f"study-{name}" for name in missing)
-            raise UserError(f"{folder}: no finished study {', '.join(missing)}; make them with 'make {made}'")
+            commands = [_command(name, folder) for name in missing]
+            raise UserError("\n".join([f"{folder}: {len(missing)} studies are not there yet; they come from", *commands]))
 
     @cached_property
     def stores(self) -> dict[str, StudyResults]:
@@ -51,9 +51,8 @@ class Results:
         for name, store in found.items():
             pending = sum(d.count(PENDING) for d in store.designs)
             if pending:
-                raise UserError(
-                    f"{self.folder / name}: {pending} runs are still to come; finish them with 'make study-{name}'"
-                )
+                command = _command(name, self.folder)
+                raise UserError(f"{self.folder / name}: {pending} runs are still to come; finish them with '{command}'")
         return found
 
     @cached_property
@@ -97,6 +96,12 @@ class Results:
     def design(self, study: str) -> Design:
         """Return the first design of a study."""
         return self.stores[study].designs[0]
+
+
+def _command(name: str, folder: Path) -> str:
+    """Return the command that makes the result of a name below a folder."""
+    begin = "harness realtime mass --drive fast-sine" if name == REALTIME else f"harness run {name}"
+    return f"{begin} --out {folder / name}"
 
 
 def _index(study: str, kind: str, name: str, there: list[str]) -> int:

@@ -57,7 +57,7 @@ def place(given: str | Path) -> Path:
         from upath import UPath
     except ImportError:
         raise UserError(
-            f"{given}: results behind a URL need the extra 'remote': pip install '.[remote]' in the project's folder"
+            f"{given}: results behind a URL need the extra 'remote': pip install 'robustness-harness[remote]'"
         ) from None
     try:
         is_async = fsspec.get_filesystem_class(scheme).async_impl

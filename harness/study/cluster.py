@@ -89,7 +89,7 @@ def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Cli
         import distributed
     except ImportError:
         raise UserError(
-            "a cluster needs Dask, which is not installed; in the project's folder: pip install --editable '.[cluster]'"
+            "a cluster needs Dask, which is not installed: pip install 'robustness-harness[cluster]'"
         ) from None
     with contextlib.ExitStack() as stack:
         if scheduler is None:

@@ -360,7 +360,7 @@ def _read(directory: Path) -> StudyResults:
     if not sealed_root.is_there(path) or path.is_file():
         raise UserError(
             f"{directory}: no finished study here (scores.zarr is missing); "
-            f"make one with 'harness run studies/<name>.toml --out {directory}'"
+            f"make one with 'harness run <name> --out {directory}'"
         )
     try:
         lost = sealed_root.faults(path)

@@ -142,11 +142,11 @@ def test_findings_follow_the_errors(campaign):
 
 
 def test_missing_and_unfinished_studies_are_named(campaign, tmp_path: Path):
-    with pytest.raises(UserError, match=r"no finished study ideal.*make study-ideal"):
+    with pytest.raises(UserError, match=r"not there yet(.|\n)*\nharness run ideal --out .*/ideal\n"):
         Results(tmp_path)
     campaign()
     write(tmp_path / "mass", {"level": design(status=lambda fates: fates.fill(-1))})
-    with pytest.raises(UserError, match=r"mass: \d+ runs are still to come.*make study-mass"):
+    with pytest.raises(UserError, match=r"mass: \d+ runs are still to come.*harness run mass --out"):
         _ = Results(tmp_path).stores
 
 

@@ -217,7 +217,7 @@ def test_a_scheduler_that_goes_away_is_reported(study, empty, console, monkeypat
 
 def test_a_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UserError, match=r"pip install --editable '\.\[cluster\]'"), cluster.connected(None):
+    with pytest.raises(UserError, match=r"pip install 'robustness-harness\[cluster\]'"), cluster.connected(None):
         pass
 
 
