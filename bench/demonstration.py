@@ -27,7 +27,8 @@ SIZES = ("medium", "large")
 
 def draw(seed: int) -> tuple[str, int]:
     """Return a case of the blind plant with an effect of the library, and its repeat."""
-    open_to_draw = [n for n, kind in listed() if kind == "effect" and n.startswith("semitrailer") and n.endswith(SIZES)]
+    cases = [case.name for case in listed() if case.kind == "effect"]
+    open_to_draw = [name for name in cases if name.startswith("semitrailer") and name.endswith(SIZES)]
     chance = random.Random(seed)
     return chance.choice(open_to_draw), chance.randrange(1000)
 
@@ -46,9 +47,10 @@ def verdict(scored: Scored) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; return the exit status: 0 if the trace was right."""
+    """Run the command line; return the exit status: 0 if the trace was right, 1 if not, others without a trace."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, help="draw this effect again; another one each time if absent")
+    parser.add_argument("--study", type=Path, default=STUDY, help="loop file of these drives (%(default)s)")
     given = parser.parse_args(arguments)
     seed = secrets.randbelow(10**6) if given.seed is None else given.seed
     console = Console()
@@ -56,11 +58,14 @@ def main(arguments: list[str] | None = None) -> int:
     shutil.rmtree(FOLDER, ignore_errors=True)
     case, repeat = draw(seed)
     plant = [sys.executable, str(PLANT), "--case", case, "--repeat", str(repeat), "--out", str(FOLDER)]
-    trace = [sys.executable, "-m", "harness.cli.main", "loop", str(STUDY), "--out", str(FOLDER / "trace")]
+    trace = [sys.executable, "-m", "harness", "loop", str(given.study), "--out", str(FOLDER / "trace")]
     for command, output in ((plant, subprocess.DEVNULL), (trace, None)):
         status = subprocess.run(command, stdout=output, check=False).returncode
         if status:
             return status
+    if not (FOLDER / "trace" / "trace.json").exists():
+        console.print("The trace wrote no trace.json, so there is nothing to open the seal for.", style="red")
+        return 2
     scored = score(FOLDER)
     console.print(f"The seal is opened. {verdict(scored)}", style="bold", soft_wrap=True)
     return 0 if scored.right else 1

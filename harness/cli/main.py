@@ -348,3 +348,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a console or pipe without Greek letters, as on Windows
     app()
+
+
+if __name__ == "__main__":
+    main()
