@@ -62,5 +62,7 @@ def quantity(name: str, si_unit: str = "") -> Quantity:
 
 
 def listed(parts: Sequence[str]) -> str:
-    """Join with commas and ``and``."""
+    """Join with commas and ``and``; ``nothing`` if there are no parts."""
+    if not parts:
+        return "nothing"
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

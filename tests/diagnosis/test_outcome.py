@@ -13,7 +13,7 @@ from harness.common.files import json_text
 from harness.common.statistics import Interval
 from harness.diagnosis import run
 from harness.diagnosis.criteria import HORIZONS, PRIORS
-from harness.diagnosis.model.hypotheses import Hypothesis
+from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report import figures
 from harness.diagnosis.report.how_likely import likely
 from harness.diagnosis.report.report import document
@@ -177,9 +177,9 @@ def test_what_was_dropped_and_left_no_stand_in_is_told():
     kept = Hypothesis("steering_lag", "effect", ("steering_lag",))
     dropped = Hypothesis("roll_steer", "effect", ("front", "rear"))
 
-    def told(*added, of_rounds=(dropped, kept)):
+    def told(*added, of_rounds=(dropped, kept), gone=(dropped,)):
         rounds = [SimpleNamespace(added=SimpleNamespace(hypothesis=h), reason="passes") for h in of_rounds]
-        return _rounds(SimpleNamespace(trace=SimpleNamespace(rounds=rounds, dropped=(dropped,), added=added)))[-1]
+        return _rounds(SimpleNamespace(trace=SimpleNamespace(rounds=rounds, dropped=gone, added=added)))[-1]
 
     assert told(kept) == told() == "Without roll steer the rest is likelier."
     mass = Hypothesis("mass", "parameter", ("mass",))
@@ -189,6 +189,8 @@ def test_what_was_dropped_and_left_no_stand_in_is_told():
     lag = Hypothesis("tyre_lag", "effect", ("lag_front", "lag_rear"))
     places = [Hypothesis(f"tyre_lag@{n}", "effect", (f"lag_{n}",)) for n in ("front", "rear")]
     assert told(lag, of_rounds=(dropped, *places)) == "Without roll steer the rest is likelier."
+    both = Hypothesis("values", "parameter", ("mass", "inertia"))
+    assert told(kept, both, of_rounds=(kept, mass), gone=()) == "In place of mass stands what is likelier: values."
 
 
 def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):
@@ -201,6 +203,19 @@ def test_a_trace_whose_only_addition_was_dropped_has_a_report(trace, tmp_path):
     text, record = reported(outcome_of(dropped, failures=Failures(tmp_path)), tmp_path)
     assert record["not_made"] == []
     assert "Without steering lag the rest is likelier." in text
+
+
+def test_a_value_that_gave_way_to_many_has_a_report(trace, tmp_path):
+    """What a round added is a part of what took its place, so nothing was dropped."""
+    mass = Hypothesis("mass", "parameter", ("mass",))
+    score = Score(mass, 60.0, np.ones(1), np.ones(1), 1.0, np.zeros(0), np.zeros((1, 0)), (), True)
+    added = Candidate(score, trace.final, 110.0, trace.after)
+    first = Round((added,), trace.before, added, "meets all three criteria", mass.name)
+    many = Hypothesis(ALL_PARAMETERS, "parameter", ("mass", "yaw_inertia"))
+    wider = dataclasses.replace(trace, rounds=(first, *trace.rounds), added=(many,))
+    text, record = reported(outcome_of(wider, failures=Failures(tmp_path)), tmp_path)
+    assert record["not_made"] == []
+    assert text.count("takes the place of mass;") == 1
 
 
 def test_a_model_that_leaves_its_range_has_a_report(trace, tmp_path):

@@ -118,10 +118,10 @@ def _certainty(outcome: Outcome) -> list[str]:
         if r is not outcome.trace.rounds[0]:
             text += ", both over the model with what earlier rounds had added"
         found.append(text)
-    if instead := _in_place(outcome.trace):
-        names = listed([called(h.name) for h in outcome.trace.dropped])
+    gone, instead = _replaced(outcome.trace)
+    if instead:
         found += [
-            f"{called(h.name)}: takes the place of {names}; likelier by what the held-out drives say and by what was "
+            f"{called(h.name)}: takes the place of {gone}; likelier by what the held-out drives say and by what was "
             "known before, as “how likely” shows"
             for h in instead
         ]
@@ -184,17 +184,19 @@ def _rounds(outcome: Outcome) -> list[str]:
             sentences.append(f"Round {number} added nothing: with {best}, {r.reason}.")
         else:
             sentences.append(f"Round {number} added nothing: {r.reason}.")
-    if outcome.trace.dropped:
-        names = listed([called(h.name) for h in outcome.trace.dropped])
-        if instead := [called(h.name) for h in _in_place(outcome.trace)]:
-            sentences.append(f"In place of {names} stands what is likelier: {listed(instead)}.")
-        else:
-            sentences.append(f"Without {names} the rest is likelier.")
+    gone, instead = _replaced(outcome.trace)
+    if instead:
+        likelier = listed([called(h.name) for h in instead])
+        sentences.append(f"In place of {gone} stands what is likelier: {likelier}.")
+    elif outcome.trace.dropped:
+        sentences.append(f"Without {gone} the rest is likelier.")
     return sentences
 
 
-def _in_place(trace: Trace) -> list[Hypothesis]:
-    """Return what no round added: it took the place of something."""
+def _replaced(trace: Trace) -> tuple[str, list[Hypothesis]]:
+    """Return in words what rounds added and is gone, or is a part of what took its place, and what took it."""
     kept = [h for r in trace.rounds if r.added for h in r.added.hypothesis.single if h not in trace.dropped]
     of_rounds = {n for h in kept for n in h.amplitudes}
-    return [h for h in trace.added if not of_rounds.issuperset(h.amplitudes)]
+    instead = [h for h in trace.added if not of_rounds.issuperset(h.amplitudes)]
+    parts = [h for h in kept if any(set(h.amplitudes) < set(i.amplitudes) for i in instead)]
+    return listed([called(h.name) for h in (*trace.dropped, *parts)]), instead
