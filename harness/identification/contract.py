@@ -82,6 +82,7 @@ class Estimate:
         verdict: Whether the recordings determine it; ``None`` if the method cannot say.
         reason: The verdict in a sentence.
         profile: The likelihood along it, if computed.
+        widened: Width of the interval, in the coordinate of the search, over that which white innovations would leave.
     """
 
     name: str
@@ -94,6 +95,7 @@ class Estimate:
     verdict: Verdict | None = None
     reason: str = ""
     profile: Profile | None = None
+    widened: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ class Fit:
         after: Objective at the values found.
         history: Objective at every iteration.
         converged: Whether the method's convergence criterion was met.
+        coloured: Outputs whose innovations are coloured by so much that the intervals are wider for it.
         notes: Sentences for the report.
         further: Numbers of the method's own for ``identify.json``.
     """
@@ -123,6 +126,7 @@ class Fit:
     after: float
     history: tuple[float, ...]
     converged: bool
+    coloured: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     further: Mapping[str, Any] = field(default_factory=dict)
 

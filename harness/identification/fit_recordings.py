@@ -21,8 +21,8 @@ from harness.identification.data import Drive, refuse_the_same
 from harness.identification.innovations import Innovations
 from harness.identification.measured_file import names_of, refuse_repeated
 from harness.identification.over_time import FILE, series_of
-from harness.identification.report import answer, document
-from harness.identification.result import Judged, judge, write_outcome
+from harness.identification.report import document
+from harness.identification.result import Judged, answer, judge, write_outcome
 from harness.recordings.warnings import recording_warnings
 from harness.reporting.document import Prose, plain, write
 

@@ -7,7 +7,7 @@ Whatever the filter computes is differentiated: means, covariances, gains, the l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from types import ModuleType
 
@@ -71,6 +71,39 @@ class Innovations(FilteredModel):
             points: One candidate, or one for each recording.
             directions: Derivatives of what is held, one column per direction.
         """
+        n = for_each(directions, drives)[0].count
+        total, gradient, information = 0.0, np.zeros(n), np.zeros((n, n))
+        for value, slopes, rows in self._every_slope(drives, points, directions):
+            total += value
+            gradient += slopes
+            flat = rows.reshape(-1, n)
+            information += flat.T @ flat
+        return Slopes(total, gradient, information)
+
+    def scores(self, drives: Sequence[Drive], points: Each, directions: Each) -> list[Floats]:
+        """Return the derivatives of every sample's log-likelihood ``(samples, n)``, recording by recording.
+
+        With the whitened innovations ``w``, those are ``-(L^-1 de)' w + tr(G (w w' - 1)) / 2`` (``note_slopes``).
+
+        Args:
+            drives: The recordings.
+            points: One candidate, or one for each recording.
+            directions: Derivatives of what is held, one column per direction.
+        """
+        found = []
+        for (_, _, rows), run in zip(
+            self._every_slope(drives, points, directions), self.runs(drives, points), strict=True
+        ):
+            w = np.nan_to_num(run.whitened)
+            a, b = np.tril_indices(w.shape[1])
+            products = np.where(a == b, (w[:, a] * w[:, b] - 1.0) / np.sqrt(2.0), w[:, a] * w[:, b])
+            found.append(np.einsum("kan,ka->kn", rows, np.concatenate([-w, products], axis=1)))
+        return found
+
+    def _every_slope(
+        self, drives: Sequence[Drive], points: Each, directions: Each
+    ) -> Iterator[tuple[float, Floats, Floats]]:
+        """Return of each recording the log-likelihood, its gradient ``(n,)`` and what ``note_slopes`` keeps."""
         at, along = for_each(points, drives), for_each(directions, drives)
         n = along[0].count
         starts = range(0, n, LANES)
@@ -80,14 +113,10 @@ class Innovations(FilteredModel):
             for s in starts
         ]
         found = self.share(lambda task: self._slope(*task), tasks)
-        total, gradient, information = 0.0, np.zeros(n), np.zeros((n, n))
         for i in range(0, len(found), len(starts)):
             of_drive = found[i : i + len(starts)]
-            total += of_drive[0][0]
-            gradient += np.concatenate([g for _, g, _ in of_drive])[:n]
-            rows = np.concatenate([r.reshape(-1, LANES) for _, _, r in of_drive], axis=1)[:, :n]
-            information += rows.T @ rows
-        return Slopes(total, gradient, information)
+            gradient = np.concatenate([g for _, g, _ in of_drive])[:n]
+            yield of_drive[0][0], gradient, np.concatenate([r for _, _, r in of_drive], axis=2)[:, :, :n]
 
     def _slope(self, drive: Drive, point: Candidates, directions: Candidates) -> tuple[float, Floats, Floats]:
         samples, ny = drive.measurements.shape

@@ -12,7 +12,8 @@ from harness.identification import figures
 from harness.identification.contract import Estimate, Fit
 from harness.identification.free_run import BLOCK, FEWEST
 from harness.identification.measured_file import SpanTable
-from harness.identification.result import Judged, failure
+from harness.identification.result import Judged, answer
+from harness.identification.whiteness import is_white
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting import style
 from harness.reporting.document import (
@@ -28,9 +29,6 @@ from harness.reporting.document import (
     plain,
     strong,
 )
-
-_WHITE = 0.01
-"""p-value below which innovations count as correlated."""
 
 
 def document(
@@ -62,31 +60,6 @@ def document(
         Section(lambda: _made(fit, command), "How was it made?"),
     ]
     return Document(title or f"What do the recordings say about {words(fit.spec.vehicle)}?", sections)
-
-
-def answer(fit: Fit, judged: Sequence[Judged] = ()) -> str:
-    """Return the result in a sentence, or two if the fit failed on the drives by which it is ``judged``."""
-    return f"{failure(judged)} {_counted(fit)}".strip()
-
-
-def _counted(fit: Fit) -> str:
-    """Return how many parameters the recordings determine."""
-    parameters = [e for e in fit.estimates if e.name in fit.spec.values]
-    judged = [e for e in parameters if e.verdict is not None]
-    if not judged:
-        return f"{len(parameters)} parameters were fitted; the method states no uncertainty."
-    counts = [
-        (sum(e.verdict == verdict for e in judged), text)
-        for verdict, text in (
-            ("determined", "determined"),
-            ("weakly determined", "only weakly"),
-            ("confounded", "only in combination with others"),
-            ("not determined", "not at all"),
-            ("at its bound", "at a bound"),
-        )
-    ]
-    said = ", ".join(f"{count} {text}" for count, text in counts if count)
-    return f"Of {len(judged)} parameters the recordings leave {said}."
 
 
 def _answer(fit: Fit, judged: Sequence[Judged], notes: Sequence[str]) -> list[Block]:
@@ -220,12 +193,13 @@ def _residuals(fit: Fit, judged: list[Judged]) -> list[Block]:
                     style.probability(w.periodogram),
                 ]
             )
-            if min(w.ljung_box, w.periodogram) < _WHITE:
+            if not is_white(w):
                 coloured.append(f"{words(name)} of {j.drive.name}")
+    little = "" if fit.coloured or not fit.correlation.size else "; on the fitted drives that widens no interval"
     said = (
         "Yes: no test rejects it."
         if not coloured
-        else f"No: those of {', '.join(coloured)} are coloured, so the model leaves something predictable."
+        else f"No: those of {', '.join(coloured)} are coloured, so the model leaves something predictable{little}."
     )
     header = ["drive", "output", "variance", "p, Ljung-Box", "p, cumulative periodogram"]
     caption = "Whitened innovations; those of a correct model are white (large p) with variance 1."

@@ -20,6 +20,7 @@ from harness.identification.filtered_model import Candidates
 from harness.identification.free_run import blocks
 from harness.identification.judgement import DriveJudgement, judged_on
 from harness.identification.whiteness import Whiteness
+from harness.models.quantities import listed, words
 from harness.models.signals import SIGNALS
 
 
@@ -125,6 +126,43 @@ def _growth(drive: Drive, errors: Sequence[Floats], power: Floats) -> Floats:
     return np.array([p.mean() if p.size else np.nan for p in parts])
 
 
+def answer(fit: Fit, judged: Sequence[Judged] = ()) -> str:
+    """Return the result in sentences; the first says so if the fit failed on the drives by which it is ``judged``."""
+    return " ".join(said for said in (failure(judged), _counted(fit), _coloured(fit)) if said)
+
+
+def _counted(fit: Fit) -> str:
+    """Return how many parameters the recordings determine."""
+    parameters = [e for e in fit.estimates if e.name in fit.spec.values]
+    judged = [e for e in parameters if e.verdict is not None]
+    if not judged:
+        return f"{len(parameters)} parameters were fitted; the method states no uncertainty."
+    counts = [
+        (sum(e.verdict == verdict for e in judged), text)
+        for verdict, text in (
+            ("determined", "determined"),
+            ("weakly determined", "only weakly"),
+            ("confounded", "only in combination with others"),
+            ("not determined", "not at all"),
+            ("at its bound", "at a bound"),
+        )
+    ]
+    said = ", ".join(f"{count} {text}" for count, text in counts if count)
+    return f"Of {len(judged)} parameters the recordings leave {said}."
+
+
+def _coloured(fit: Fit) -> str:
+    """Return what coloured innovations do to the estimates; empty if nothing."""
+    if not fit.coloured:
+        return ""
+    widest = max(e.widened for e in fit.estimates if e.name in fit.spec.values)
+    return (
+        f"The innovations of {listed([words(n) for n in fit.coloured])} are coloured: the model lacks something. The "
+        f"intervals are up to {widest:.2g} times as wide for it, and hold only if that does not depend on the inputs. "
+        "Try an effect, or harness trace."
+    )
+
+
 def parameter_file(fit: Fit, source: str, warning: str = "") -> str:
     """Return the text of a parameter set with what was found, which studies load by its path."""
     return set_text(fit.spec, source, {e.name: _comment(e) for e in fit.estimates}, warning=warning)
@@ -144,6 +182,8 @@ def record(fit: Fit, judged: list[Judged]) -> dict[str, Any]:
         "model": fit.spec.model().name,
         "converged": fit.converged,
         "failed": failure(judged) or None,
+        "answer": answer(fit, judged),
+        "coloured_outputs": list(fit.coloured),
         "objective": {"name": fit.objective, "before": _number(fit.before), "after": _number(fit.after)},
         "estimates": [
             {
@@ -153,6 +193,7 @@ def record(fit: Fit, judged: list[Judged]) -> dict[str, Any]:
                 "value": _number(e.value),
                 "standard_error": _number(e.error),
                 "interval_95": [_number(e.lower), _number(e.upper)],
+                "widened_by_colour": _number(e.widened),
                 "verdict": e.verdict,
                 "reason": e.reason,
             }

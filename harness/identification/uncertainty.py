@@ -204,13 +204,38 @@ class Summit:
     knowledge: Knowledge
 
 
-def estimates_of(summit: Summit, profiles: Sequence[Kind], say: Callable[[str], None]) -> tuple[Estimate, ...]:
+@dataclass(frozen=True)
+class Colour:
+    """What coloured innovations do to the estimates of a fit.
+
+    Attributes:
+        outputs: Whose innovations are coloured.
+        factor: By which each standard error is larger than with white innovations ``(n,)``.
+        lower: Lower end of the 95 % interval of a fit without process noise ``(n,)``; NaN where there is none.
+        upper: Upper end.
+    """
+
+    outputs: tuple[str, ...]
+    factor: Floats
+    lower: Floats
+    upper: Floats
+
+    def interval(self, i: int, z: float, lower: float, upper: float) -> tuple[float, float]:
+        """Return the interval of a coordinate with what the colour adds to that of white innovations."""
+        below, above = (z + self.factor[i] * (end - z) for end in (lower, upper))
+        return float(np.fmin(below, self.lower[i])), float(np.fmax(above, self.upper[i]))
+
+
+def estimates_of(
+    summit: Summit, profiles: Sequence[Kind], say: Callable[[str], None], colour: Colour | None = None
+) -> tuple[Estimate, ...]:
     """Return every coordinate as an estimate with interval, verdict and reason.
 
     Args:
         summit: Where the likelihood is largest.
         profiles: What gets its profile, and the interval from it; noise only where it may be determined.
         say: Takes a line on what is being done.
+        colour: What coloured innovations do to them; ``None`` if nothing.
     """
     space, z, knowledge = summit.space, summit.z, summit.knowledge
     found = []
@@ -225,10 +250,17 @@ def estimates_of(summit: Summit, profiles: Sequence[Kind], say: Callable[[str], 
         lower, upper = z[i] - NORMAL * error, z[i] + NORMAL * error
         if i in drawn:
             lower, upper = _interval(*drawn[i], z[i], error)
+        width = upper - lower
+        if colour is not None and math.isfinite(error):
+            lower, upper = colour.interval(i, float(z[i]), lower, upper)
+            error *= float(colour.factor[i])
+        widened = (upper - lower) / width if width > 0.0 and math.isfinite(error) else 1.0
         lower, upper = (float(np.clip(end, c.lower, c.upper)) for end in (lower, upper))  # NaN stays NaN
         if math.isinf(error):
             lower, upper = c.lower, c.upper
         verdict, reason = _judge(space, knowledge, i, float(z[i]), lower, upper)
+        if colour is not None and verdict == "determined" and c.kind == "parameter":
+            verdict, reason = "weakly determined", f"{reason}; the innovations are coloured, so it may be biased"
         found.append(
             Estimate(
                 name=c.name,
@@ -241,6 +273,7 @@ def estimates_of(summit: Summit, profiles: Sequence[Kind], say: Callable[[str], 
                 verdict=verdict,
                 reason=reason,
                 profile=_in_values(c, *drawn[i]) if i in drawn else None,
+                widened=widened,
             )
         )
     return tuple(found)

@@ -12,6 +12,9 @@ from harness.common.arrays import Floats
 LAGS = 20
 """Lags of the Ljung-Box test."""
 
+REJECTED = 0.01
+"""p-value below which a series counts as coloured; in a long one that may be little."""
+
 FEWEST = 4 * LAGS
 """Samples below which nothing is tested."""
 
@@ -37,6 +40,11 @@ class Whiteness:
     frequency: Floats
     cumulative: Floats
     band: float
+
+
+def is_white(found: Whiteness) -> bool:
+    """Whether no test rejects that a series is white; one that is too short is not tested."""
+    return not min(found.ljung_box, found.periodogram) < REJECTED
 
 
 def whiteness(series: Floats) -> Whiteness:

@@ -11,27 +11,33 @@ forces the process noise down and refits, for as long as that gains.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import qmc
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.engine.simd.lanes import LANES
+from harness.identification.colour import block_sums, colour_of, coloured_outputs, factors
 from harness.identification.contract import Fit, Problem
 from harness.identification.coordinates import Coordinates
 from harness.identification.driveable import Driveable
 from harness.identification.fisher_scoring import Maximum, maximise
 from harness.identification.objective import LogPosterior
 from harness.identification.signal_noise import signal_noise, white_noise
-from harness.identification.uncertainty import Summit, estimates_of, limits_of_knowledge
+from harness.identification.uncertainty import Colour, Summit, estimates_of, limits_of_knowledge
 
 _ROUGH = 5
 """Iterations of a stage that only prepares the next one."""
 
 _COOLING = np.log(100.0)
 """How far the logarithm of every process-noise variance is forced down at once."""
+
+_SILENT = 1e-8
+"""Factor on the process noise of a fit without any."""
 
 _REACH = np.log(2.0)
 """Other starts lie within this of the first one in each logarithm, or within that share of the range."""
@@ -135,12 +141,20 @@ class Search:
         Process noise that is free from the beginning would grow until it explains the error of the first values, and
         then hide what the parameters do.
         """
-        parameters, measurement = self.coordinates.kind("parameter"), self.coordinates.kind("measurement")
-        wide = start.copy()
-        wide[measurement] = np.log(self._innovation_variances(start))
-        rough = maximise(self.objective, wide, parameters | measurement, self.iterations, enough=1.0)
-        noise = maximise(self.objective, rough.z, ~parameters, _ROUGH)
+        rough = self.rough(self.wide(start))
+        noise = maximise(self.objective, rough.z, ~self.coordinates.kind("parameter"), _ROUGH)
         return self.together(noise.z)
+
+    def wide(self, start: Floats) -> Floats:
+        """Return a point with all of its error in the measurement noise."""
+        found = start.copy()
+        found[self.coordinates.kind("measurement")] = np.log(self._innovation_variances(start))
+        return found
+
+    def rough(self, wide: Floats) -> Maximum:
+        """Fit parameters and measurement noise."""
+        moved = self.coordinates.kind("parameter", "measurement")
+        return maximise(self.objective, wide, moved, self.iterations, enough=1.0)
 
     def _innovation_variances(self, z: Floats) -> Floats:
         """Return the mean square of each output's innovations ``(ny,)``, at least its variance at the point."""
@@ -169,14 +183,51 @@ class Search:
                 break
         return best
 
+    def summit(self, z: Floats) -> Summit:
+        """Return the maximum at a point, with what is known there."""
+        value, _, information = self.objective.slopes(z, np.ones(len(self.coordinates), dtype=bool))
+        knowledge = limits_of_knowledge(self.coordinates, z, information)
+        return Summit(self.coordinates, self.objective, z, value, information, knowledge)
+
+    def colour(self, summit: Summit, say: Callable[[str], None]) -> Colour | None:
+        """Return what the colour of the innovations does to the estimates; ``None`` if they are white or almost."""
+        innovations, drives = self.problem.innovations, self.problem.drives
+        runs = innovations.runs(drives, self.coordinates.candidates(summit.z))
+        outputs = coloured_outputs(runs, list(innovations.model.outputs))
+        factor = factors(summit, self.block_sums(summit.z)) if outputs else None
+        if factor is None:
+            return None
+        say("coloured innovations: without process noise")
+        kept = ~self.coordinates.kind("process")
+        silent = self._without_process_noise(summit.z, kept)
+        wide = silent.wide(summit.z[kept])
+        if not np.isfinite(silent.objective.values(wide[:, None])[0]):
+            return colour_of(outputs, factor, summit)
+        found = silent.summit(silent.rough(wide).z)
+        return colour_of(outputs, factor, summit, found, silent.block_sums(found.z))
+
+    def _without_process_noise(self, z: Floats, kept: Mask) -> Search:
+        """Return the search of the other coordinates that are ``kept``, about a point."""
+        found, space, held = copy(self), self.coordinates, self.coordinates.candidates(z)
+        moved = [c for c, stays in zip(space.coordinates, kept, strict=True) if stays]
+        base = replace(held, process=_SILENT * held.process)
+        found.coordinates = Coordinates(space.spec, space.names, moved, [base])
+        found.objective = LogPosterior(
+            self.problem.innovations, self.problem.drives, found.coordinates, self.objective.driveable
+        )
+        return found
+
+    def block_sums(self, z: Floats) -> Floats:
+        """Return the sums of the scores at a point over blocks of the recordings ``(blocks, n)``."""
+        space, drives = self.coordinates, self.problem.drives
+        return block_sums(self.problem.innovations.scores(drives, space.candidates(z), space.directions(z)), drives)
+
     def report(self, best: Maximum, before: float, profiles: bool, say: Callable[[str], None]) -> Fit:
         """Return what was found with its uncertainty."""
         history = tuple(self.objective.history)
-        everything = np.ones(len(self.coordinates), dtype=bool)
-        value, _, information = self.objective.slopes(best.z, everything)
-        knowledge = limits_of_knowledge(self.coordinates, best.z, information)
-        summit = Summit(self.coordinates, self.objective, best.z, value, information, knowledge)
-        estimates = estimates_of(summit, ("parameter",) if profiles else (), say)
+        summit = self.summit(best.z)
+        colour = self.colour(summit, say)
+        estimates = estimates_of(summit, ("parameter",) if profiles else (), say, colour)
         notes = []
         if not best.converged:
             notes.append(
@@ -190,12 +241,13 @@ class Search:
             method="likelihood",
             spec=self.coordinates.fitted(best.z),
             estimates=estimates,
-            correlation=knowledge.correlation,
+            correlation=summit.knowledge.correlation,
             objective="log-likelihood",
             before=before,
-            after=value,
+            after=summit.value,
             history=history,
             converged=best.converged,
+            coloured=() if colour is None else colour.outputs,
             notes=tuple(notes),
             further={"diverged_candidates": diverged, "last_predicted_gain": best.predicted},
         )
