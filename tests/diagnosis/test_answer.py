@@ -7,9 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from harness.common.statistics import Interval
 from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.result.answer import answer
 from harness.diagnosis.result.value import Value
+from harness.diagnosis.selection.posterior import Alike, Model, Posterior
 from harness.identification.coordinates import parameter_coordinate
 from harness.models.contracts import Parameter
 from harness.reporting.style import uncertain
@@ -30,7 +32,7 @@ VALUES = {
 NOWHERE = SimpleNamespace(random_process=None, unmodelled=None)
 
 
-def said(verdict, *added):
+def said(verdict, *added, posterior=None):
     excess = [SimpleNamespace(normalised_excess_mse=e) for e in (4.0, 0.01)]
     trace = SimpleNamespace(
         added=added,
@@ -40,6 +42,7 @@ def said(verdict, *added):
         before=excess[0],
         after=excess[1],
         cut_short="",
+        posterior=posterior,
     )
     return answer(trace, verdict, NOWHERE, VALUES)
 
@@ -63,6 +66,33 @@ def test_of_many_wrong_values_the_surest_come_first():
     assert "Many stated values were wrong, most surely mass (27610 ± 160 kg in place of 24000) and friction" in text
 
 
+def posterior(none, *shares):
+    """Return how likely models are, each by its probability and what it has."""
+    zero, alone = np.zeros(1), Interval(0.0, 0.0, 0.0)
+    models = [
+        Model(tuple(Alike((h,), (1.0,)) for h in added), None, 0.0, zero, alone, share / (1.0 - none), share)
+        for share, *added in shares
+    ]
+    return Posterior(tuple(models), none, zero)
+
+
+def test_what_is_claimed_is_as_sure_as_its_probability():
+    """The lag is in models of nine tenths, the delay in that of four, the mass in none that has probability."""
+    split = posterior(0.1, (0.5, LAG), (0.4, LAG, LATE), (0.0, LAG, MASS))
+    text = said("amended", LAG, LATE, MASS, posterior=split)
+    assert text.startswith("The model probably lacks steering lag (9 in 10). The recordings may have steering delay (4")
+    assert "A stated value may have been wrong (less than 1 in 100): mass (" in text
+    sure = said("amended", LAG, posterior=posterior(0.0, (0.96, LAG), (0.04,)))
+    assert sure.startswith("The model lacks steering lag. ")
+
+
+def test_that_nothing_is_missing_is_as_sure_as_the_model_without_additions():
+    split = posterior(0.6, (0.3,), (0.1, LAG))
+    text = said("adequate", posterior=split)
+    assert text.startswith("The model may be adequate (3 in 10): nothing is missing that these drives can show.")
+    assert "not listed may be there (6 in 10)" in text
+
+
 def test_what_is_named_of_something_unresolved_is_a_part_of_it():
     assert "explains. Part of it is steering lag." in said("unresolved", LAG)
 
@@ -78,6 +108,7 @@ def test_a_value_by_an_implausible_factor_is_no_explanation():
         before=SimpleNamespace(normalised_excess_mse=4.0),
         after=SimpleNamespace(normalised_excess_mse=0.01),
         cut_short="",
+        posterior=None,
     )
     assert "would explain it, but only with implausible factors: mass 10." in answer(trace, "unresolved", NOWHERE, {})
 

@@ -9,6 +9,7 @@ from harness.diagnosis.model.hypotheses import ALL_PARAMETERS, Hypothesis
 from harness.diagnosis.report.figures import called
 from harness.diagnosis.result.outcome import Outcome
 from harness.diagnosis.result.value import Value
+from harness.diagnosis.result.wording import in_words
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Alike, Model
 from harness.models.quantities import listed, print_unit, words
@@ -28,27 +29,18 @@ def likely(outcome: Outcome) -> list[str]:
         return []
     chosen = [m for m in found.models if m.share >= _LEAST]
     shown, others = (chosen[:_SHOWN], chosen[_SHOWN:]) if len(chosen) > _SHOWN + 1 else (chosen, [])
-    lines = [f"{in_words(m.share)}: {_explained(outcome.trace, m, shown[0])}" for m in shown]
+    given_one = 1.0 / (1.0 - found.none) if 0.5 < found.none < 1.0 else 1.0
+    lines = [f"{in_words(given_one * m.probability)}: {_explained(outcome.trace, m, shown[0])}" for m in shown]
     if others:
-        lines.append(f"{in_words(sum(m.share for m in others))}: one of {len(others)} others")
-    added = frozenset(outcome.trace.added)
-    own = next((m for m in found.models if frozenset(a.hypotheses[0] for a in m.added) == added), None)
+        rest = given_one * sum(m.probability for m in others)
+        lines.append(f"{in_words(rest)}: one of {len(others)} others")
+    own = found.model_with(outcome.trace.added)
     if own is not None and own not in shown:
-        lines.append(f"{in_words(own.share)}: what the search added; its criteria differ")
+        lines.append(f"{in_words(given_one * own.probability)}: what the search added; its criteria differ")
     beside = "something else is there, in place of them or beside them"
     if found.none > 0.5:
         return [f"{in_words(found.none)}: none of the following; {beside}", *(f"if one is right, {s}" for s in lines)]
     return [*lines, f"{in_words(found.none)}: none of these; {beside}"] if found.none >= _LEAST else lines
-
-
-def in_words(probability: float) -> str:
-    """Write a probability as a number of cases: ``9 in 10``."""
-    if probability > 0.995:
-        return "more than 99 in 100"
-    if probability < 0.005:
-        return "less than 1 in 100"
-    tenths = 0.05 <= probability < 0.95
-    return f"{round(10 * probability)} in 10" if tenths else f"{round(100 * probability)} in 100"
 
 
 def _explained(trace: Trace, m: Model, first: Model) -> str:

@@ -41,11 +41,15 @@ def where(outcome: Outcome) -> list[Block]:
         said = "Nowhere: no slowly varying disturbance raises the likelihood of the drives."
         return [*blocks, Prose(strong(said))]
     first = found.shown[0]
-    said = (
-        f"A disturbance of the {entry(first.disturbance_input)} would explain most, with a standard deviation of "
-        f"{amount(first.deviation, first.disturbance_input)} "
-        f"and a time constant of {style.number(first.time_constant)} s."
+    size = (
+        f"with a standard deviation of {amount(first.deviation, first.disturbance_input)} and a time constant of "
+        f"{style.number(first.time_constant)} s."
     )
+    place = entry(first.disturbance_input)
+    said = strong(f"A disturbance of the {place} would explain most, {size}")
+    if outcome.verdict == "adequate":
+        nothing = "Nothing is missing that these drives can show."
+        said = plain(f"{nothing} A disturbance would absorb something all the same, one of the {place} most, {size}")
     caveat = (
         "An unknown Gauss-Markov disturbance is put into each equation, each published force, moment or angle and each "
         "sensor in turn. The ranking is a hint: inputs of similar effect share the gain, and a disturbance absorbs "
@@ -53,7 +57,7 @@ def where(outcome: Outcome) -> list[Block]:
     )
     title = "Gain in log-likelihood by an unknown disturbance at each input, nominal model and final one."
     blocks += [
-        Prose(strong(said)),
+        Prose(said),
         Prose(plain(caveat)),
         Drawing(
             partial(residual_figures.ranking, found.nominal.ranked_inputs, found.final.ranked_inputs), title, title

@@ -18,7 +18,7 @@ from harness.diagnosis.result.estimator_gain import Estimated
 from harness.diagnosis.result.fitted_model import fitted_model
 from harness.diagnosis.result.study_gain import StudyGain
 from harness.diagnosis.result.value import Value
-from harness.diagnosis.result.verdict import Verdict, final_judgement, strays, verdict_of
+from harness.diagnosis.result.verdict import Verdict, final_judgement, final_posterior, strays, verdict_of
 from harness.diagnosis.selection.candidate_fits import Say
 from harness.diagnosis.selection.forward_selection import Trace
 from harness.diagnosis.selection.posterior import Posterior
@@ -69,11 +69,8 @@ class Outcome:
 
     @property
     def posterior(self) -> Posterior | None:
-        """How likely each model is; what has no name, where that was found, makes it likelier that none is right."""
-        found, unmodelled = self.trace.posterior, self.where.unmodelled
-        if found is None or unmodelled is None:
-            return found
-        return found.beside(self.trace.final, unmodelled.held_out_gain)
+        """How likely each model is, and that none of them is right."""
+        return final_posterior(self.trace, self.where)
 
     @property
     def added(self) -> tuple[Hypothesis, ...]:

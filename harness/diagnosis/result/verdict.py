@@ -8,6 +8,7 @@ from harness.diagnosis.criteria import BIC_NEEDED, EXCESS
 from harness.diagnosis.residuals.localisation import Where
 from harness.diagnosis.selection.acceptance import beyond_belief
 from harness.diagnosis.selection.forward_selection import Trace
+from harness.diagnosis.selection.posterior import Posterior
 from harness.diagnosis.selection.validation import Judgement, leaves_nothing
 
 Verdict = Literal["adequate", "amended", "unresolved"]
@@ -44,6 +45,13 @@ def final_judgement(trace: Trace, found: Where) -> Judgement:
     ):
         return found.unmodelled.judgement
     return trace.after
+
+
+def final_posterior(trace: Trace, found: Where) -> Posterior | None:
+    """Return how likely each model is; what has no name, where that was found, makes it likelier that none is right."""
+    if trace.posterior is None or found.unmodelled is None:
+        return trace.posterior
+    return trace.posterior.beside(trace.final, found.unmodelled.held_out_gain)
 
 
 def strays(trace: Trace) -> bool:

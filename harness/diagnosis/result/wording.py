@@ -15,6 +15,21 @@ from harness.reporting import style
 _PURE = 0.8
 """Share of a curve's power from which it counts as odd or even."""
 
+_SURE = 0.95
+"""Probability from which a claim is made without a word of doubt."""
+
+_LIKELY = 2 / 3
+"""Probability from which what is claimed is called probable, as the IPCC does (Mastrandrea et al. 2010)."""
+
+_CLAIMS = {
+    "lacks": ("probably lacks", "may lack"),
+    "have": ("probably have", "may have"),
+    "was wrong": ("was probably wrong", "may have been wrong"),
+    "were wrong": ("were probably wrong", "may have been wrong"),
+    "is": ("is probably", "may be"),
+}
+"""What is claimed of something probable, and of something that may as well not be so."""
+
 _FLAT = 0.3
 """Slope at the end of a curve over its steepest one, below which it saturates."""
 
@@ -87,3 +102,27 @@ def shown(disturbance_input: DisturbanceInput) -> tuple[str, float]:
         if known and known.unit == disturbance_input.unit
         else (print_unit(disturbance_input.unit), 1.0)
     )
+
+
+def in_words(probability: float) -> str:
+    """Write a probability as a number of cases: ``9 in 10``."""
+    if probability > 0.995:
+        return "more than 99 in 100"
+    if probability < 0.005:
+        return "less than 1 in 100"
+    tenths = 0.05 <= probability < 0.95
+    return f"{round(10 * probability)} in 10" if tenths else f"{round(100 * probability)} in 100"
+
+
+def claim(verb: str, probability: float | None, rest: str = "") -> str:
+    """Return a claim that is as strong as its probability, which follows it where there is doubt.
+
+    Args:
+        verb: One of ``_CLAIMS``.
+        probability: ``None`` where it is not known.
+        rest: What follows the verb.
+    """
+    if probability is None or probability >= _SURE:
+        return f"{verb} {rest}".rstrip()
+    probably, may = _CLAIMS[verb]
+    return f"{f'{probably if probability >= _LIKELY else may} {rest}'.rstrip()} ({in_words(probability)})"

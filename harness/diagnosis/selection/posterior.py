@@ -14,7 +14,7 @@ factors; where they disagree, it says how often a model would be the best of dri
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,6 +71,11 @@ class Model:
     share: float
     probability: float
 
+    def share_of(self, hypothesis: Hypothesis) -> float:
+        """Return the probability of a hypothesis in it, by the priors among what is alike; 0 if it has none of it."""
+        pairs = (pair for a in self.added for pair in zip(a.hypotheses, a.shares, strict=True))
+        return next((share for h, share in pairs if h == hypothesis), 0.0)
+
 
 @dataclass(frozen=True)
 class Posterior:
@@ -90,6 +95,16 @@ class Posterior:
         """Return the smallest set of models that holds the right one with a probability, if one of them is right."""
         before = np.cumsum([0.0, *(m.share for m in self.models)])
         return tuple(m for m, b in zip(self.models, before, strict=False) if b < mass)
+
+    def model_with(self, added: Iterable[Hypothesis]) -> Model | None:
+        """Return the model that has certain additions and no others; ``None`` if it is not among them."""
+        wanted = frozenset(added)
+        return next((m for m in self.models if frozenset(a.hypotheses[0] for a in m.added) == wanted), None)
+
+    def probability_of(self, hypotheses: Iterable[Hypothesis]) -> float:
+        """Return the probability that all of some hypotheses are right: that of the models with all of them."""
+        wanted = tuple(hypotheses)
+        return sum(m.probability * math.prod(m.share_of(h) for h in wanted) for m in self.models)
 
     def inclusion(self) -> dict[Hypothesis, float]:
         """Return the probability of each hypothesis: that of all models with it, by the priors among what is alike."""
