@@ -7,7 +7,8 @@ Why a percentile bootstrap, stratified by drive: the median has no smooth influe
 acceleration of BCa is not consistent for it, while the percentile interval is (Efron & Tibshirani, *An
 Introduction to the Bootstrap*, 1993, ch. 11 and 13). The drives of a study are chosen, not drawn, therefore
 each drive keeps its number of runs in every resample: the interval says where the median would fall if the
-study were repeated with other noise and other Sobol points *on the same drives*.
+study were repeated with other noise and other Sobol points *on the same drives*. Resamples of a drive with n runs
+have 1 - 1 / n of the variance that they should, so drives with few are resampled with all others as one.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from harness.common.arrays import Floats
 
 RESAMPLES = 2000
 _LARGEST_DRAW = 4_000_000  # numbers drawn per interval; beyond it fewer resamples are taken, never below 400
+STRATUM = 5
+"""Values from which a stratum is resampled within itself. Of eight values, two on each of four drives, an interval of
+95 % would hold the median of normal errors in 66 to 77 % of all samples; resampled as one, in 92 % or more."""
 LARGE = 100_000
 """Values of a sample above which the bootstrap distribution of its median is computed and not drawn."""
 
@@ -59,18 +63,19 @@ class Summary:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A paired comparison ``second - first``; negative where the second estimator has the smaller error.
+    """A paired comparison of positive errors; a ratio below one where the second estimator has the smaller error.
 
     Attributes:
         n: Number of pairs; infinite errors of one of both count as the largest, of both not at all.
-        difference: Median of the paired differences with its bootstrap interval.
-        wins: Share of the pairs in which the second is smaller.
-        p_value: Two-sided Wilcoxon signed-rank test of a symmetric distribution about zero, not corrected.
+        ratio: Median of the second error over the first of its pair, with its bootstrap interval.
+        wins: Number of the pairs in which the second is smaller.
+        p_value: Two-sided Wilcoxon signed-rank test of a symmetric distribution of the log ratio about zero, not
+            corrected.
     """
 
     n: int
-    difference: Interval
-    wins: float
+    ratio: Interval
+    wins: int
     p_value: float
 
 
@@ -87,6 +92,15 @@ def _values(values: ArrayLike) -> Floats:
 def _numbers(values: ArrayLike) -> list[float]:
     """Return order statistics of ``_values`` as numbers, infinite where an infinite value has a part in them."""
     return [float(np.copysign(np.inf, v)) if abs(v) > _INFINITE / 1e12 else float(v) for v in np.atleast_1d(values)]
+
+
+def one_sided(n: float) -> float:
+    """Return the probability that all of ``n`` independent values lie on one side of the median of their distribution.
+
+    It is the smallest p-value that a two-sided signed-rank or sign test of ``n`` pairs can have, and that with which
+    the interval from their smallest to their largest misses the median.
+    """
+    return float(2.0 ** (1 - n))
 
 
 @lru_cache(maxsize=8)
@@ -107,7 +121,7 @@ def _by_stratum(strata: ArrayLike | None, used: NDArray[np.bool_]) -> tuple[NDAr
             raise ValueError(f"strata have {labels.size} labels for {used.size} values; give one per value")
         labels = labels[used]
         counts = np.unique(labels, return_counts=True)[1]
-        if counts.min() > 1:
+        if counts.min() >= STRATUM:
             return np.argsort(labels, kind="stable"), tuple(int(c) for c in counts)
     return np.arange(count), (count,)
 
@@ -124,20 +138,23 @@ def median_interval(
 
     Args:
         values: Any shape; NaN is ignored, infinite values count as the largest.
-        strata: Labels of the same shape. Each stratum is resampled within itself. Where a stratum holds a
-            single value nothing could vary, so then the whole sample is resampled as one.
+        strata: Labels of the same shape. Each stratum is resampled within itself, unless one has fewer than ``STRATUM``
+            values: then the whole sample is resampled as one.
         level: Confidence level.
         resamples: Number of bootstrap samples; fewer are drawn of a sample so large that it does not matter, and none
             above ``LARGE`` values, where the distribution that they would show is computed.
         seed: Seed of the resampling; the same seed gives the same interval.
 
     Returns:
-        NaN throughout for an empty sample; an interval of no width for a single value.
+        NaN throughout for an empty sample; NaN for the ends where not even the interval from the smallest to the
+        largest value holds the median with that probability, for 95 % of fewer than six.
     """
     data = _values(values)
     if data.size == 0:
         return Interval(np.nan, np.nan, np.nan)
     order, sizes = _by_stratum(strata, ~np.isnan(np.asarray(values, dtype=float).ravel()))
+    if one_sided(data.size) > 1.0 - level:
+        return Interval(_numbers(np.median(data))[0], np.nan, np.nan)
     if data.size > LARGE:
         return _interval_of_large_sample(data[order], sizes, level)
     draws = min(resamples, max(400, _LARGEST_DRAW // data.size))
@@ -195,19 +212,19 @@ def compare(first: ArrayLike, second: ArrayLike, strata: ArrayLike | None = None
         strata: Labels for the bootstrap, see ``median_interval``.
         seed: Seed of the bootstrap.
     """
-    with np.errstate(invalid="ignore"):
-        difference = np.asarray(second, dtype=float) - np.asarray(first, dtype=float)
-    pairs = _values(difference)
-    interval = median_interval(difference, strata, seed=seed)
-    if pairs.size == 0:
-        return Comparison(0, interval, np.nan, np.nan)
-    wins = float(np.mean(pairs < 0.0))
-    if not np.any(pairs != 0.0):  # the test statistic is undefined; there is no evidence at all
-        return Comparison(pairs.size, interval, wins, 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.asarray(second, dtype=float) / np.asarray(first, dtype=float)
+        logs = _values(np.log(ratio))
+    interval = median_interval(ratio, strata, seed=seed)
+    if logs.size == 0:
+        return Comparison(0, interval, 0, np.nan)
+    wins = int(np.sum(logs < 0.0))
+    if not np.any(logs != 0.0):  # the test statistic is undefined; there is no evidence at all
+        return Comparison(logs.size, interval, wins, 1.0)
     from scipy.stats import wilcoxon  # takes longer to import than a report of one estimator to write
 
-    result: Any = wilcoxon(pairs)
-    return Comparison(pairs.size, interval, wins, float(result.pvalue))
+    result: Any = wilcoxon(logs)
+    return Comparison(logs.size, interval, wins, float(result.pvalue))
 
 
 def median_ratio(

@@ -1,4 +1,4 @@
-"""What the HTML of a report can do that paper cannot: numbers on hover, series switched on and off, sorted tables.
+"""What the HTML of a report can do that paper cannot: numbers on hover, series on and off, scales, sorted tables.
 
 All of it works in the one file, without a server and without anything loaded from elsewhere. Without scripts the page
 is what it is on paper. A content security policy allows the one script below and no other, so that no name in a study
@@ -27,7 +27,8 @@ def page(text: str) -> bytes:
     """
     here = Path(__file__).parent
     css = "".join((here / name).read_text(encoding="utf-8") for name in ("page.css", "rolled.css"))
-    script = '"use strict";\n' + "".join((here / name).read_text(encoding="utf-8") for name in ("tables.js", "page.js"))
+    scripts = [(here / name).read_text(encoding="utf-8") for name in ("tables.js", "axes.js", "page.js")]
+    script = '"use strict";\n' + "".join(scripts)
     head, mark, rest = text.partition("</head>")
     if not mark:
         raise RuntimeError("typst wrote HTML without a head")

@@ -21,6 +21,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 WIDTH = 6.89  # inches: A4 less two margins of 17.5 mm, so that a point in a figure is a point in print
@@ -31,6 +32,7 @@ _NAME = 92  # characters of a line of a legend that fit the width of the page
 _used: WeakKeyDictionary[Figure, float] = WeakKeyDictionary()  # inches that ``head`` took of a figure
 _MARK = "mark:"  # how the id of an artist begins that ``mark`` said something of
 _MARKED = re.compile(rf'<g id="{_MARK}([^"]*)">')
+_AXIS = "axis:"  # how the id of an axis begins whose scale a reader on screen may change
 TRUTH = "#000000"
 MEASURED = "#9a9a9a"
 SHADE = "#e9e9e9"
@@ -72,6 +74,12 @@ class Look:
     hatch: str
     marker: str
     dashes: str | tuple[int, tuple[float, ...]]
+    variant: bool = False
+
+    @property
+    def face(self) -> str | tuple[float, float, float]:
+        """The colour that fills a marker: white for one whose colour and marker another look has too."""
+        return "white" if self.variant else self.tint
 
     @property
     def tint(self) -> tuple[float, float, float]:
@@ -127,7 +135,7 @@ def _look(slot: int) -> Look:
     turn = slot // len(_LOOKS)
     if turn == 0:
         return base
-    return Look(base.colour, _MORE_HATCHES[slot % len(_MORE_HATCHES)] * turn, base.marker, (0, (1.0 + turn, 1.0)))
+    return Look(base.colour, _MORE_HATCHES[slot % len(_MORE_HATCHES)] * turn, base.marker, (0, (1.0 + turn, 1.0)), True)
 
 
 _MOST_DIGITS = 6
@@ -225,9 +233,14 @@ def svg(fig: Figure) -> bytes:
     """Return the figure as SVG that depends on its content only (no date, fixed ids)."""
     _lay_out(fig)
     _lay_out(fig)  # the ticks, and with them the room for their labels, depend on the height of a panel
+    for axes in fig.axes:
+        if axes.yaxis.get_gid() == _AXIS:
+            ends = [*axes.get_ylim(), *(fig.bbox.height - axes.bbox.intervaly)]
+            axes.yaxis.set_gid(_AXIS + " ".join([axes.get_yscale(), *(f"{end:.6g}" for end in ends)]))
     stream = io.BytesIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=200)
-    return _MARKED.sub(_told, stream.getvalue().decode("utf-8")).encode()
+    text = _MARKED.sub(_told, stream.getvalue().decode("utf-8"))
+    return text.replace(f'<g id="{_AXIS}', '<g data-axis="').encode()
 
 
 def _told(found: re.Match[str]) -> str:
@@ -281,13 +294,26 @@ def _fold_title(axes: Axes, renderer: RendererSVG) -> None:
         axes.set_title(textwrap.fill(text, max(1, int(0.95 * len(text) * room / wide))), loc="left")
 
 
+def rescalable(axes: Axes) -> None:
+    """Let a reader on screen change the scale of the y-axis of a panel in which all that is drawn over it is marked."""
+    axes.yaxis.set_gid(_AXIS)
+    axes.yaxis.labelpad = 10  # the numbers of the other scale may be longer
+
+
+def at_edge(axes: Axes, place: float, text: str, look: Look, top: bool = True) -> Artist:
+    """Write what is infinite, or nothing, at the end of a y-axis."""
+    where = axes.get_xaxis_transform()
+    side: Any = {"ha": "center", "va": "top" if top else "bottom", "rotation": 90, "size": 7, "color": look.line}
+    return axes.text(place, 0.97 if top else 0.03, text, transform=where, **side)
+
+
 def logarithmic(axes: Axes, low: float, high: float) -> None:
     """Use a logarithmic axis with plain numbers, at 1, 2, 5 or at decades where it spans many."""
     axes.set_yscale("log")
     subs = (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
     axes.yaxis.set_major_locator(mpl.ticker.LogLocator(subs=subs))
     axes.yaxis.set_minor_locator(mpl.ticker.NullLocator())
-    axes.yaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: number(value, 1)))
     axes.set_ylim(0.75 * low, 1.35 * high)
 
 
@@ -295,6 +321,14 @@ def patches(estimators: Sequence[str], chosen: dict[str, Look]) -> list[Patch]:
     """Return the legend of boxes, one patch per estimator."""
     return [
         Patch(facecolor=chosen[e].tint, edgecolor=chosen[e].line, hatch=chosen[e].hatch, label=e) for e in estimators
+    ]
+
+
+def markers(estimators: Sequence[str], chosen: dict[str, Look]) -> list[Line2D]:
+    """Return the legend of points, one marker per estimator."""
+    return [
+        Line2D([], [], ls="", marker=chosen[e].marker, color=chosen[e].face, mec=chosen[e].line, label=e)
+        for e in estimators
     ]
 
 

@@ -8,9 +8,17 @@ from harness.common import statistics
 
 
 def test_median_interval_of_a_sample_that_cannot_vary():
-    assert statistics.median_interval([4.0, 4.0, 4.0]) == (4.0, 4.0, 4.0)
-    assert statistics.median_interval([7.5]) == (7.5, 7.5, 7.5)
+    assert statistics.median_interval([4.0] * 6) == (4.0, 4.0, 4.0)
     assert np.isnan(statistics.median_interval([np.nan, np.nan])).all()
+
+
+def test_fewer_than_six_values_have_no_interval_at_95_percent():
+    """Five lie on one side of the median with a probability of 2 / 2**5, six with 2 / 2**6."""
+    value, lower, upper = statistics.median_interval([1.0, 2.0, 3.0, 4.0, 5.0])
+    assert value == 3.0
+    assert np.isnan([lower, upper]).all()
+    assert np.isfinite(statistics.median_interval([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])).all()
+    assert np.isfinite(statistics.median_interval([1.0, 2.0, 3.0, 4.0, 5.0], level=0.9)).all()
 
 
 def test_median_interval_is_reproducible_and_depends_on_the_seed():
@@ -61,9 +69,22 @@ def test_stratified_interval_covers_where_the_drives_differ():
     assert np.mean(stratified) < 0.7 * np.mean(pooled)
 
 
-def test_single_run_per_drive_is_resampled_as_one():
-    values = [1.0, 2.0, 3.0, 4.0, 5.0]
-    assert statistics.median_interval(values, [0, 1, 2, 3, 4]) == statistics.median_interval(values)
+def test_few_runs_per_drive_are_resampled_as_one():
+    values = np.arange(16.0)
+    assert statistics.median_interval(values, np.arange(16)) == statistics.median_interval(values)
+    assert statistics.median_interval(values, np.repeat(range(4), 4)) == statistics.median_interval(values)
+    assert statistics.median_interval(values, np.repeat(range(2), 8)) != statistics.median_interval(values)
+
+
+@pytest.mark.parametrize(("drives", "repeats"), [(4, 2), (2, 4), (1, 8)])
+def test_the_interval_of_few_runs_covers_the_true_median(drives, repeats):
+    rng = np.random.default_rng(4)
+    strata = np.repeat(np.arange(drives), repeats)
+    hits = 0
+    for trial in range(400):
+        _, lower, upper = statistics.median_interval(rng.normal(size=strata.size), strata, resamples=400, seed=trial)
+        hits += lower <= 0.0 <= upper
+    assert hits / 400 >= 0.90  # resampled within drives, two runs on each of four reach 0.77
 
 
 def test_strata_of_another_length_are_refused():
@@ -82,37 +103,38 @@ def test_summary_against_closed_form():
     assert np.isnan(statistics.summarise([]).maximum)
 
 
-def test_paired_differences_by_hand():
+def test_paired_ratios_by_hand():
     first = np.array([1.0, 2.0, 3.0, 4.0, np.nan])
-    second = np.array([0.5, 1.0, 4.0, 2.0, 1.0])  # differences -0.5, -1, +1, -2
+    second = np.array([0.5, 1.0, 4.0, 2.0, 1.0])
     result = statistics.compare(first, second)
-    assert result.n == 4
-    assert result.difference.value == -0.75
-    assert result.wins == 0.75
-    # ranks of |d|: 1, 2.5, 2.5, 4; the positive one has rank 2.5
-    assert result.p_value == pytest.approx(stats.wilcoxon([-0.5, -1.0, 1.0, -2.0]).pvalue)
+    assert (result.n, result.wins) == (4, 3)
+    assert result.ratio.value == 0.5
+    assert result.p_value == pytest.approx(stats.wilcoxon(np.log([0.5, 0.5, 4 / 3, 0.5])).pvalue)
 
 
-def test_paired_differences_find_a_small_but_steady_gain():
+def test_paired_ratios_show_a_small_but_steady_gain():
+    """Drives differ ten times as much as the estimators do."""
     rng = np.random.default_rng(2)
     drives = np.repeat(np.arange(6), 20)
-    first = 10.0 * drives + rng.normal(size=120)
-    second = first - 0.2 + 0.1 * rng.normal(size=120)
+    first = (1.0 + drives) * np.exp(0.3 * rng.normal(size=120))
+    second = 0.8 * first * np.exp(0.1 * rng.normal(size=120))
     result = statistics.compare(first, second, drives)
-    assert result.difference.lower < -0.2 < result.difference.upper < 0.0
+    assert result.ratio.lower < 0.8 < result.ratio.upper < 0.85
     assert result.p_value < 1e-6
 
 
-def test_wilcoxon_exact_value():
-    """Six differences of one sign: 2 of the 2**6 sign patterns are as extreme."""
-    result = statistics.compare(np.zeros(6), -np.arange(1.0, 7.0))
-    assert result.p_value == pytest.approx(2 / 2**6)
+@pytest.mark.parametrize("count", [4, 6, 8, 13])
+def test_smallest_p_value_of_a_test_of_pairs(count):
+    """Of the sign patterns of n differences two are the most extreme."""
+    result = statistics.compare(np.ones(count), np.exp(-np.arange(1.0, count + 1)))
+    assert result.p_value == pytest.approx(statistics.one_sided(count)) == pytest.approx(2 / 2**count)
+    assert result.wins == count
 
 
 def test_equal_estimators_show_no_difference():
     result = statistics.compare(np.ones(10), np.ones(10))
-    assert result.p_value == 1.0
-    assert result.difference == (0.0, 0.0, 0.0)
+    assert (result.p_value, result.wins) == (1.0, 0)
+    assert result.ratio == (1.0, 1.0, 1.0)
     assert statistics.compare([np.nan], [1.0]).n == 0
 
 

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 
 from harness.reporting import style
@@ -81,6 +82,56 @@ def test_a_series_is_switched_off_in_all_figures(page, tmp_path):
     seen = _after(page, tmp_path / "page.html", "document.querySelector('.tools input[value=EKF]').click()")
     marks = re.findall(r"<g [^>]*data-series[^>]*>", seen)
     assert [("EKF" in m, "display: none" in m) for m in marks] == [(True, True), (False, False)] * 2
+
+
+def _errors(values: dict[str, float], scale: str) -> str:
+    """A page with a panel of errors, one point for each series."""
+    with style.drawing():
+        fig = style.figure(2.0)
+        axes = fig.subplots()
+        for name, value in values.items():
+            style.mark(axes.plot([0, 1], [value, value]), name)
+            style.mark(axes.plot([0.5], [value], "o"), name)
+        axes.set_yscale(scale)
+        axes.set_ylim(min(values.values()) / 2 if scale == "log" else 0.0, 1.1 * max(values.values()))
+        style.rescalable(axes)
+        picture = Picture(style.svg(fig), "Errors.", "Errors")
+    return render(Document("Title", [picture]))[0].decode()
+
+
+_SEEN = """
+const axis = document.querySelector('[data-axis]'), panel = axis.parentNode.querySelector('path').getBBox();
+const share = ({y, height}) => 1 - (y + height / 2 - panel.y) / panel.height;
+const heights = [...document.querySelectorAll('[data-series]')].map((mark) => share(mark.getBBox()));
+document.title = JSON.stringify([heights, [...axis.querySelectorAll('text')].map((text) => Number(text.textContent))]);
+"""
+
+
+def _seen(values: dict[str, float], scale: str, path, doing: str) -> tuple[list[float], list[float]]:
+    """Return how far up the panel line and point of each series are after a reader did something, and the numbers."""
+    page = _after(_errors(values, scale), path / "page.html", f"onload = () => {{ {doing};{_SEEN} }}")
+    heights, numbers = json.loads(re.search(r"<title>(.*?)</title>", page)[1])
+    return heights, numbers
+
+
+@in_a_browser
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_an_axis_is_as_long_as_the_series_that_are_shown_need(tmp_path, scale):
+    off = "document.querySelector('.tools input[value=PF]').click()"
+    heights, numbers = _seen({"EKF": 2.0, "UKF": 4.0, "PF": 4000.0}, scale, tmp_path, off)
+    expected = [2 / 4.2, 4 / 4.2] if scale == "linear" else np.log([2 / 1.5, 4 / 1.5]) / np.log(5.4 / 1.5)
+    assert heights[:4] == pytest.approx(np.repeat(expected, 2), abs=1e-3)
+    assert numbers == ([0, 1, 2, 3, 4] if scale == "linear" else [2, 5])
+
+
+@in_a_browser
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_the_scale_of_an_axis_is_switched(tmp_path, scale):
+    switch = "document.querySelector('div.tools input').click()"
+    heights, numbers = _seen({"EKF": 2.0, "PF": 4000.0}, scale, tmp_path, switch)
+    share = np.log(1 / 0.75) / np.log(1.35 / 0.75 * 2000) if scale == "linear" else 2 / 4200
+    assert heights[:2] == pytest.approx([share] * 2, abs=1e-3)
+    assert numbers == ([10, 100, 1000] if scale == "linear" else [0, 1000, 2000, 3000, 4000])
 
 
 @in_a_browser

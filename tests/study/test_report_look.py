@@ -9,6 +9,7 @@ import pytest
 from matplotlib.backends.backend_svg import RendererSVG
 from matplotlib.lines import Line2D
 
+from harness.common.statistics import Interval, Summary
 from harness.models.quantities import Quantity, print_unit, quantity
 from harness.reporting import style
 from harness.reporting.document import (
@@ -25,6 +26,16 @@ from harness.reporting.document import (
 )
 from harness.study.report.sections import boxes, drives, scatter
 from support.report_parts import Page, pages
+
+NINE = ("KF", "EKF", "UKF", "CDKF", "ST-CDKF", "PF", "NARX", "EKF, tuned", "PF, tuned")
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Figures in the order in which they are laid out."""
+    found, svg = [], style.svg
+    monkeypatch.setattr(style, "svg", lambda fig: found.append(fig) or svg(fig))
+    return found
 
 
 def test_nothing_is_cut_off_and_panels_do_not_overlap():
@@ -114,9 +125,7 @@ def test_symbols_on_axes_are_set_as_formulas(one_design, monkeypatch):
     assert all(label.get_parse_math() for label in labels)
 
 
-def test_the_map_of_drives_keeps_its_width_below_labels_of_several_factors(one_design, monkeypatch):
-    drawn, svg = [], style.svg
-    monkeypatch.setattr(style, "svg", lambda fig: drawn.append(fig) or svg(fig))
+def test_the_map_of_drives_keeps_its_width_below_labels_of_several_factors(one_design, drawn):
     analysis = one_design()
     label = ", ".join(f"{name} 24 t ±5 %" for name in ("trailer mass", "stiffness load 2", "inertia scale", "ratio"))
     analysis.main.design.bands = [f"{label} {k}" for k in range(len(analysis.main.design.bands))]
@@ -127,8 +136,65 @@ def test_the_map_of_drives_keeps_its_width_below_labels_of_several_factors(one_d
             assert axes.get_title(loc="left").count("\n") == 1
 
 
-def test_figures_over_the_actual_value_share_a_page(one_design, monkeypatch):
-    drawn, svg = [], style.svg
-    monkeypatch.setattr(style, "svg", lambda fig: drawn.append(fig) or svg(fig))
+def test_figures_over_the_actual_value_share_a_page(one_design, drawn):
     scatter.blocks(one_design(levels=(8.0, 24.0), band=0.05, samples=8, repeats=1))
     assert [fig.get_figheight() for fig in drawn] == [style.HALF]
+
+
+@pytest.mark.parametrize(("times", "scale"), [(3.0, "linear"), (30.0, "log")])
+def test_an_axis_is_logarithmic_where_medians_differ_by_more_than_ten(one_design, drawn, times, scale):
+    analysis = one_design(levels=(24.0,), repeats=20)
+    analysis.main.design.rmse[0, :, 1] = times * analysis.main.design.rmse[0, :, 0]
+    boxes.pictures(analysis, analysis.main)
+    assert [axes.get_yscale() for axes in drawn[0].axes] == [scale, "linear"]
+    low, high = drawn[0].axes[0].get_ylim()
+    errors = analysis.main.design.rmse[0]
+    assert low < errors.min()
+    assert high > errors.max()
+
+
+def test_nine_estimators_at_seven_levels_have_boxes_whose_hatches_can_be_told_apart(one_design, drawn):
+    analysis = one_design(estimators=NINE, repeats=10)
+    boxes.pictures(analysis, analysis.main, opening=True)
+    shown = []
+    for fig in drawn:
+        for axes in fig.axes:
+            target = [q.words for q in analysis.main.design.targets].index(axes.get_title(loc="left"))
+            low, high = axes.get_xlim()
+            shown += [(target, band) for band in range(7) if low < band < high]
+            narrowest = min(p.get_extents().width for p in axes.patches[-9:])
+            assert narrowest > 6.5  # points
+    assert shown == [(target, band) for target in range(2) for band in range(7)]
+    assert all(fig.get_figheight() <= style.TALLEST for fig in drawn)
+    assert drawn[0].get_figheight() <= boxes._OPENING + 0.6
+
+
+def test_few_runs_are_drawn_themselves(one_design, drawn):
+    analysis = one_design(levels=(24.0,), repeats=4, drives=("roundabout",))
+    (picture,) = boxes.pictures(analysis, analysis.main)
+    values = analysis.main.design.rmse[0, 0]
+    for e in range(2):
+        runs, median = drawn[0].axes[0].lines[2 * e : 2 * e + 2]
+        np.testing.assert_allclose(np.sort(runs.get_ydata()), np.sort(values[e].ravel()))
+        np.testing.assert_allclose(median.get_ydata(), np.median(values[e]))
+    assert "Box" not in picture.caption
+    assert len({handle.get_markerfacecolor() for handle in drawn[0].legends[0].get_lines()}) == 2
+    enough = one_design(levels=(24.0,), repeats=20, drives=("roundabout",))
+    assert "Points" not in boxes.pictures(enough, enough.main)[0].caption
+
+
+def test_a_box_of_runs_that_diverged_is_open_above_and_a_median_that_did_is_named(one_design, drawn):
+    analysis = one_design(levels=(24.0,), repeats=20)
+    finite = analysis.main.summaries[0][0][0]
+    middle = finite.median.value
+    open_above = Summary(40, Interval(middle, finite.minimum, np.inf), middle / 2, np.inf, finite.minimum, np.inf)
+    nothing = Summary(40, Interval(np.inf, middle, np.inf), middle, np.inf, finite.minimum, np.inf)
+    analysis.main.summaries[0][0] = [open_above, nothing]
+    boxes.pictures(analysis, analysis.main)
+    axes = drawn[0].axes[0]
+    assert [text.get_text() for text in axes.texts] == ["diverged"]
+    (box,) = [p for p in axes.patches if p.get_hatch() is not None or p.get_path().vertices.shape[0] == 6]
+    low, high = box.get_path().vertices[:5, 1].min(), box.get_path().vertices[:5, 1].max()
+    assert low == pytest.approx(middle / 2)
+    assert axes.get_ylim()[1] < high < np.inf
+    assert axes.get_ylim()[1] == pytest.approx(1.05 * analysis.main.design.rmse[0].max())

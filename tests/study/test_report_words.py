@@ -12,7 +12,7 @@ from harness.reporting import style
 from harness.reporting.document import Bullets, Prose
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.opening import answer_in_short
-from harness.study.report.sections import answer, boxes, in_numbers
+from harness.study.report.sections import answer, boxes, in_numbers, paired
 from harness.study.results import Design, StudyResults, read
 from harness.study.scores import ESTIMATOR_DIVERGED, PLANT_DIVERGED
 from support import synthetic
@@ -42,26 +42,42 @@ def _row(findings: Findings, estimator: str) -> dict[str, str]:
 
 
 def test_no_difference_is_called_none(one_design):
-    analysis = one_design()
-    design = analysis.main.design
+    design = one_design(repeats=20).main.design
     design.errors[:, :, 1] = design.errors[:, :, 0]
     row = _row(Findings(design, 0), "UKF")
-    assert row["same run, all levels"] == "not shown"
+    assert row["same run, all levels"] == "1.00 (0/40) n.s."
     assert _row(Findings(design, 0), "EKF")["same run, all levels"] == "compared with"
 
 
-def test_a_difference_that_is_shown_may_still_be_negligible(one_design):
-    """Half a per mille on every run is significant and of no use to anybody."""
-    design = one_design(repeats=20).main.design
-    design.errors[:, :, 1] = design.errors[:, :, 0] * 0.9995
-    findings = Findings(design, 0)
-    pair = findings.compared(0, 0, 1, None)
-    assert pair.shown
-    assert pair.negligible
-    assert pair.relative == pytest.approx(-0.0005, rel=0.05)
-    assert _row(findings, "UKF")["same run, all levels"] == "within 1 %"
-    design.errors[:, :, 1] = design.errors[:, :, 0] * 0.9
-    assert _row(Findings(design, 0), "UKF")["same run, 24 t"] == "−10 %"
+def test_few_runs_are_compared_by_what_they_show(one_design):
+    """Ten times worse in 8 of 8 runs: no test can show it among 128 comparisons, and the table does."""
+    analysis = one_design(estimators=NINE, repeats=8, drives=synthetic.DRIVES[:1])
+    design = analysis.main.design
+    design.errors[:, :, 1:] = design.errors[:, :, :1] * np.linspace(1.2, 10.0, 8)[:, None, None, None]
+    analysis.findings = [findings := Findings(design, 0)]
+    assert len(findings.comparisons) == 128
+    assert (findings.pairs_needed, findings.decides) == (13, False)  # 128 * 2 / 2**13 is the first below 0.05
+    assert _row(findings, NINE[-1])["same run, 24 t"] == "10.0 (0/8)"
+    assert "8 pairs of runs and 128 comparisons" in in_numbers.few(findings)
+    (*_, sheet) = paired.blocks(analysis)
+    assert "p (Holm)" not in sheet.header
+    assert sheet.rows[-1][2:] == ["10.0", "10.0 to 10.0", "0 of 8"]
+
+
+def test_a_design_with_enough_runs_has_tests(one_design):
+    analysis = one_design(repeats=20)
+    assert (analysis.main.pairs_needed, analysis.main.decides) == (10, True)  # of 16 comparisons
+    assert in_numbers.few(analysis.main) == ""
+    (*_, sheet) = paired.blocks(analysis)
+    assert sheet.header[-1] == "p (Holm)"
+
+
+def test_fewer_than_six_runs_have_no_interval_and_no_dash(one_design):
+    analysis = one_design(repeats=2, drives=synthetic.DRIVES[:1])
+    medians = _medians(analysis.main.design)
+    assert _row(analysis.main, "UKF")["24 t"] == style.number(medians[0, 4, 1])
+    assert "without interval" in in_numbers.few(analysis.main)
+    assert not any("–" in cell for row in boxes.table(analysis.main, 0).rows for cell in row)
 
 
 def test_the_table_of_the_answer_has_the_medians_and_their_growth(one_design):
@@ -173,6 +189,7 @@ def test_answers_of_other_studies(one_design):
     assert answer_in_short(one_design(status=everything)).startswith("No run has a score. In 42 of 42 runs the vehicle")
 
 
+NINE = ("KF", "EKF", "UKF", "CDKF", "ST-CDKF", "PF", "NARX", "EKF, tuned", "PF, tuned")
 SEVEN = ("KF", "EKF", "UKF", "CDKF", "ST-CDKF", "PF", "NARX")
 
 
@@ -191,13 +208,13 @@ def test_many_estimators_are_compared_with_the_best(one_design):
     rows = {name: _row(findings, name) for name in SEVEN}
     shown = {name: row["same run, all levels"] for name, row in rows.items()}
     assert shown == {
-        "KF": "not shown",  # half of its runs are better, half are lost
-        "EKF": "within 1 %",
+        "KF": "∞ (20/40) n.s.",  # better in half of its runs, lost in the others
+        "EKF": "1.00 (0/40)",
         "UKF": "compared with",
-        "CDKF": "within 1 %",
-        "ST-CDKF": "within 1 %",
-        "PF": "+50 %",
-        "NARX": "+100 %",
+        "CDKF": "1.00 (0/40)",
+        "ST-CDKF": "1.00 (0/40)",
+        "PF": "1.50 (0/40)",
+        "NARX": "2.00 (0/40)",
     }
     assert rows["KF"]["diverged"] == str(int((design.status[:, 0] != 0).sum())) != "0"
     assert rows["PF"]["diverged"] == "0"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,8 @@ from harness.reporting.style import Look, looks
 from harness.study.report.ranking import Ranking
 from harness.study.results import Design, StudyResults
 
-NEGLIGIBLE = 0.01
-"""Share of the error below which a difference between estimators is negligible."""
+_SHOWN = 0.05
+"""p-value below which a difference is shown."""
 
 EXACT_AT_ZERO = ("input_noise_scale", "both")
 """Factor and owner: with it at zero, inputs are exact and estimators know it."""
@@ -30,8 +31,7 @@ class Paired:
         first: Number of the estimator compared with.
         second: Number of the estimator compared.
         band: Number of the band; None for all bands together.
-        result: Second minus first, in report units.
-        relative: Median difference over the median error of the first estimator on the same runs.
+        result: Second over first.
         p_corrected: p-value after Holm's correction over all comparisons of the design.
     """
 
@@ -40,18 +40,12 @@ class Paired:
     second: int
     band: int | None
     result: statistics.Comparison
-    relative: float
     p_corrected: float
 
     @property
     def shown(self) -> bool:
         """Whether a difference is shown at the 5 % level."""
-        return bool(self.p_corrected < 0.05)
-
-    @property
-    def negligible(self) -> bool:
-        """Whether the difference is below 1 % of the error, be it shown or not."""
-        return bool(abs(self.relative) < NEGLIGIBLE)
+        return bool(self.p_corrected < _SHOWN)
 
 
 @dataclass(frozen=True)
@@ -165,18 +159,18 @@ class Findings:
     def comparisons(self) -> list[Paired]:
         """All paired comparisons: by target and pair, every band and then all bands together."""
         d = self.design
-        rows: list[tuple[int, int, int, int | None, statistics.Comparison, float]] = []
+        rows: list[tuple[int, int, int, int | None, statistics.Comparison]] = []
         for t in range(len(d.targets)):
             for first, second in self.pairs:
                 values = d.errors[t]
                 for b in range(len(d.bands)):
                     one, other = values[b, first], values[b, second]
                     result = statistics.compare(one, other, d.strata, seed=self.seed)
-                    rows.append((t, first, second, b, result, _relative(result, one, other)))
+                    rows.append((t, first, second, b, result))
                 if len(d.bands) > 1:
                     one, other = _over_bands(values[:, first], values[:, second])
                     result = statistics.compare(one, other, d.strata, seed=self.seed)
-                    rows.append((t, first, second, None, result, _relative(result, one, other)))
+                    rows.append((t, first, second, None, result))
         corrected = statistics.holm([row[4].p_value for row in rows])
         return [Paired(*row, float(p)) for row, p in zip(rows, corrected, strict=True)]
 
@@ -186,6 +180,17 @@ class Findings:
         return next(
             c for c in self.comparisons if (c.target, c.first, c.second, c.band) == (target, first, second, wanted)
         )
+
+    @cached_property
+    def pairs_needed(self) -> int:
+        """Pairs of runs with which the best that a test can show is a difference at the 5 % level, after Holm."""
+        tests = sum(c.result.n > 0 for c in self.comparisons)
+        return next(n for n in count(1) if tests * statistics.one_sided(n) < _SHOWN)
+
+    @cached_property
+    def decides(self) -> bool:
+        """Whether any test of the design can show a difference."""
+        return any(c.result.n >= self.pairs_needed for c in self.comparisons)
 
     @cached_property
     def with_covariance(self) -> list[int]:
@@ -245,13 +250,6 @@ def _over_bands(
     means = (np.where(both, x, 0.0).sum(axis=0) / np.maximum(count, 1) for x in (first, second))
     one, other = (np.where(count > 0, mean, np.nan) for mean in means)
     return one, other
-
-
-def _relative(result: statistics.Comparison, first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Return the median difference over the median error of the first estimator on the runs of both."""
-    both = ~np.isnan(first) & ~np.isnan(second)
-    error = float(np.median(first[both])) if both.any() else 0.0
-    return result.difference.value / error if error > 0 else np.nan
 
 
 class Analysis:

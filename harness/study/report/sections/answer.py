@@ -46,7 +46,7 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
         *opening,
         *_of_the_box(analysis),
         *_standings(analysis),
-        Prose(plain(_scope(analysis))),
+        Prose(plain(" ".join(filter(None, [_scope(analysis), in_numbers.few(findings)])))),
         *figures,
         in_numbers.table(findings),
         Bullets(items),

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from harness.common.statistics import Summary
 from harness.reporting import style
 from harness.reporting.document import Block, Heading, Picture, Prose, Sheet, plain
+from harness.reporting.style import Look
 from harness.study.report.analysis import Analysis, Findings
 from harness.study.report.levels import NAMED, varied
 from harness.study.results import Design
@@ -22,7 +27,11 @@ _OPENING = 5.8  # inches of the first page that the answer in words leaves to a 
 _LOWEST = 1.35  # inches per target where that keeps a figure on the first page
 _LABEL = 80  # characters of an axis label that fit the width of the page
 _LINES = {"bound": (0, (4, 2)), "smoother": (0, (1, 1.5))}
-_LOGARITHMIC_FROM = 30.0  # largest error over typical error from which a linear axis would show nothing
+_SIDE_BY_SIDE = 40  # boxes across the page whose hatches can still be told apart
+_DECADE = 10.0  # largest median over the smallest from which a linear axis would flatten the small boxes
+_FAR = 30.0  # largest error over the typical one from which it would flatten all
+FEW = 20
+"""Runs below which a box is drawn as its runs: quartiles of fewer say less, and are often too near to be seen."""
 
 
 def blocks(analysis: Analysis) -> list[Block]:
@@ -106,12 +115,79 @@ def label_levels(axes: Axes, design: Design) -> None:
 
 def foot(design: Design) -> float:
     """Return the inches that the labels of the levels need below the panels."""
-    return (0.9 if len(design.bands) <= UPRIGHT else 1.9) + 0.16 * factor_label(design).count("\n")
+    return 0.35 + _names(design) + 0.16 * factor_label(design).count("\n")
 
 
-def row_height(design: Design) -> float:
-    """Return the inches a target needs: more where many boxes stand side by side."""
-    return 1.65 if len(design.estimators) <= 3 else 2.3
+def _names(design: Design) -> float:
+    """Return the inches that the names of the levels need below a panel."""
+    return 0.55 if len(design.bands) <= UPRIGHT else 1.55
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One target at levels that stand side by side."""
+
+    target: int
+    levels: range
+
+
+def arranged(design: Design, side_by_side: int, opening: bool = False) -> tuple[list[list[Panel]], float]:
+    """Return the panels of each figure of a design, as many as fit on a page, and the height of a panel in inches.
+
+    Args:
+        design: The design.
+        side_by_side: Boxes that a panel has room for; a target with more has several panels, of some levels each.
+        opening: Whether the first figure shares its page with the answer in words.
+    """
+    count = len(design.bands)
+    rows = -(-count // max(1, side_by_side // len(design.estimators)))
+    size = -(-count // rows)
+    levels = [range(first, min(first + size, count)) for first in range(0, count, size)]
+    own = _names(design) if len(levels) > 1 else 0.0
+    tall = own + (1.65 if len(design.estimators) <= 3 else 2.3)  # more where many boxes stand side by side
+    room = (_OPENING if opening else style.TALLEST - 0.45) - 0.25 - foot(design)
+    fitting = max(1, int((room + own) // (own + _LOWEST if opening else tall)))
+    if fitting > len(levels):
+        fitting -= fitting % len(levels)  # the panels of a target stay together
+    panels = [Panel(target, some) for target in range(len(design.targets)) for some in levels]
+    height = min(tall, (room + own) / min(fitting, len(panels)))
+    return [panels[k : k + fitting] for k in range(0, len(panels), fitting)], height
+
+
+def framed(
+    findings: Findings,
+    panels: Sequence[Panel],
+    height: float,
+    draw: Callable[[Axes, Panel], None],
+    title: str,
+    legend: Sequence[Any],
+) -> bytes:
+    """Return a figure of panels above the names of their levels, as SVG.
+
+    Args:
+        findings: Of a design.
+        panels: From ``arranged``.
+        height: Of a panel, likewise.
+        draw: Draws a panel.
+        title: The question that the figure answers.
+        legend: Handles of the legend.
+    """
+    design = findings.design
+    with style.drawing():
+        fig = style.figure(0.25 + foot(design) + height * len(panels))
+        rows = fig.subplots(len(panels), 1, squeeze=False)[:, 0]
+        wide = max(len(panel.levels) for panel in panels)
+        for axes, panel in zip(rows, panels, strict=True):
+            style.mark_matched(axes, design.matched if design.matched in panel.levels else None)
+            draw(axes, panel)
+            label_levels(axes, design)
+            axes.set_xlim(panel.levels.start - 0.5, panel.levels.start + wide - 0.5)
+            axes.grid(axis="y")
+            if axes is not rows[-1]:
+                axes.set_xlabel("")
+                axes.tick_params(labelbottom=wide < len(design.bands))
+        style.head(fig, title, legend)
+        return style.svg(fig)
 
 
 def pictures(analysis: Analysis, findings: Findings, opening: bool = False) -> list[Picture]:
@@ -122,88 +198,119 @@ def pictures(analysis: Analysis, findings: Findings, opening: bool = False) -> l
         findings: The design.
         opening: Whether the figure shares the first page with the answer in words.
     """
-    design = findings.design
-    room = (_OPENING if opening else style.TALLEST - 0.45) - 0.25 - foot(design)
-    per_figure = max(1, int(room // (_LOWEST if opening else row_height(design))))
-    height = min(row_height(design), room / min(per_figure, len(design.targets)))
-    starts = range(0, len(design.targets), per_figure)
-    return [_picture(analysis, findings, list(range(len(design.targets)))[k : k + per_figure], height) for k in starts]
+    figures, height = arranged(findings.design, _SIDE_BY_SIDE, opening)
+    return [_picture(analysis, findings, panels, height) for panels in figures]
 
 
-def _picture(analysis: Analysis, findings: Findings, targets: list[int], height: float) -> Picture:
+def _picture(analysis: Analysis, findings: Findings, panels: list[Panel], height: float) -> Picture:
     design = findings.design
-    with style.drawing():
-        fig = style.figure(0.25 + foot(design) + height * len(targets))
-        rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, t in zip(rows, targets, strict=True):
-            _boxes(axes, analysis, findings, t)
-        label_levels(rows[-1], design)
-        handles: list[Any] = style.patches(design.estimators, analysis.looks)
-        for name in _at_best(analysis, findings, targets[0]):
-            handles.append(Line2D([], [], color="black", ls=_LINES[name], label=name))
-        style.head(fig, heading(design), handles)
-        svg = style.svg(fig)
-    names = " and ".join(design.targets[t].words for t in targets)
-    caption = (
-        f"RMSE of {names}. Box: quartiles; line: median; thick bar: its 95 % bootstrap interval; whiskers: smallest "
-        "and largest run. n: runs of each box, the same for all estimators."
+    targets = dict.fromkeys(panel.target for panel in panels)
+    best = _at_best(analysis, findings, panels[0].target)
+    counts = {s.n for t in targets for row in findings.summaries[t] for s in row if s.n}
+    handles: list[Any] = style.patches(design.estimators, analysis.looks)
+    if not counts or max(counts) < FEW:
+        handles = style.markers(design.estimators, analysis.looks)
+    handles += [Line2D([], [], color="black", ls=_LINES[name], label=name) for name in best]
+    svg = framed(
+        findings,
+        panels,
+        height,
+        lambda axes, panel: _boxes(axes, analysis, findings, panel),
+        heading(design),
+        handles,
     )
+    names = " and ".join(design.targets[t].words for t in targets)
+    caption = f"RMSE of {names}."
+    if counts and max(counts) >= FEW:
+        caption += (
+            " Box: quartiles; line: median; thick bar: its 95 % bootstrap interval; whiskers: smallest and largest run."
+        )
+    if counts and min(counts) < FEW:
+        of = f" of a box with fewer than {FEW}" if max(counts) >= FEW else ""
+        caption += f" Points: the runs{of}; line: their median."
+    caption += " n: runs of each box, the same for all estimators."
     if any(design.diverged(e) for e in range(len(design.estimators))):
         caption += " div.: of these, runs in which an estimator diverged; they count as larger than any other."
     if design.out_of_control.any():
         caption += " out: runs in which the vehicle went out of control, in no box."
-    shown = _at_best(analysis, findings, targets[0])
-    if "bound" in shown:
+    if "bound" in best:
         caption += (
             " Dashed: the posterior Cramér-Rao bound (Tichavsky et al. 1998), median over the drives: the smallest "
             "RMSE of anyone who knows the vehicle, with these sensors and the belief's noise of unknown inputs."
         )
-    if "smoother" in shown:
+    if "smoother" in best:
         caption += " Dotted: a smoother that knows the same, and all measurements of a run at every sample."
     return Picture(svg, caption, f"Box plots of the RMSE of {names} per level and estimator")
 
 
-def _boxes(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> None:
-    design = findings.design
-    style.mark_matched(axes, design.matched)
+def _boxes(axes: Axes, analysis: Analysis, findings: Findings, panel: Panel) -> None:
+    design, target = findings.design, panel.target
+    summaries = findings.summaries[target]
+    best = _at_best(analysis, findings, target)
+    top = scale_errors(axes, findings.medians[target], np.append(design.errors[target], list(best.values())))
+    style.rescalable(axes)
     count = len(design.estimators)
     width = 0.8 / count
     for e, name in enumerate(design.estimators):
-        look = analysis.looks[name]
-        bands = [band for band in range(len(design.bands)) if findings.summaries[target][band][e].n]
-        if not bands:
-            continue
-        places = [band + (e - (count - 1) / 2) * width for band in bands]
-        boxes = [_statistics(findings.summaries[target][band][e]) for band in bands]
-        drawn = axes.bxp(
-            boxes,
-            positions=places,
-            widths=0.82 * width,
-            showfliers=False,
-            patch_artist=True,
-            manage_ticks=False,
-            boxprops={"facecolor": look.tint, "edgecolor": look.line, "hatch": look.hatch},
-            whiskerprops={"color": look.line, "linewidth": 0.8},
-            capprops={"color": look.line, "linewidth": 0.8},
-            medianprops={"color": "black", "linewidth": 1.0},
-        )
-        for number, band in enumerate(bands):
-            parts = [drawn[kind][number] for kind in ("boxes", "medians")]
-            parts += [drawn[kind][2 * number + side] for kind in ("whiskers", "caps") for side in range(2)]
+        for band in panel.levels:
+            s, place, look = summaries[band][e], band + (e - (count - 1) / 2) * width, analysis.looks[name]
+            if not s.n:
+                continue
+            parts: Artist | list[Artist]
+            if not np.isfinite(s.median.value):
+                parts = style.at_edge(axes, place, "diverged", look)
+            elif s.n < FEW:
+                parts = _points(axes, s, design.errors[target, band, e], place, 0.82 * width, look)
+            else:
+                parts = _box(axes, s, place, 0.82 * width, look, 2 * top)
             style.mark(parts, name, _in_words(findings, target, band, e))
-        low, high = [b["low"] for b in boxes], [b["high"] for b in boxes]
-        style.mark(axes.vlines(places, low, high, color="white", lw=3.6, zorder=5), name)
-        style.mark(axes.vlines(places, low, high, color="black", lw=2.2, zorder=6), name)
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
-    shown = design.errors[target]
-    for name, values in _at_best(analysis, findings, target).items():
+    for name, values in best.items():
         left, right = ([band + side for band in range(len(values))] for side in (-0.45, 0.45))
         style.mark(axes.hlines(values, left, right, color="black", ls=_LINES[name], lw=1.0), "", name)
-        shown = np.append(shown, values)
-    scale_errors(axes, shown)
-    axes.grid(axis="y")
+
+
+def _box(axes: Axes, s: Summary, place: float, width: float, look: Look, most: float) -> list[Artist]:
+    """Draw a box; what is infinite ends at ``most``, beyond the panel, so that it is open above."""
+    low, high = np.minimum([s.median.lower, s.median.upper], most)
+    drawn = axes.bxp(
+        [
+            {
+                "med": s.median.value,
+                "q1": s.lower_quartile,
+                "q3": min(s.upper_quartile, most),
+                "whislo": s.minimum,
+                "whishi": min(s.maximum, most),
+            }
+        ],
+        positions=[place],
+        widths=width,
+        showfliers=False,
+        patch_artist=True,
+        manage_ticks=False,
+        boxprops={"facecolor": look.tint, "edgecolor": look.line, "hatch": look.hatch},
+        whiskerprops={"color": look.line, "linewidth": 0.8},
+        capprops={"color": look.line, "linewidth": 0.8},
+        medianprops={"color": "black", "linewidth": 1.0},
+    )
+    interval = [
+        axes.vlines(place, low, high, color=c, lw=w, zorder=z) for c, w, z in (("white", 3.6, 5), ("black", 2.2, 6))
+    ]
+    return [*drawn["boxes"], *drawn["whiskers"], *drawn["caps"], *drawn["medians"], *interval]
+
+
+def _points(
+    axes: Axes, s: Summary, values: NDArray[np.float64], place: float, width: float, look: Look
+) -> list[Artist]:
+    """Draw the runs of a box side by side, and the line of their median."""
+    runs = values[np.isfinite(values)]
+    places = place + width * (np.arange(runs.size) + 0.5 - runs.size / 2) / runs.size
+    return [
+        *axes.plot(places, runs, look.marker, ms=3.4, color=look.face, mec=look.line, mew=0.5),
+        *axes.plot(place + width * np.array([-0.5, 0.5]), [s.median.value] * 2, color="black", lw=0.8),
+    ]
 
 
 def _at_best(analysis: Analysis, findings: Findings, target: int) -> dict[str, np.ndarray]:
@@ -214,13 +321,14 @@ def _at_best(analysis: Analysis, findings: Findings, target: int) -> dict[str, n
     return {n: np.array(v, dtype=float) * quantity.scale for n, v in found.items() if v is not None}
 
 
-def scale_errors(axes: Axes, errors: np.ndarray) -> None:
-    """Begin at zero; where errors span more than a decade and a half, use a logarithmic axis."""
-    finite = errors[np.isfinite(errors) & (errors > 0)]
-    if finite.size and finite.max() > _LOGARITHMIC_FROM * np.median(finite):
-        style.logarithmic(axes, float(finite.min()), float(finite.max()))
+def scale_errors(axes: Axes, medians: NDArray[np.float64], errors: NDArray[np.float64]) -> float:
+    """Let an axis of errors begin at zero, or be logarithmic where that would flatten what it shows; return its top."""
+    middle, seen = (x[np.isfinite(x) & (x > 0)] for x in (medians, errors))
+    if middle.size and (middle.max() > _DECADE * middle.min() or seen.max() > _FAR * np.median(seen)):
+        style.logarithmic(axes, float(seen.min()), float(seen.max()))
     else:
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0.0, 1.05 * float(seen.max()) if seen.size else 1.0)
+    return axes.get_ylim()[1]
 
 
 def _in_words(findings: Findings, target: int, band: int, e: int) -> str:
@@ -228,24 +336,12 @@ def _in_words(findings: Findings, target: int, band: int, e: int) -> str:
     design, s = findings.design, findings.summaries[target][band][e]
     unit = design.targets[target].unit
     where = f", {design.bands[band]}" if len(design.bands) > 1 else ""
+    interval = "" if np.isnan(s.median.lower) else f" ({style.span(s.median.lower, s.median.upper, unit)})"
+    quartiles = f", quartiles {style.span(s.lower_quartile, s.upper_quartile, unit)}" if s.n >= FEW else ""
     return (
-        f"{design.estimators[e]}{where}: median {style.with_unit(s.median.value, unit)} "
-        f"({style.span(s.median.lower, s.median.upper, unit)}), quartiles "
-        f"{style.span(s.lower_quartile, s.upper_quartile, unit)}, smallest {style.with_unit(s.minimum, unit)}, largest "
-        f"{style.with_unit(s.maximum, unit)}, {s.n} runs"
+        f"{design.estimators[e]}{where}: median {style.with_unit(s.median.value, unit)}{interval}{quartiles}, smallest "
+        f"{style.with_unit(s.minimum, unit)}, largest {style.with_unit(s.maximum, unit)}, {s.n} runs"
     )
-
-
-def _statistics(s: Summary) -> dict[str, Any]:
-    return {
-        "med": s.median.value,
-        "q1": s.lower_quartile,
-        "q3": s.upper_quartile,
-        "whislo": s.minimum,
-        "whishi": s.maximum,
-        "low": s.median.lower,
-        "high": s.median.upper,
-    }
 
 
 def table(findings: Findings, target: int) -> Sheet:
@@ -272,8 +368,10 @@ def _cell(findings: Findings, target: int, band: int, e: int) -> str:
     """Return the lines of a cell; what did not happen has none."""
     s = findings.summaries[target][band][e]
     lines = [style.number(s.median.value)]
-    if s.n:
-        lines += [f"{style.number(s.median.lower)}–{style.number(s.median.upper)}", f"max {style.number(s.maximum)}"]
+    if not np.isnan(s.median.lower):
+        lines.append(f"{style.number(s.median.lower)}–{style.number(s.median.upper)}")
+    if s.n > 1:
+        lines.append(f"max {style.number(s.maximum)}")
     design = findings.design
     counts = {"diverged": design.diverged(e, band), "not run": design.count(PENDING, band, e)}
     return "\n".join(lines + [f"{count} {name}" for name, count in counts.items() if count])

@@ -7,7 +7,8 @@ import numpy as np
 from harness.models.quantities import listed
 from harness.reporting.document import Sheet
 from harness.reporting.style import in_unit, number, percent
-from harness.study.report.analysis import Findings, Paired
+from harness.study.report.analysis import Findings
+from harness.study.report.sections import boxes, paired
 from harness.study.results import Design
 
 
@@ -41,6 +42,24 @@ def table(findings: Findings) -> Sheet:
     return Sheet(header, rows, _caption(findings, start, ends, any(lost)), left=2)
 
 
+def few(findings: Findings) -> str:
+    """Say how well a design of few runs knows a median, and what its tests can show; nothing of one with enough."""
+    design = findings.design
+    summaries = [s for table in findings.summaries for row in table for s in row if s.n]
+    if not summaries or max(s.n for s in summaries) >= boxes.FEW:
+        return paired.few(findings)
+    ends = np.array([s.median[1:] for s in summaries])
+    half = np.sqrt(ends[:, 1] / ends[:, 0]) - 1.0
+    drives = "this drive" if len(design.drives) == 1 else "these drives"
+    sure = (
+        f"to about ± {percent(float(np.nanmedian(half)))} on {drives}"
+        if np.isfinite(half).any()
+        else "without interval"
+    )
+    text = f"So few runs give a median {sure} and tell nothing of other drives."
+    return " ".join(filter(None, [text, paired.few(findings)]))
+
+
 def _caption(findings: Findings, start: int | None, ends: list[int], lost: bool) -> str:
     design = findings.design
     text = "Median RMSE"
@@ -55,10 +74,9 @@ def _caption(findings: Findings, start: int | None, ends: list[int], lost: bool)
     text += "."
     if findings.pairs:
         first = design.estimators[findings.pairs[0][0]]
-        text += (
-            f" Same run: median difference from {first} in percent of its median RMSE; “not shown”: p of at least 0.05 "
-            "after Holm's correction."
-        )
+        text += f" Same run: median of the error over that of {first}, and in how many runs it is smaller."
+        if findings.decides:
+            text += " n.s.: not significant, p of at least 0.05 after Holm's correction."
     if lost:
         text += " A run that diverged counts as larger than any other."
     if design.out_of_control.any():
@@ -89,7 +107,10 @@ def _where(design: Design, band: int | None) -> str:
 
 def _at_home(findings: Findings, target: int, band: int, e: int) -> str:
     s = findings.summaries[target][band][e]
-    return f"{number(s.median.value)} ({number(s.median.lower)} to {number(s.median.upper)})" if s.n else "–"
+    if not s.n:
+        return "–"
+    between = "" if np.isnan(s.median.lower) else f" ({number(s.median.lower)} to {number(s.median.upper)})"
+    return number(s.median.value) + between
 
 
 def _grown(findings: Findings, target: int, start: int | None, band: int, e: int) -> str:
@@ -100,17 +121,11 @@ def _grown(findings: Findings, target: int, start: int | None, band: int, e: int
 
 
 def _compared(findings: Findings, target: int, band: int | None, e: int) -> str:
-    """Return by how much an estimator is worse or better than the one all are compared with, on the same run."""
+    """Return how many times the error of the estimator that all are compared with it is on the same run."""
     if e == findings.pairs[0][0]:
         return "compared with"
-    return _difference(findings.compared(target, *next(p for p in findings.pairs if p[1] == e), band))
-
-
-def _difference(pair: Paired) -> str:
+    pair = findings.compared(target, *next(p for p in findings.pairs if p[1] == e), band)
     if not pair.result.n:
         return "–"
-    if not pair.shown:
-        return "not shown"
-    if pair.negligible:
-        return "within 1 %"
-    return f"{'+' if pair.relative > 0 else '−'}{percent(abs(pair.relative))}"
+    text = f"{number(pair.result.ratio.value)} ({pair.result.wins}/{pair.result.n})"
+    return text if pair.shown or not findings.decides else f"{text} n.s."

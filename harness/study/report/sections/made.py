@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from harness.common.statistics import RESAMPLES
+from harness.common.statistics import RESAMPLES, STRATUM
 from harness.config import NOISE_GROUPS
 from harness.models.quantities import print_unit, quantity, words
 from harness.reporting.document import Block, Bullets, Heading, Listing, Prose, Sheet, plain
@@ -31,8 +31,8 @@ _DEFINITIONS = (
     r"$[chi^2_(0.025)(M m), chi^2_(0.975)(M m)] \/ M$ with a probability of 95 %; the average NEES over "
     r"$N$ runs in "
     r"$[chi^2_(0.025)(N n), chi^2_(0.975)(N n)] \/ N$ with at least that.",
-    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled within itself, "
-    "seeded with the seed of the study.",
+    f"*Interval of a median.* Percentile bootstrap with {RESAMPLES} resamples, each drive resampled within itself "
+    f"where all have {STRATUM} runs or more, seeded with the seed of the study; none of fewer than 6 runs.",
 )
 
 

@@ -1,4 +1,4 @@
-"""Paired differences between estimators: every estimator saw the same drive, noise and Sobol point."""
+"""Paired ratios of errors of two estimators: every estimator saw the same drive, noise and Sobol point."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from matplotlib.lines import Line2D
 from harness.reporting import style
 from harness.reporting.document import Block, Heading, Picture, Prose, Sheet, plain
 from harness.study.report.analysis import Analysis, Findings, Paired
-from harness.study.report.sections.boxes import foot, label_levels, row_height
+from harness.study.report.sections.boxes import Panel, arranged, framed
+
+_SIDE_BY_SIDE = 72  # markers across the page that do not cover each other
+_SPREAD = 4.0  # largest ratio over the smallest from which an axis is logarithmic
 
 
 def blocks(analysis: Analysis) -> list[Block]:
-    """Return figure and table of the differences of every design; nothing for a single estimator."""
+    """Return figure and table of the ratios of every design; nothing for a single estimator."""
     if not any(findings.pairs for findings in analysis.findings):
         return []
     found: list[Block] = [Heading("Which estimator is better, run by run?")]
@@ -25,13 +28,28 @@ def blocks(analysis: Analysis) -> list[Block]:
     return found
 
 
+def few(findings: Findings) -> str:
+    """Say what the tests of a design can show at best, where that is nothing; else nothing."""
+    if not findings.pairs or findings.decides:
+        return ""
+    most = max(c.result.n for c in findings.comparisons)
+    tests = sum(c.result.n > 0 for c in findings.comparisons)
+    return (
+        f"With {most} pairs of runs and {tests} comparisons no test can show a difference between estimators (that "
+        f"takes {findings.pairs_needed} pairs): read the ratio of their errors and in how many runs it is below one."
+    )
+
+
 def _explain(findings: Findings) -> str:
     names = findings.design.estimators
     text = (
-        "Each difference is taken within one run, so what the runs have in common (drive, noise, factor) cancels. The "
-        "p-value is that of a two-sided Wilcoxon signed-rank test, corrected by Holm for all comparisons of the "
-        "design. The drives are chosen, not drawn at random: interval and p-value speak of these drives with other "
-        "noise, not of driving at large."
+        "Each ratio is taken within one run, so what the runs have in common (drive, noise, factor) cancels. The "
+        "drives are chosen, not drawn at random: intervals and p-values speak of these drives with other noise, not of "
+        "driving at large. "
+    )
+    text += few(findings) or (
+        "The p-value is that of a two-sided Wilcoxon signed-rank test of the log ratio, corrected by Holm for all "
+        "comparisons of the design."
     )
     if len(findings.design.bands) > 1:
         text += " All levels: the mean error of a run over the levels, which share its noise."
@@ -41,62 +59,60 @@ def _explain(findings: Findings) -> str:
 
 
 def _pictures(analysis: Analysis, findings: Findings) -> list[Block]:
-    targets = range(len(findings.design.targets))
-    per_page = int((style.TALLEST - 0.7 - foot(findings.design)) // row_height(findings.design))
-    starts = range(0, len(targets), per_page)
-    return [_picture(analysis, findings, list(targets[start : start + per_page])) for start in starts]
+    figures, height = arranged(findings.design, _SIDE_BY_SIDE)
+    return [_picture(analysis, findings, panels, height) for panels in figures]
 
 
-def _picture(analysis: Analysis, findings: Findings, targets: list[int]) -> Picture:
-    design = findings.design
-    names = design.estimators
-    if len(names) == 2:
-        question = f"Is {names[1]} better than {names[0]} on the same run?"
-    else:
-        question = f"Is an estimator better than {names[findings.reference]} on the same run?"
-    with style.drawing():
-        fig = style.figure(0.25 + foot(design) + row_height(design) * len(targets))
-        rows = fig.subplots(len(targets), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, t in zip(rows, targets, strict=True):
-            _differences(axes, analysis, findings, t)
-        label_levels(rows[-1], design)
-        handles = []
-        for a, b in findings.pairs:
-            look = analysis.looks[names[b]]
-            label = f"{names[b]} − {names[a]}"
-            handles.append(Line2D([], [], color=look.line, marker=look.marker, ls="-", label=label))
-        style.head(fig, question, handles)
-        svg = style.svg(fig)
-    caption = (
-        "Median of the paired differences of RMSE with its 95 % bootstrap interval; below zero the estimator "
-        "named first is better. Filled: p < 0.05 after Holm's correction; open: no difference shown."
+def _picture(analysis: Analysis, findings: Findings, panels: list[Panel], height: float) -> Picture:
+    names = findings.design.estimators
+    first = names[findings.pairs[0][0]]
+    handles = [
+        Line2D([], [], color=look.line, marker=look.marker, ls="-", label=f"{names[b]} / {first}")
+        for _, b in findings.pairs
+        for look in [analysis.looks[names[b]]]
+    ]
+    question = f"Is {names[1] if len(names) == 2 else 'an estimator'} better than {first} on the same run?"
+    svg = framed(
+        findings, panels, height, lambda axes, panel: _ratios(axes, analysis, findings, panel), question, handles
     )
+    caption = (
+        f"Error over that of {first} on the same run: median with its 95 % bootstrap interval; below one the other is "
+        "better."
+    )
+    if findings.decides:
+        caption += " Filled: p < 0.05 after Holm's correction; open: no difference shown."
     return Picture(svg, caption, question)
 
 
-def _differences(axes: Axes, analysis: Analysis, findings: Findings, target: int) -> None:
-    design = findings.design
-    style.mark_matched(axes, design.matched)
-    axes.axhline(0.0, color="black", lw=0.8)
+def _ratios(axes: Axes, analysis: Analysis, findings: Findings, panel: Panel) -> None:
+    design, quantity = findings.design, findings.design.targets[panel.target]
+    style.mark(axes.axhline(1.0, color="black", lw=0.8), "", "no difference")
     count = len(findings.pairs)
+    of_all = [c.result.ratio for c in findings.comparisons if c.target == panel.target and c.band is not None]
+    ends = np.array([1.0, *(v for ratio in of_all for v in ratio if 0 < v < np.inf)])
+    if ends.max() > _SPREAD * ends.min():
+        style.logarithmic(axes, float(ends.min()), float(ends.max()))
+        style.rescalable(axes)
+    else:
+        room = 0.12 * max(np.ptp(ends), 1e-3)
+        axes.set_ylim(ends.min() - room, ends.max() + room)
     for number, (a, b) in enumerate(findings.pairs):
-        look = analysis.looks[design.estimators[b]]
-        offset = (number - (count - 1) / 2) * 0.8 / max(count, 2)
-        found = [findings.compared(target, a, b, band) for band in range(len(design.bands))]
-        values, low, high = np.array([c.result.difference for c in found]).T
-        places = np.arange(len(found)) + offset
-        name = design.estimators[b]
-        style.mark(axes.vlines(places, low, high, color=look.line, lw=1.4), name)
-        unit = design.targets[target].unit
-        for place, value, one, band in zip(places, values, found, design.bands, strict=True):
-            face = look.line if one.shown else "white"
+        name, look = design.estimators[b], analysis.looks[design.estimators[b]]
+        for band in panel.levels:
+            pair = findings.compared(panel.target, a, b, band)
+            place = band + (number - (count - 1) / 2) * 0.8 / max(count, 2)
+            value, low, high = pair.result.ratio
+            if np.isinf(value) or value == 0:
+                lost = name if value else design.estimators[a]
+                style.mark(style.at_edge(axes, place, f"{lost} diverged", look, top=bool(value)), name)
+                continue
+            interval = axes.vlines(place, low, min(high, 2 * axes.get_ylim()[1]), color=look.line, lw=1.4)
+            face = look.line if pair.shown or not findings.decides else "white"
             points = axes.plot(place, value, look.marker, ms=5.5, mec=look.line, mfc=face)
-            told = f"{name} − {design.estimators[a]}, {band}: {style.with_unit(value, unit)} "
-            style.mark(points, name, f"{told}({style.span(one.result.difference[1], one.result.difference[2], unit)})")
-    quantity = design.targets[target]
-    axes.set_ylabel(f"difference of RMSE{style.in_unit(quantity.unit)}")
+            words = f"{name} / {design.estimators[a]}, {design.bands[band]}: {', '.join(_numbers(pair)[:3])}"
+            style.mark([interval, *points], name, words)
+    axes.set_ylabel(f"RMSE over that of\n{design.estimators[findings.pairs[0][0]]}")
     axes.set_title(quantity.words, loc="left")
-    axes.grid(axis="y")
 
 
 def _table(findings: Findings, target: int) -> Sheet:
@@ -107,29 +123,23 @@ def _table(findings: Findings, target: int) -> Sheet:
         if c.target != target or c.band not in findings.told:
             continue
         pair = (c.first, c.second)
-        label = f"{design.estimators[c.second]} − {design.estimators[c.first]}"
+        label = f"{design.estimators[c.second]} / {design.estimators[c.first]}"
         level = "all" if c.band is None else design.bands[c.band]
-        rows.append(["" if pair == last else label, level, str(c.result.n), *_numbers(c)])
+        rows.append(["" if pair == last else label, level, *_numbers(c)[: 4 if findings.decides else 3]])
         last = pair
-    header = ["difference", "level", "pairs", "median", "its 95 % interval", "of the RMSE", "better in", "p (Holm)"]
-    quantity = design.targets[target]
+    header = ["ratio", "level", "median", "its 95 % interval", "smaller in"] + ["p (Holm)"] * findings.decides
     caption = (
-        f"Paired differences of the RMSE of {quantity.words}{style.in_unit(quantity.unit)}, design “{design.name}”. Of "
-        "the RMSE: the median difference in percent of the median RMSE of the estimator named last. Better in: share "
-        "of the runs in which the estimator named first has the smaller error."
+        f"Ratio of the RMSE of {design.targets[target].words} on the same run, design “{design.name}”. Smaller in: the "
+        "runs in which the estimator named first has the smaller error."
     )
     return Sheet(header, rows, caption, left=2)
 
 
-def _numbers(c: Paired) -> list[str]:
-    if not c.result.n:
-        return ["–"] * 5
-    value, lower, upper = c.result.difference
-    wins = f"{100 * c.result.wins:.0f} %"
-    return [
-        style.number(value),
-        style.span(lower, upper),
-        style.percent(c.relative),
-        wins,
-        style.probability(c.p_corrected),
-    ]
+def _numbers(pair: Paired) -> list[str]:
+    """Return ratio, interval, runs in which it is below one, and p-value in words."""
+    result = pair.result
+    if not result.n:
+        return ["–"] * 4
+    value, lower, upper = result.ratio
+    interval = "–" if np.isnan(lower) else style.span(lower, upper)
+    return [style.number(value), interval, f"{result.wins} of {result.n}", style.probability(pair.p_corrected)]

@@ -118,5 +118,5 @@ def _panel(axes: Axes, analysis: Analysis, findings: Findings, factor: Factor, t
     quantity = design.targets[target]
     axes.set_ylabel(f"RMSE of ${quantity.symbol}${style.in_unit(quantity.unit)}", parse_math=True)
     axes.set_title(quantity.words, loc="left")
-    scale_errors(axes, values)
+    scale_errors(axes, findings.medians[target], values)
     axes.grid(axis="y")
