@@ -28,7 +28,7 @@ const ticks = (low, high, log) => {
   const found = [];
   if (log)
     for (let k = Math.floor(Math.log10(low)); 10 ** k <= high; k++)
-      for (const part of high / low < 300 ? [1, 2, 5] : [1]) found.push(Number(`${part}e${k}`));
+      for (const part of high / low < 540 ? [1, 2, 5] : [1]) found.push(Number(`${part}e${k}`));
   else {
     const size = 10 ** Math.floor(Math.log10(high / 5));
     const step = [1, 2, 5, 10].map((part) => part * size).find((part) => part >= high / 6);

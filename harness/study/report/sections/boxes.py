@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from harness.common.statistics import Summary
@@ -274,31 +275,24 @@ def _boxes(axes: Axes, analysis: Analysis, findings: Findings, panel: Panel) -> 
 
 def _box(axes: Axes, s: Summary, place: float, width: float, look: Look, most: float) -> list[Artist]:
     """Draw a box; what is infinite ends at ``most``, beyond the panel, so that it is open above."""
-    low, high = np.minimum([s.median.lower, s.median.upper], most)
-    drawn = axes.bxp(
-        [
-            {
-                "med": s.median.value,
-                "q1": s.lower_quartile,
-                "q3": min(s.upper_quartile, most),
-                "whislo": s.minimum,
-                "whishi": min(s.maximum, most),
-            }
-        ],
-        positions=[place],
-        widths=width,
-        showfliers=False,
-        patch_artist=True,
-        manage_ticks=False,
-        boxprops={"facecolor": look.tint, "edgecolor": look.line, "hatch": look.hatch},
-        whiskerprops={"color": look.line, "linewidth": 0.8},
-        capprops={"color": look.line, "linewidth": 0.8},
-        medianprops={"color": "black", "linewidth": 1.0},
-    )
-    interval = [
-        axes.vlines(place, low, high, color=c, lw=w, zorder=z) for c, w, z in (("white", 3.6, 5), ("black", 2.2, 6))
+    low, high, upper, largest = np.minimum([s.median.lower, s.median.upper, s.upper_quartile, s.maximum], most)
+    left, right, gap = place - width / 2, place + width / 2, np.nan
+    ends = [place - width / 4, place + width / 4, gap]
+    box = Rectangle((left, s.lower_quartile), width, upper - s.lower_quartile, fc=look.tint, ec=look.line, zorder=2)
+    box.set_hatch(look.hatch)
+    axes.add_patch(box)
+    return [
+        box,
+        *axes.plot(
+            [*ends, place, place, gap, place, place, gap, *ends],
+            [s.minimum, s.minimum, gap, s.minimum, s.lower_quartile, gap, upper, largest, gap, largest, largest, gap],
+            color=look.line,
+            lw=0.8,
+        ),
+        *axes.plot([left, right], [s.median.value] * 2, color="black", lw=1.0),
+        *axes.plot([place, place], [low, high], color="white", lw=3.6, solid_capstyle="butt"),
+        *axes.plot([place, place], [low, high], color="black", lw=2.2, solid_capstyle="butt"),
     ]
-    return [*drawn["boxes"], *drawn["whiskers"], *drawn["caps"], *drawn["medians"], *interval]
 
 
 def _points(
