@@ -220,7 +220,7 @@ class Estimates:
 
         folder = Path(folder)
         files = write_estimates(folder / "estimates", self._found.runs, form)
-        numbers = write_numbers(folder, self._found.summaries, inputs_in_words(self._found.runs))
+        numbers = write_numbers(folder, self._found.summaries, self.answer, inputs_in_words(self._found.runs))
         return [*write(document(self._found, command), folder), numbers, *files]
 
     def _facts(self) -> dict[str, Any]:

@@ -50,12 +50,17 @@ def resolution(drives: Sequence[Drive], output: int) -> float:
 
 
 def white_noise(drives: Sequence[Drive], output: int) -> float:
-    """Return the variance of the white noise on an output, from its fourth differences; 0 if there are none.
+    """Return the variance of the white noise on an output of drives."""
+    return white_variance([d.measurements[:, output] for d in drives])
+
+
+def white_variance(signals: Sequence[Floats]) -> float:
+    """Return the variance of the white noise on signals, from their fourth differences; 0 if there are none.
 
     They leave of a smooth signal only noise: white noise of variance ``r`` gives fourth differences of variance
     ``70 r``.
     """
-    rest = np.concatenate([np.diff(d.measurements[:, output], 4) for d in drives])
+    rest = np.concatenate([np.diff(s, 4) for s in signals])
     rest = rest[np.isfinite(rest)]
     # The median is robust against spikes; 0.6745 is the median magnitude of a standard normal number.
     return float(np.median(np.abs(rest)) / 0.6745) ** 2 / 70.0 if rest.size else 0.0

@@ -14,6 +14,7 @@ from harness.models.quantities import listed, quantity, words
 from harness.recorded import figures
 from harness.recorded.run import inputs_in_words
 from harness.recorded.summary import Summary, references_of, signals_of
+from harness.recorded.verdict import is_coloured, verdicts
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
@@ -31,15 +32,6 @@ from harness.reporting.document import (
 
 BAND = 1.96
 """Half the width of a 95 % band over the standard deviation."""
-
-_WHITE = 0.01
-"""p-value below which innovations count as correlated."""
-
-_FEWEST = 100
-"""Samples with a measurement below which the share of NIS in its band says nothing: one in twenty is outside."""
-
-_CONSISTENT = (0.90, 0.99)
-"""Share of NIS in its 95 % band that counts as consistent."""
 
 
 @dataclass(frozen=True)
@@ -86,24 +78,8 @@ def document(found: Estimated, command: str) -> Document:
 
 
 def answer(found: Estimated) -> str:
-    """Return the result in a sentence or two."""
-    parts = []
-    for name in dict.fromkeys(s.estimator for s in found.summaries):
-        of = [s for s in found.summaries if s.estimator == name]
-        lost = [s for s in of if math.isfinite(s.diverged_at)]
-        inside = [s.nis_inside for s in of if math.isfinite(s.nis_inside)]
-        if lost:
-            said = f"diverges on {listed([s.recording for s in lost])}"
-        elif not inside:
-            said = "states no covariance"
-        elif (samples := sum(s.updates for s in of)) < _FEWEST:
-            said = f"has only {samples} samples with a measurement, too few to judge its NIS"
-        else:
-            share = style.percent(float(np.mean(inside)))
-            consistent = _CONSISTENT[0] <= float(np.mean(inside)) <= _CONSISTENT[1]
-            said = f"has {share} of NIS in its 95 % band" + ("" if consistent else ", so its noise does not fit")
-        parts.append(f"{name} {said}")
-    return f"{'; '.join(parts)}.{_best(found)}"
+    """Return whether model and noise fit, and which estimator is nearest to each reference."""
+    return f"{verdicts(found.summaries)}{_best(found)}"
 
 
 def _parameters(found: Estimated) -> list[Block]:
@@ -156,7 +132,7 @@ def _comparison(found: Estimated) -> list[Block]:
     rows = []
     for s in found.summaries:
         per = s.log_likelihood / s.updates if s.updates else math.nan
-        coloured = [words(n) for n, w in s.whiteness.items() if min(w.ljung_box, w.periodogram) < _WHITE]
+        coloured = [words(n) for n, w in s.whiteness.items() if is_coloured(w)]
         rows.append(
             [
                 s.recording,
@@ -172,7 +148,7 @@ def _comparison(found: Estimated) -> list[Block]:
         )
     header = [
         "recording", "estimator", "diverged", "log-likelihood per sample", "NIS/dof", "in 95 % band",
-        "outputs not white", "NEES/dof", "in 95 % band",
+        "outputs coloured", "NEES/dof", "in 95 % band",
     ]  # fmt: skip
     caption = (
         "Every estimator on every recording. NIS and NEES over their degrees of freedom are 1 and 95 % lie in the band "
@@ -193,13 +169,27 @@ def _errors(found: Estimated) -> list[Block]:
             if not math.isfinite(e.rmse):
                 continue
             q = quantity(name)
-            sizes = [style.number(q.scale * v) for v in (e.rmse, e.bias, e.largest)]
+            sizes = [style.number(q.scale * v) for v in (e.rmse, e.bias, e.largest, e.noise)]
             rows.append([s.recording, s.estimator, q.words, q.unit, *sizes, style.number(e.nees), _share(e.inside)])
     if not rows:
         none = "The recordings hold no reference: no state or port that the estimators do not measure themselves."
         return [Heading("How large are the errors?"), Prose(plain(none))]
-    header = ["recording", "estimator", "signal", "unit", "RMSE", "bias", "largest", "NEES", "in 95 % band"]
-    caption = "Estimate less reference. A reference is a measurement too; its own error counts here as the estimator's."
+    header = [
+        "recording",
+        "estimator",
+        "signal",
+        "unit",
+        "RMSE",
+        "bias",
+        "largest",
+        "noise of reference",
+        "NEES",
+        "in 95 % band",
+    ]
+    caption = (
+        "Estimate less reference. NEES and band take that for exact; its noise is the white part that the reference "
+        "shows."
+    )
     blocks: list[Block] = [Heading("How large are the errors?"), Sheet(header, rows, caption, left=4)]
     for name, runs in found.by_recording().items():
         for part in _pages(references_of(runs[0])):

@@ -26,6 +26,7 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator, kernels_of, load_estimator
 from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
+from harness.identification.signal_noise import white_variance
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
 from harness.recorded import time_loops
@@ -388,7 +389,8 @@ def _put_errors(
         truth = np.asarray(recording[source].values, dtype=float)
         errors[:, r] = kept.estimate[:, names.index(name)] - truth
         _put(data, f"reference_{name}", truth, name, "reference of the {}")
-        data[f"reference_{name}"].attrs["channel"] = source
+        noise = 0.0 if source.startswith(TRUTH) else math.sqrt(white_variance([truth]))
+        data[f"reference_{name}"].attrs |= {"channel": source, "noise_std": noise}
         _put(data, f"error_{name}", errors[:, r], name, "estimate less reference of the {}")
         with np.errstate(divide="ignore", invalid="ignore"):
             share = errors[:, r] ** 2 / kept.covariance[:, r, r]

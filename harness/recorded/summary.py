@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from harness.common.arrays import Floats
 from harness.identification.whiteness import Whiteness, whiteness
 from harness.models.signals import SIGNALS
 from harness.recorded.consistency import shares_inside
@@ -24,6 +25,10 @@ class Error:
         largest: Largest magnitude of it.
         nees: Mean of the squared error over the stated variance; 1 if the variance is right.
         inside: Share of samples inside the 95 % band.
+        noise: Standard deviation of the white noise that the reference shows.
+        nees_with_noise: Mean of the squared error over the stated variance and that of this noise together.
+        inside_with_noise: Share of samples inside the 95 % band of both.
+        independent: Number of independent errors of which the recording says as much: neighbours are alike.
     """
 
     rmse: float
@@ -31,6 +36,15 @@ class Error:
     largest: float
     nees: float
     inside: float
+    noise: float = 0.0
+    nees_with_noise: float = math.nan
+    inside_with_noise: float = math.nan
+    independent: float = math.nan
+
+    @property
+    def mostly_noise(self) -> bool:
+        """Whether most of the error is the noise of the reference."""
+        return self.noise**2 > 0.5 * self.rmse**2
 
 
 @dataclass(frozen=True)
@@ -122,7 +136,18 @@ def _error(run: xr.Dataset, name: str) -> Error:
     if not known.size:
         return Error(math.nan, math.nan, math.nan, nees, inside)
     rmse, largest = float(np.sqrt(np.mean(known**2))), float(np.abs(known).max())
-    return Error(rmse, float(known.mean()), largest, nees, inside)
+    noise = float(run[f"reference_{name}"].attrs["noise_std"])
+    variance = run[f"{name}_std"].to_numpy() ** 2 + noise**2
+    both = np.isfinite(error) & np.isfinite(variance)
+    with_noise, inside_both, _ = shares_inside(error[both] ** 2 / variance[both], np.ones(int(both.sum())))
+    bias, independent = float(known.mean()), _independent(known)
+    return Error(rmse, bias, largest, nees, inside, noise, with_noise, inside_both, independent)
+
+
+def _independent(errors: Floats) -> float:
+    """Return of how many independent errors a mean is as certain: those of a first-order process."""
+    alike = float(errors[1:] @ errors[:-1]) / max(float(errors @ errors), 1e-300)
+    return max(1.0, len(errors) * (1.0 - alike) / (1.0 + alike)) if alike > 0.0 else float(len(errors))
 
 
 def record(found: Summary) -> dict[str, Any]:
@@ -150,6 +175,9 @@ def record(found: Summary) -> dict[str, Any]:
                 "largest": e.largest,
                 "nees": e.nees,
                 "inside_95": e.inside,
+                "reference_noise_std": e.noise,
+                "nees_with_reference_noise": e.nees_with_noise,
+                "inside_95_with_reference_noise": e.inside_with_noise,
             }
             for n, e in found.errors.items()
         },

@@ -16,6 +16,7 @@ from harness.models.quantities import listed, quantity, words
 from harness.recorded.consistency import Consistency
 from harness.recorded.run import SMOOTHED
 from harness.recorded.tuning import NoiseTuning, Variance
+from harness.recorded.verdict import is_coloured
 from harness.reporting import style
 from harness.reporting.document import (
     Block,
@@ -31,12 +32,9 @@ from harness.reporting.document import (
     strong,
 )
 
-_WHITE = 0.01
-"""p-value below which innovations count as correlated."""
-
 
 def answer(found: NoiseTuning) -> str:
-    """Return the result in a sentence or two."""
+    """Return the result in sentences."""
     taken = [v for v in found.variances if not v.held]
     held = [v for v in found.variances if v.held]
     said = f"Of {len(found.variances)} variances the recordings determine {len(taken)}"
@@ -44,17 +42,18 @@ def answer(found: NoiseTuning) -> str:
         of = listed([v.label for v in held])
         said += f"; not determined, and left as stated or as near as the recordings allow: {of}"
     before, after = (np.mean([c.inside for c in each]) for each in (found.before, found.after))
-    return f"{said}. NIS in its 95 % band: {style.percent(float(before))} before, {style.percent(float(after))} after."
+    said += f". NIS in its 95 % band: {style.percent(float(before))} before, {style.percent(float(after))} after."
+    if odd := coloured(found):
+        said += (
+            f" The innovations of {listed(odd)} stay coloured: the variances make up for what the model lacks, and "
+            "their intervals are too narrow. Try harness trace."
+        )
+    return said
 
 
 def coloured(found: NoiseTuning) -> list[str]:
     """Return the outputs whose innovations are not white with the noise found, in words."""
-    return [
-        f"{words(n)} of {c.name}"
-        for c in found.after
-        for n, w in c.outputs.items()
-        if min(w.ljung_box, w.periodogram) < _WHITE
-    ]
+    return [f"{words(n)} of {c.name}" for c in found.after for n, w in c.outputs.items() if is_coloured(w)]
 
 
 def parameter_file(found: NoiseTuning) -> str:
@@ -76,6 +75,7 @@ def _comment(v: Variance, i: int) -> str:
 def record(found: NoiseTuning) -> dict[str, Any]:
     """Return what was found as JSON holds it; SI units."""
     return {
+        "answer": answer(found),
         "model": found.spec.model().name,
         "step": found.spec.step,
         "converged": found.converged,
@@ -148,19 +148,11 @@ def document(found: NoiseTuning, command: str) -> Document:
 
 
 def _answer(found: NoiseTuning) -> list[Block]:
-    blocks: list[Block] = [Heading("How noisy are the model and its sensors?"), Prose(strong(answer(found)))]
-    odd = coloured(found)
-    if odd:
-        blocks.append(
-            Prose(
-                plain(
-                    f"The innovations of {listed(odd)} stay coloured: no white noise explains what the model lacks, "
-                    "the variances make up for it, and the intervals are too narrow (harness trace looks for what is "
-                    "lacking)."
-                )
-            )
-        )
-    return [*blocks, Prose(plain(SMOOTHED))]
+    return [
+        Heading("How noisy are the model and its sensors?"),
+        Prose(strong(answer(found))),
+        Prose(plain(SMOOTHED)),
+    ]
 
 
 def _variances(found: NoiseTuning) -> list[Block]:

@@ -56,11 +56,11 @@ def file_stem(name: str) -> str:
     return re.sub(r"[^\w.=+-]+", "_", name).strip("_") or "unnamed"
 
 
-def write_numbers(folder: Path, summaries: Sequence[Summary], comment: str) -> Path:
-    """Write the numbers of all runs as ``estimate.json`` and return its path.
+def write_numbers(folder: Path, summaries: Sequence[Summary], answer: str, comment: str) -> Path:
+    """Write the answer and the numbers of all runs as ``estimate.json`` and return its path.
 
     Raises:
         UserError: If it cannot be written.
     """
-    content = {"comment": comment, "runs": [record(s) for s in summaries]}
+    content = {"answer": answer, "comment": comment, "runs": [record(s) for s in summaries]}
     return write_files(folder, {"estimate.json": json_text(content)})[0]

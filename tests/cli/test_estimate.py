@@ -47,6 +47,7 @@ def test_estimates_numbers_and_a_report_are_written(folder, tmp_path):
     assert table["innovation_yaw_rate"][100:150].isna().all()
     assert table["yaw_rate"].notna().all()
     stored = json.loads((tmp_path / "estimate.json").read_text())
+    assert stored["answer"] in done.stdout
     assert len(stored["runs"]) == 4
     assert "all samples of the recording" in stored["comment"]
     assert stored["runs"][0]["errors"]["yaw_rate"]["rmse"] < 0.01
@@ -73,7 +74,7 @@ def test_a_filter_that_diverges_is_not_the_nearest_to_the_reference(folder, tmp_
         table.loc[300, "yaw_rate"] = 1e6
 
     said, runs = stressed(folder, tmp_path, "outlier", outlier)
-    assert "EKF diverges on outlier; UKF diverges on outlier." in said
+    assert "With EKF and UKF the estimate diverges on outlier." in said
     assert "Smallest RMSE" not in said
     assert runs["EKF"]["diverged_at"] == pytest.approx(3.0, abs=0.02)
 
@@ -83,7 +84,7 @@ def test_two_measurements_say_nothing_of_the_covariance(folder, tmp_path):
         table.loc[3:, [c for c in table if c in ("yaw_rate", "heading", "lateral_velocity_rear")]] = np.nan
 
     said, runs = stressed(folder, tmp_path, "silent", silent)
-    assert "EKF has only 2 samples with a measurement, too few to judge its NIS" in said
+    assert "only 2 samples with a measurement" in said
     assert runs["UKF"]["samples_with_a_measurement"] == 2
 
 

@@ -200,7 +200,7 @@ class Search:
         say("coloured innovations: without process noise")
         kept = ~self.coordinates.kind("process")
         silent = self._without_process_noise(summit.z, kept)
-        wide = silent.wide(summit.z[kept])
+        wide = silent.wide(self.coordinates.centre[kept])  # where the fit began: it may have ended far off
         if not np.isfinite(silent.objective.values(wide[:, None])[0]):
             return colour_of(outputs, factor, summit)
         found = silent.summit(silent.rough(wide).z)
