@@ -42,9 +42,7 @@ class Results:
         missing = [name for name, store in stores.items() if not (folder / name / store).is_dir()]
         if missing:
             commands = [_command(name, folder) for name in missing]
-            raise UserError(
-                "\n".join([f"{folder}: {len(missing)} studies are not there yet; they come from", *commands])
-            )
+            raise UserError("\n".join([f"{folder}: {len(missing)} studies are not there yet; run", *commands]))
 
     @cached_property
     def stores(self) -> dict[str, StudyResults]:

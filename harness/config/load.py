@@ -211,7 +211,8 @@ def drive_specs(
         key = f"drive[{i}]"
         first = next((d for d in [*before, *specs] if d.name == table.name), None)
         if first is not None:
-            problems.add(f"{key}.name", f"'{table.name}' is the name of {first.where} already; choose another")
+            taken = first.where.removeprefix(problems.at(""))
+            problems.add(f"{key}.name", f"'{table.name}' is the name of {taken.lstrip(': ')} already; choose another")
         with problems.catch(f"{key}.kind"):
             options = options_of(table.kind)
             _check_options(

@@ -12,8 +12,8 @@ from pydantic import BaseModel, ValidationError
 from harness.common.errors import ModelError, UserError
 from harness.common.registry import closest
 
-TABLE, TABLES = "(table)", "(array of tables)"
-"""Tags of the two forms of a key that takes one table or several; pydantic puts them in the place of an error."""
+TEXT, TABLE, LIST = FORMS = "(text)", "(table)", "(list)"
+"""Tags of the forms of a key that takes more than one; pydantic puts them in the place of an error."""
 
 
 class Problems:
@@ -90,7 +90,7 @@ def add_validation_errors(problems: Problems, error: ValidationError, table: typ
         prefix: Key path of the validated table.
     """
     for item in error.errors():
-        location = [part for part in item["loc"] if part not in (TABLE, TABLES)]
+        location = [part for part in item["loc"] if part not in FORMS]
         place = key_path([*([prefix] if prefix else []), *location])
         if item["type"] == "extra_forbidden":
             known = keys_at(table, location[:-1])

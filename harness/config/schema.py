@@ -21,7 +21,7 @@ from pydantic import (
 )
 
 from harness.common.units import separators
-from harness.config.problems import TABLE, TABLES
+from harness.config.problems import LIST, TABLE, TEXT
 
 
 def _quantity(value: object) -> object:
@@ -54,6 +54,19 @@ Number = Annotated[float, BeforeValidator(_number), Field(strict=True, allow_inf
 """A number without a unit: pydantic alone takes ``"1_5"`` for 15."""
 Name = Annotated[StrictStr, Field(min_length=1)]
 FileName = Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+
+
+def _one_of(*forms: str) -> Discriminator:
+    """Tell which of some forms a key has; of anything else errors say that it is not the first."""
+
+    def form(value: Any) -> str:
+        own = TABLE if isinstance(value, dict | BaseModel) else LIST if isinstance(value, list) else TEXT
+        return own if own in forms else forms[0]
+
+    return Discriminator(form)
+
+
+Text = Annotated[Name, Tag(TEXT)]
 
 
 class Table(BaseModel):
@@ -104,6 +117,9 @@ class UncertainTable(Table):
     )
 
 
+UncertainParameter = Annotated[Text | Annotated[UncertainTable, Tag(TABLE)], _one_of(TEXT, TABLE)]
+
+
 class ModelTable(Table):
     """``[plant]``, ``[belief]``."""
 
@@ -133,10 +149,10 @@ class ModelTable(Table):
     unknown_inputs: list[Name] | None = Field(
         default=None, description="[belief] only: inputs to be estimated as random walks"
     )
-    unknown_parameters: list[Name | UncertainTable] | None = Field(
+    unknown_parameters: list[UncertainParameter] | None = Field(
         default=None, description="[belief] only: parameters to be estimated beside the states"
     )
-    considered_parameters: list[Name | UncertainTable] | None = Field(
+    considered_parameters: list[UncertainParameter] | None = Field(
         default=None, description="[belief] only: parameters whose uncertainty is reckoned with, not estimated"
     )
 
@@ -166,13 +182,19 @@ class EstimatorTable(OpenTable):
     )
 
 
+class VarianceFactorsTable(Table):
+    """``[tuning.estimator.<name>]``: factors on the variances that an estimator believes."""
+
+    process: Number = Field(description="on those of the states")
+    unknown_inputs: Number = Field(description="on those of the random walks of unknown inputs")
+    measurement: Number = Field(description="on those of the outputs")
+
+
 class TuningTable(Table):
     """``[tuning]``: the content of a tuning file in the place of its name."""
 
     rule: StrictStr = Field(default="stated", description="how the factors came about")
-    estimator: dict[str, dict[Literal["process", "unknown_inputs", "measurement"], Number]] = Field(
-        description="factors on the variances that an estimator believes, by its name"
-    )
+    estimator: dict[str, VarianceFactorsTable] = Field(description="factors by the name of the estimator")
 
 
 def as_table(estimator: Any) -> Any:
@@ -271,12 +293,8 @@ class ReportTable(Table):
     )
 
 
-def _one_or_several(value: Any) -> str:
-    return TABLES if isinstance(value, list) else TABLE
-
-
 Histories = Annotated[
-    Annotated[HistoryTable, Tag(TABLE)] | Annotated[list[HistoryTable], Tag(TABLES)], Discriminator(_one_or_several)
+    Annotated[HistoryTable, Tag(TABLE)] | Annotated[list[HistoryTable], Tag(LIST)], _one_of(TABLE, LIST)
 ]
 
 
@@ -300,14 +318,14 @@ class StudyFile(Table):
     targets: Annotated[list[Name], Field(min_length=1)] = Field(
         description="quantities to score: states or ports of both models"
     )
-    tuning: Name | TuningTable | None = Field(
+    tuning: Annotated[Text | Annotated[TuningTable, Tag(TABLE)], _one_of(TEXT, TABLE)] | None = Field(
         default=None,
         description="file written by harness tune, or its table: factors on the noise each estimator believes",
     )
     score_after: Quantity = Field(
         default=0.0, description="time at the beginning of every drive that no score counts: estimators settle"
     )
-    drives: Name | list[Name] = Field(
+    drives: Annotated[Text | Annotated[list[Name], Tag(LIST)], _one_of(TEXT, LIST)] = Field(
         default_factory=list, description="files of drives: drives/<name>.toml beside the study"
     )
     drive: list[DriveTable] = Field(default_factory=list, description="drives of this study only")
@@ -353,10 +371,10 @@ class ParameterFile(Table):
     unknown_inputs: list[Name] = Field(
         default_factory=list, description="inputs that an estimator with these values estimates"
     )
-    unknown_parameters: list[Name | UncertainTable] = Field(
+    unknown_parameters: list[UncertainParameter] = Field(
         default_factory=list, description="parameters that an estimator with these values estimates"
     )
-    considered_parameters: list[Name | UncertainTable] = Field(
+    considered_parameters: list[UncertainParameter] = Field(
         default_factory=list, description="parameters whose uncertainty an estimator with these values reckons with"
     )
     warning: StrictStr = Field(default="", description="what whoever takes these values has to know")

@@ -83,17 +83,19 @@ def progress(folder: Path) -> Progress:
 
 def _progress(folder: Path) -> Progress:
     path = store_of(folder)
-    lost = sealed_root.faults(path)
-    name = sealed_root.study_name(path)
-    if any(fault.file == "zarr.json" for fault in lost):
-        raise UserError(f"{path}: {lost[0]}; 'harness run' with the study '{name}' and '--out {folder}' mends it")
-    root: Any = zarr.open_group(zarr_store(path), mode="r", use_consolidated=False)
+    with sealed_root.told_as_no_store(path):
+        lost = sealed_root.faults(path)
+        name = sealed_root.study_name(path)
+        if any(fault.file == "zarr.json" for fault in lost):
+            raise UserError(f"{path}: {lost[0]}; 'harness run' with the study '{name}' and '--out {folder}' mends it")
+        root: Any = zarr.open_group(zarr_store(path), mode="r", use_consolidated=False)
+        designs = checksums.names(root.attrs["designs"])
     bad = {fault.unit for fault in lost if fault.unit is not None}
     writer = holder(folder)
     counts: list[Count] = []
     planned = done = 0
     finished: list[tuple[float, int]] = []
-    for design in checksums.names(root.attrs["designs"]):
+    for design in designs:
         try:
             status, estimators = root[f"{design}/{STATUS}"], root[f"{design}/estimator"][...]
             sums = root[f"{checksums.GROUP}/{design}"]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.common.errors import UserError
 from harness.common.files import told_as_damaged
-from harness.common.places import is_url, reached, zarr_store
+from harness.common.places import reached, zarr_store
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
 from harness.study import bound_file, sealed_root
@@ -362,7 +362,7 @@ def _read(directory: Path) -> StudyResults:
             f"{directory}: no finished study here (scores.zarr is missing); "
             f"make one with 'harness run <name> --out {directory}'"
         )
-    try:
+    with sealed_root.told_as_no_store(path):
         lost = sealed_root.faults(path)
         if lost:
             raise UserError(
@@ -385,13 +385,6 @@ def _read(directory: Path) -> StudyResults:
             xr.open_zarr(zarr_store(path), group=f"history/{index}", chunks=None, consolidated=False).load()
             for index in kept
         ]
-    except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last by a chunk that cannot be decoded
-        if isinstance(error, OSError) and is_url(directory):
-            raise
-        raise UserError(
-            f"{path}: not a store that a study wrote ({type(error).__name__}: {error}); "
-            "run the study again into an empty folder"
-        ) from error
     attributes["study"] = root.attrs.get("study", "")
     hashed = str(attributes.get("study_hash", ""))
     at_best = bound_file.read(directory, hashed), bound_file.read(directory, hashed, "smoothed")

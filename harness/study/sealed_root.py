@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import zarr
 
 from harness.common import places
+from harness.common.errors import UserError
 from harness.common.places import zarr_store
 from harness.study import checksums
 from harness.study.checksums import GROUP, Fault
@@ -24,6 +26,24 @@ _COPY, _HASH = "root", "root_hash"
 
 LAST = (f"{GROUP}/zarr.json", "zarr.json")
 """The root's copy and the root, which are written last where a store cannot be moved into place whole."""
+
+
+@contextmanager
+def told_as_no_store(root: Path) -> Iterator[None]:
+    """Refuse a store that cannot be read as one that a study wrote; behind a URL that does not answer it is none.
+
+    Raises:
+        UserError: If it cannot be read.
+    """
+    try:
+        yield
+    except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last by a chunk that cannot be decoded
+        if isinstance(error, OSError) and places.is_url(root):
+            raise
+        why = "" if isinstance(error, FileNotFoundError) else f" ({type(error).__name__}: {error})"
+        raise UserError(
+            f"{root}: not a store that a study wrote{why}; run the study again into an empty folder"
+        ) from error
 
 
 def is_there(root: Path) -> bool:

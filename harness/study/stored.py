@@ -21,6 +21,7 @@ from harness.study.differences import differences
 from harness.study.layout import root_attributes
 from harness.study.replay import Place, Replayed, Replayer
 from harness.study.scores import OVER_TIME, PENDING, STATUS
+from harness.study.sealed_root import told_as_no_store
 from harness.study.verify import store_of
 
 TOLERANCE = 1e-6
@@ -58,7 +59,7 @@ def study_of(folder: Path, beside: Path | None = None) -> Study:
         elif text:
             said = "this version of the harness makes another study of what the result says of its own"
         else:
-            said = f"{folder} {differences(attributes, root_attributes(study), study)}"
+            said = f"it {differences(attributes, root_attributes(study), study)}"
     raise UserError(
         f"{folder}: no run can be computed again: {said}; work in the project that has what it needs, or name its "
         "study file with --study"
@@ -92,10 +93,8 @@ def attributes_of(folder: Path) -> dict[str, Any]:
         UserError: If there is no store.
     """
     path = store_of(folder)
-    try:
+    with told_as_no_store(path):
         return dict(zarr.open_group(zarr_store(path), mode="r", use_consolidated=False).attrs)
-    except (KeyError, ValueError, OSError) as error:
-        raise UserError(f"{path}: not a store that a study wrote ({type(error).__name__}: {error})") from error
 
 
 @dataclass(frozen=True)

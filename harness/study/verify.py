@@ -86,13 +86,9 @@ def verify(folder: Path, find: Callable[[], Study], sample: int = 3, seed: int |
 
 def _verify(folder: Path, find: Callable[[], Study], sample: int, seed: int | None) -> Verification:
     path = store_of(folder)
-    try:
+    with sealed_root.told_as_no_store(path):
         lost = sealed_root.faults(path)
         attributes = dict(zarr.open_group(zarr_store(path), mode="r").attrs) if not lost else {}
-    except (KeyError, ValueError, OSError) as error:
-        if isinstance(error, OSError) and places.is_url(path):
-            raise
-        raise UserError(f"{path}: not a store that a study wrote ({type(error).__name__}: {error})") from error
     files = len(places.names(path))
     if lost or not sample:
         return Verification(files, lost, 0, [], [], 0, "")

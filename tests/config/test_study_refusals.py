@@ -62,6 +62,16 @@ REFUSALS = {
         [('[[estimator]]\nname = "EKF"\nkind = "ekf"\n', ""), ('name = "small"', 'estimator = [3]\nname = "small"')],
         "estimator[0]: expected a table with input_signal, kind, name, got 3",
     ),
+    "drives that are no text": ([("seed = 0", "drives = 3")], "drives: input should be a valid string, got 3"),
+    "tuning that is a list": ([("seed = 0", 'tuning = ["a"]')], "tuning: input should be a valid string"),
+    "tuning without a factor": (
+        [('name = "small"', 'tuning = { estimator = { EKF = { process = 1 } } }\nname = "small"')],
+        "tuning.estimator.EKF.measurement: this key is required",
+    ),
+    "drive twice": (
+        [("[[drive]]", '[[drive]]\nname = "sine"\nkind = "ramp"\n[[drive]]')],
+        "drive[1].name: 'sine' is the name of drive[0] already",
+    ),
     "unknown key": ([("seed = 0", "sed = 0")], "sed: unknown key 'sed'; closest: seed"),
     "unknown nested key": (
         [("repeats = 2", "repeat = 2")],

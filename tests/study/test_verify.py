@@ -17,6 +17,7 @@ from harness.study.progress import progress
 from harness.study.results import read
 from harness.study.run import run_study
 from harness.study.store import STORE
+from harness.study.stored import study_of
 from harness.study.verify import verify
 from support.probe_study import bits
 
@@ -65,6 +66,10 @@ def test_a_study_of_another_text_cannot_be_computed_again(study, finished, load)
 def test_a_folder_without_a_store(tmp_path, study):
     for look in (progress, lambda folder: verify(folder, lambda: study)):
         with pytest.raises(UserError, match="there is no result of a study here"):
+            look(tmp_path)
+    (tmp_path / STORE).mkdir()
+    for look in (progress, read, study_of, lambda folder: verify(folder, lambda: study)):
+        with pytest.raises(UserError, match=r"scores\.zarr: not a store that a study wrote; run"):
             look(tmp_path)
 
 
