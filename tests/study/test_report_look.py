@@ -144,11 +144,11 @@ def test_figures_over_the_actual_value_share_a_page(one_design, drawn):
 @pytest.mark.parametrize(("times", "scale"), [(3.0, "linear"), (30.0, "log")])
 def test_an_axis_is_logarithmic_where_medians_differ_by_more_than_ten(one_design, drawn, times, scale):
     analysis = one_design(levels=(24.0,), repeats=20)
-    analysis.main.design.rmse[0, :, 1] = times * analysis.main.design.rmse[0, :, 0]
+    analysis.main.design.errors[0, :, 1] = times * analysis.main.design.errors[0, :, 0]
     boxes.pictures(analysis, analysis.main)
     assert [axes.get_yscale() for axes in drawn[0].axes] == [scale, "linear"]
     low, high = drawn[0].axes[0].get_ylim()
-    errors = analysis.main.design.rmse[0]
+    errors = analysis.main.design.errors[0]
     assert low < errors.min()
     assert high > errors.max()
 
@@ -172,7 +172,7 @@ def test_nine_estimators_at_seven_levels_have_boxes_whose_hatches_can_be_told_ap
 def test_few_runs_are_drawn_themselves(one_design, drawn):
     analysis = one_design(levels=(24.0,), repeats=4, drives=("roundabout",))
     (picture,) = boxes.pictures(analysis, analysis.main)
-    values = analysis.main.design.rmse[0, 0]
+    values = analysis.main.design.errors[0, 0]
     for e in range(2):
         runs, median = drawn[0].axes[0].lines[2 * e : 2 * e + 2]
         np.testing.assert_allclose(np.sort(runs.get_ydata()), np.sort(values[e].ravel()))
@@ -196,4 +196,4 @@ def test_a_box_of_runs_that_diverged_is_open_above_and_a_median_that_did_is_name
     box = axes.patches[-1]
     assert box.get_y() == pytest.approx(middle / 2)
     assert axes.get_ylim()[1] < box.get_y() + box.get_height() < np.inf
-    assert axes.get_ylim()[1] == pytest.approx(1.05 * analysis.main.design.rmse[0].max())
+    assert axes.get_ylim()[1] == pytest.approx(1.05 * analysis.main.design.errors[0].max())

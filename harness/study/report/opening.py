@@ -36,22 +36,22 @@ def sentences(analysis: Analysis) -> tuple[list[str], list[str], list[str]]:
         most harmful one first; and what was lost.
     """
     of_targets = standings(analysis.findings, limits_of(analysis.store.attributes))
-    scored = [s for s in of_targets if s.order]
-    counts = _counts(analysis.store.designs)
+    scored, designs = [s for s in of_targets if s.order], analysis.store.designs
+    counts = _counts(designs)
     if not scored:
         return ["No run has a score."], [], counts
-    return _best(scored), _harms(scored), counts
+    return _best(scored, designs), _harms(scored), counts
 
 
-def _best(scored: Sequence[Standing]) -> list[str]:
-    """Say which estimator bears all designs best, with its losses, and which is last; for each target that differs."""
-    designs = [f.design for f in scored[0].designs]
+def _best(scored: Sequence[Standing], designs: Sequence[Design]) -> list[str]:
+    """Say which estimator bears all designs best, with its losses, and which is worst; for each target that differs."""
+    levelled = [f.design for f in scored[0].designs]
     if len(designs[0].estimators) == 1:
         return []
     groups: dict[tuple[int, ...], list[Standing]] = {}
     for standing in scored:
         groups.setdefault(tuple(sorted(standing.leaders)), []).append(standing)
-    over = f" over {_all(designs)}" if len(designs) > 1 else ""
+    over = f" over {_all(levelled)}" if len(levelled) > 1 else ""
     return [_leading(group, designs, over, len(groups) > 1) for group in groups.values()]
 
 
@@ -60,7 +60,7 @@ def _all(designs: Sequence[Design]) -> str:
 
 
 def _leading(group: Sequence[Standing], designs: Sequence[Design], over: str, several: bool) -> str:
-    """Return which estimators are best for some targets and by what, and which is the last."""
+    """Return which estimators are best for some targets and by what, and which is the worst."""
     leaders, given, last = group[0].leaders, group[0].order, group[0].order[-1]
     names = designs[0].estimators
     aim = f"for the {listed([_quantity(s).words for s in group])} " if several else ""
@@ -68,12 +68,12 @@ def _leading(group: Sequence[Standing], designs: Sequence[Design], over: str, se
     sizes = listed([_numbers(s, s.leaders[0], not several or len(group) > 1) for s in group])
     if len(leaders) == len(given):
         alike = f"are alike within {100 * ALIKE:.0f} %" if len(given) > 1 else "alone gives it"
-        text = f"{aim}{who} {alike}{over}, with a median error of {sizes}"
+        text = f"{aim}{who} {alike}{over}, with an error of {sizes}"
     else:
         verb = "is the best" if len(leaders) == 1 else "are the best"
-        text = f"{aim}{who} {verb} of {len(given)}{over}, with a median error of {sizes}"
+        text = f"{aim}{who} {verb} of {len(given)}{over}, with an error of {sizes}"
         if all(s.order[-1] == last for s in group):
-            text += f"; {_with_losses(designs, names[last], last)} is the last"
+            text += f"; {_with_losses(designs, names[last], last)} is the worst"
             if all(np.isfinite(s.mean[last]) for s in group):
                 text += f" with {listed([_numbers(s, last, False) for s in group])}"
     return f"{_capital(text) if several else text}."
@@ -88,12 +88,12 @@ def _quantity(standing: Standing) -> Quantity:
 
 
 def _numbers(standing: Standing, e: int, named: bool) -> str:
-    """Return the error of an estimator in the mean over all levels, at worst, and how often it is within the limit."""
+    """Return the median error in the mean over all levels and at the worst one, and how often it keeps the limit."""
     quantity = _quantity(standing)
     text = with_unit(standing.mean[e], quantity.unit)
     worst = float(np.fmax.reduce(standing.worst[:, e]))
     if worst > standing.mean[e] * (1 + _STEADY):
-        text += f" (at worst {with_unit(worst, quantity.unit)})"
+        text += f" ({with_unit(worst, quantity.unit)} at the worst level)"
     text += f" in the {quantity.words}" if named else ""
     if standing.limit is None:
         return text
@@ -108,14 +108,24 @@ def _with_losses(designs: Sequence[Design], name: str, e: int) -> str:
 
 
 def _harms(scored: Sequence[Standing]) -> list[str]:
-    """Say what each design does to the error of the best estimator, the most harmful one first."""
+    """Say what each design does to the error of the best estimator, the most harmful one first.
+
+    A design of the same factors that does the same as one before it, such as a band around its levels, is not said.
+    """
     limited = [s for s in scored if s.limit is not None] or scored
-    places = range(len(scored[0].designs))
-    order = sorted(places, key=lambda place: -max(s.harm(place) for s in limited))
-    shown = [text for place in order if (text := _harm(scored, place))]
-    return [f"{_capital(text)}." for text in shown[:NAMED]] + (
-        [f"The other {len(shown) - NAMED} designs do less."] if len(shown) > NAMED else []
-    )
+    harms = {place: max(s.harm(place) for s in limited) for place in range(len(scored[0].designs))}
+    shown: dict[int, str] = {}
+    for place in sorted(harms, key=lambda place: -harms[place]):
+        factors = [(f.name, f.of) for f in scored[0].designs[place].design.factors]
+        again = any(
+            [(f.name, f.of) for f in scored[0].designs[other].design.factors] == factors
+            and harms[other] * (1 - ALIKE) <= harms[place]
+            for other in shown
+        )
+        if not again and (text := _harm(scored, place)):
+            shown[place] = f"{_capital(text)}."
+    more = len(shown) - NAMED
+    return list(shown.values())[:NAMED] + ([f"The other {more} designs do less."] if more > 0 else [])
 
 
 def _harm(scored: Sequence[Standing], place: int) -> str:
@@ -123,17 +133,28 @@ def _harm(scored: Sequence[Standing], place: int) -> str:
     design = scored[0].designs[place].design
     clauses: dict[int, list[str]] = {}
     for standing in scored:
-        order = standing.order_in(place)
-        if not order or not (standing.tells_growth(place) or len(design.estimators) == 1):
+        if not standing.order_in(place) or not (standing.tells_growth(place) or len(design.estimators) == 1):
             continue
-        band = int(np.nanargmax(standing.designs[place].medians[standing.target][:, order[0]]))
+        level = standing.worst_level(place)
         subject = "that of the" if clauses else "the median error of the"
-        clauses.setdefault(band, []).append(f"{subject} {_change(standing, place, order, band)}")
-    texts = [f"{_where(design, band, first=not k)} {listed(parts)}" for k, (band, parts) in enumerate(clauses.items())]
-    gone = [design.bands[b] for b in range(len(design.bands)) if design.out_of_control[b].all()]
-    if gone:
-        texts.append(f"at {listed(gone)} the vehicle goes out of control in every run")
-    return "; ".join(texts)
+        clauses.setdefault(level, []).append(f"{subject} {_change(standing, place, level)}")
+    texts = [f"{_where(design, level, not k)} {_joined(parts)}" for k, (level, parts) in enumerate(clauses.items())]
+    return "; ".join([*texts, *_out_of_control(design)])
+
+
+def _joined(parts: Sequence[str]) -> str:
+    return "; ".join(parts) if any("," in part for part in parts) else listed(parts)
+
+
+def _out_of_control(design: Design) -> list[str]:
+    """Say at which levels of a design the vehicle goes out of control, in how many runs."""
+    runs = design.out_of_control.sum(axis=(1, 2, 3))
+    if len(design.bands) == 1 or not runs.any():
+        return []
+    some = [f"{n} of {design.planned} runs at {design.bands[b]}" for b, n in enumerate(runs) if n]
+    if len(some) > NAMED:
+        some = [f"{runs.sum()} of {design.planned * len(runs)} runs, at {len(some)} of {len(runs)} levels"]
+    return [f"the vehicle goes out of control in {listed(some)}"]
 
 
 def _where(design: Design, band: int, first: bool) -> str:
@@ -143,19 +164,11 @@ def _where(design: Design, band: int, first: bool) -> str:
     return f"{text}," if compared else text
 
 
-def _change(standing: Standing, place: int, order: Sequence[int], band: int) -> str:
-    """Return e.g. ``sideslip angle grows from 0.2 to 2.4° (12 times) with EKF, the best (3° with UKF, the worst)``.
-
-    Args:
-        standing: Of the target.
-        place: Index of the design.
-        order: Its estimators, best first.
-        band: Level at which the error of the best one is largest.
-    """
-    design, e, quantity = standing.designs[place].design, order[0], _quantity(standing)
-    medians = standing.designs[place].medians[standing.target, band]
-    after, before = float(medians[e]), standing.home(place, e)
-    last = max(order, key=lambda other: medians[other])
+def _change(standing: Standing, place: int, level: int) -> str:
+    """Return e.g. ``sideslip angle grows from 0.2 to 2.4° (12 times) with EKF, the best, and is 3° with UKF``."""
+    design, quantity = standing.designs[place].design, _quantity(standing)
+    medians, order = standing.designs[place].medians[standing.target, level], standing.order_in(place)
+    after, before = float(medians[order[0]]), standing.home(place, order[0], level)
     text = f"{quantity.words} "
     if before is None or not before > 0:
         text += f"is {with_unit(after, quantity.unit)}"
@@ -167,11 +180,15 @@ def _change(standing: Standing, place: int, order: Sequence[int], band: int) -> 
         text += f", {'beyond' if after > standing.limit else 'within'} the limit"
     if len(design.estimators) == 1:
         return text
-    if not medians[last] > (1 + ALIKE) * after:
-        return f"{text} with {'all estimators' if len(order) > 1 else design.estimators[e]}"
-    size = with_unit(float(medians[last]), quantity.unit) if np.isfinite(medians[last]) else "no bound"
-    others = f"{size} with {design.estimators[last]}" + (", the worst" if len(order) > 2 else "")
-    return f"{text} with {design.estimators[e]}, the best ({others})"
+    alike, last = standing.alike(place, level), max(order, key=lambda e: medians[e])
+    everyone = len(alike) == len(order) > 2
+    text += " with all estimators" if everyone else f" with {_everyone([design.estimators[e] for e in alike])}"
+    if last in alike:
+        return text
+    if not np.isfinite(medians[last]):
+        return f"{text}, while {design.estimators[last]} diverges in most runs"
+    worst = ", the worst" if len(order) > 2 else ""
+    return f"{text}, and is {with_unit(float(medians[last]), quantity.unit)} with {design.estimators[last]}{worst}"
 
 
 def _times(before: float, after: float) -> str:
@@ -191,16 +208,23 @@ def _everyone(names: Sequence[str]) -> str:
 def _counts(designs: Sequence[Design]) -> list[str]:
     """Say in how many runs the vehicle went out of control, in how many an estimator diverged, and what is to come."""
     runs = sum(d.out_of_control.size for d in designs)
-    total = f"{runs} runs" if len(designs) == 1 else f"{runs} runs of {_all(designs)}"
-    told = []
-    out = {d.name: int(d.out_of_control.sum()) for d in designs}
-    if lost := sum(out.values()):
-        where = f" ({listed([f'{n} of {name}' for name, n in out.items() if n])})" if len(designs) > 1 else ""
-        told.append(f"In {lost} of {total} the vehicle itself goes out of control{where}: they count for no estimator.")
+    counted = []
+    out = {d.name: (int(d.out_of_control.sum()), d.out_of_control.size) for d in designs}
+    if lost := sum(n for n, _ in out.values()):
+        where = listed([f"{n} of {size} in the design “{name}”" for name, (n, size) in out.items() if n])
+        of = f" ({where})" if len(designs) > 1 else ""
+        counted.append(
+            f"In {lost} of {runs} runs{of} the vehicle itself goes out of control; "
+            "these are left out for every estimator."
+        )
     names = dict.fromkeys(name for d in designs for name in d.estimators)
     diverged = {n: sum(d.diverged(d.estimators.index(n)) for d in designs if n in d.estimators) for n in names}
-    if losses := [f"{name} in {n}" for name, n in diverged.items() if n]:
-        told.append(f"Of {sum(d.compared() for d in designs)} runs under control diverged {listed(losses)}.")
+    if losses := [
+        f"{name} diverged in {diverged[name]}" for name in sorted(names, key=lambda n: -diverged[n]) if diverged[name]
+    ]:
+        under_control = sum(d.compared() for d in designs)
+        of = f"{under_control} runs in which the vehicle stayed under control" if lost else f"{under_control} runs"
+        counted.append(f"Of {of}, {listed(losses)}.")
     if pending := sum(d.count(PENDING, None, 0) for d in designs):
-        told.append(f"{pending} of {total} are still to come.")
-    return told
+        counted.append(f"{pending} of {runs} runs are still to come.")
+    return counted

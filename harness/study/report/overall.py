@@ -112,18 +112,38 @@ class Standing:
         order = self.order_in(place)
         if not order:
             return 0.0
-        worst, home = self.worst[place, order[0]], self.home(place, order[0])
+        worst = self.worst[place, order[0]]
         if self.limit is not None:
             return float(worst / self.limit)
+        home = self.home(place, order[0], self.worst_level(place))
         return float(worst / home) if home is not None and home > 0 else 0.0
+
+    def worst_level(self, place: int) -> int:
+        """Return the level of a design at which the median error of the best estimator in it is largest."""
+        medians = self.designs[place].medians[self.target][:, self.order_in(place)[0]]
+        return int(np.nanargmax(medians))
+
+    def alike(self, place: int, level: int) -> list[int]:
+        """Return the estimators whose median error at a level is within ``ALIKE`` of that of the best in the design."""
+        order, medians = self.order_in(place), self.designs[place].medians[self.target, level]
+        return [e for e in order if abs(medians[e] / medians[order[0]] - 1) <= ALIKE or e == order[0]]
 
     def tells_growth(self, place: int) -> bool:
         """Return whether a design says more than the errors over all levels do: from what the error grows."""
         return len(self.designs[place].design.bands) > 1 or any(f.design.matched is not None for f in self.designs)
 
-    def home(self, place: int, estimator: int) -> float | None:
-        """Return the median error as believed: of a design, or of the first one that has such a level."""
-        for findings in (self.designs[place], *self.designs):
+    def home(self, place: int, estimator: int, level: int) -> float | None:
+        """Return the median error as believed, of the runs that a level has too: runs out of control there are no part.
+
+        Of a design without such a level that of the first design that has one.
+        """
+        own = self.designs[place].design
+        if own.matched is not None:
+            as_believed, there = (own.errors[self.target, b, estimator] for b in (own.matched, level))
+            both = as_believed[~np.isnan(as_believed) & ~np.isnan(there)]
+            if both.size and np.isfinite(value := np.median(both)):
+                return float(value)
+        for findings in self.designs:
             matched = findings.design.matched
             if matched is not None and np.isfinite(value := findings.medians[self.target, matched, estimator]):
                 return float(value)

@@ -32,11 +32,13 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
     findings = analysis.main
     items = [f"{strong('Inputs.')} {plain(text)}" for text in inputs.in_short(findings)]
     items.append(f"{strong('Diverged runs.')} {plain(_lost(analysis))}")
-    if findings.with_covariance:
-        items.append(f"{strong('Stated uncertainty.')} {plain(_consistent(findings, analysis.store.histories))}")
     best, harms, counts = sentences(analysis)
     opening_sentences: list[Block] = [Prose(strong(" ".join(best or harms[:1])))]
     further = harms if best else harms[1:]
+    if findings.with_covariance:
+        stated, at_worst = _consistent(findings, analysis.store.histories)
+        counts += [stated] if stated else []
+        items += [f"{strong('Stated uncertainty.')} {plain(at_worst)}"] if at_worst else []
     if further or counts:
         opening_sentences.append(Bullets([plain(text) for text in (*further, *counts)]))
     figures = boxes.pictures(analysis, findings, opening=True)
@@ -60,18 +62,28 @@ def _standings(analysis: Analysis) -> list[Block]:
     names = designs[0].estimators
     if len(designs) == 1 or len(names) == 1:
         return []
-    rows = []
+    several, rows = len(of_targets) > 1, []
+    quantities = [f"{q.words}{in_unit(q.unit)}" for q in designs[0].targets]
     for place, design in enumerate(designs):
         for standing in of_targets:
-            quantity = design.targets[standing.target]
             cells = zip(standing.area[place], standing.worst[place], strict=True)
-            sizes = ["–" if np.isnan(mean) else f"{number(mean)}\n{number(worst)}" for mean, worst in cells]
-            rows.append(["" if standing.target else design.name, f"{quantity.words}{in_unit(quantity.unit)}", *sizes])
-    caption = (
-        "What each estimator bears of each design: median RMSE in the mean over its levels (area under the error over "
-        "the deviation, by the width of the range), and below it at the worst level; ∞: most runs diverged."
-    )
-    return [Sheet(["design", "target", *names], rows, caption, left=2)]
+            sizes = [_two(mean, worst, len(design.bands)) for mean, worst in cells]
+            target = [quantities[standing.target]] if several else []
+            rows.append(["" if standing.target else design.name, *target, *sizes])
+    of = "" if several else f" of the {quantities[0]}"
+    caption = f"Median RMSE{of}: in the mean over the levels of each design, and below it at the worst level."
+    if any(np.isinf(s.worst).any() for s in of_targets):
+        caption += " ∞: most runs diverged."
+    if any(d.out_of_control[b].all() for d in designs for b in range(len(d.bands))):
+        caption += " Levels at which the vehicle goes out of control in every run are left out."
+    return [Sheet(["design", *(["target"] if several else []), *names], rows, caption, left=2 if several else 1)]
+
+
+def _two(mean: float, worst: float, levels: int) -> str:
+    """Return a mean over levels above the worst of them; one number of a single level."""
+    if np.isnan(mean):
+        return "–"
+    return number(mean) if levels == 1 else f"{number(mean)}\n{number(worst)}"
 
 
 def _of_the_box(analysis: Analysis) -> list[Block]:
@@ -111,7 +123,7 @@ def _belief(analysis: Analysis) -> str:
     plant, belief = (str(description.get(side, {}).get("model", "")) for side in ("plant", "belief"))
     if plant == belief:
         return ""
-    return f" The plant is {plant}, the estimators believe {belief}: they are wrong at every level."
+    return f" The plant is {plant}, the estimators believe {belief}: the models differ also where the values agree."
 
 
 def _lost(analysis: Analysis) -> str:
@@ -139,10 +151,10 @@ def _only_on(designs: Sequence[Design], estimator: str) -> str:
     return f", all on {where.pop()}" if several and len(where) == 1 else ""
 
 
-def _consistent(findings: Findings, histories: Sequence[xr.Dataset]) -> str:
+def _consistent(findings: Findings, histories: Sequence[xr.Dataset]) -> tuple[str, str]:
     """Say what the stated covariances are worth where plant and belief agree, and where they are worst."""
     home = in_numbers.home(findings)
-    told = [_as_stated(findings, home)] if home is not None else []
+    told: list[str] = []
     ratios = np.array(
         [
             [findings.consistency("nees", b, e).ratio for e in findings.with_covariance]
@@ -153,16 +165,16 @@ def _consistent(findings: Findings, histories: Sequence[xr.Dataset]) -> str:
         band, place = (int(k) for k in np.unravel_index(int(np.nanargmax(ratios)), ratios.shape))
         if band != home:
             told += _worst_stated(findings, band, findings.with_covariance[place], histories)
-    return " ".join(text for text in told if text)
+    return "" if home is None else _as_stated(findings, home), " ".join(told)
 
 
 def _as_stated(findings: Findings, band: int) -> str:
     """Say whether the errors of a band are as large as the estimators state."""
     design = findings.design
     meaning = {
-        "consistent": "as large as stated",
-        "over-confident": "larger than stated",
-        "cautious": "smaller than stated",
+        "consistent": "as large as",
+        "over-confident": "larger than",
+        "cautious": "smaller than",
     }
     groups: dict[str, list[str]] = {}
     for e in findings.with_covariance:
@@ -171,11 +183,11 @@ def _as_stated(findings: Findings, band: int) -> str:
             high, runs = findings.alone(band, e)
             few = f" through {high} of {runs} runs" if c.verdict == "over-confident" and 2 * high < runs else ""
             groups.setdefault(meaning[c.verdict], []).append(f"{design.estimators[e]} {number(c.ratio)}{few}")
-    parts = [f"{size} ({', '.join(members)})" for size, members in groups.items()]
+    parts = [f"{size} the covariance states ({', '.join(members)})" for size, members in groups.items()]
     if not parts:
         return ""
     where = _capital(at(design, band))
-    return f"{where} the errors of the states are {listed(parts)}; 1 would be exactly as stated (NEES)."
+    return f"{where} the errors of the states are {listed(parts)}, by NEES over its expectation."
 
 
 def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.Dataset]) -> list[str]:
@@ -184,10 +196,10 @@ def _worst_stated(findings: Findings, band: int, e: int, histories: Sequence[xr.
     name, label = design.estimators[e], design.bands[band]
     c, innovation = findings.consistency("nees", band, e), findings.consistency("nis", band, e)
     if not c.ratio > c.upper:
-        return [f"Nowhere is it much larger (at most {number(c.ratio)}, {name} at {label})."]
+        return [f"NEES is nowhere much larger (at most {number(c.ratio)} times its expectation, {name} at {label})."]
     told = [
-        f"At {label} it is {number(c.ratio)} for {name}: taken over all states the errors are about "
-        f"{number(float(np.sqrt(c.ratio)), 2)} times the standard deviation that {name} states (the square root)."
+        f"At {label} NEES is {number(c.ratio)} times its expectation for {name}: taken over all states the errors are "
+        f"about {number(float(np.sqrt(c.ratio)), 2)} times the standard deviation that {name} states (the square root)."
     ]
     run = next(
         (h for h in histories if (h.attrs["design"], words(h.attrs["band_label"])) == (design.name, label)), None

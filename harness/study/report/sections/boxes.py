@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -102,6 +103,7 @@ def tick_labels(design: Design) -> list[str]:
 
 
 def _broken(label: str) -> str:
+    label = re.sub(r"(?<!\w)-(?=\d)", "−", label)
     return label.replace(", ", ",\n") if len(label) > 12 else label
 
 
@@ -229,7 +231,7 @@ def _picture(analysis: Analysis, findings: Findings, panels: list[Panel], height
     if counts and min(counts) < FEW:
         of = f" of a box with fewer than {FEW}" if max(counts) >= FEW else ""
         caption += f" Points: the runs{of}; line: their median."
-    caption += " n: runs of each box, the same for all estimators."
+    caption += " n: runs of each estimator at a level, the same ones for all."
     if any(design.diverged(e) for e in range(len(design.estimators))):
         caption += " div.: of these, runs in which an estimator diverged; they count as larger than any other."
     if design.out_of_control.any():

@@ -123,7 +123,7 @@ def _grown(findings: Findings, target: int, start: int | None, band: int, e: int
 def _compared(findings: Findings, target: int, band: int | None, e: int) -> str:
     """Return how many times the error of the estimator that all are compared with it is on the same run."""
     if e == findings.pairs[0][0]:
-        return "compared with"
+        return "reference"
     pair = findings.compared(target, *next(p for p in findings.pairs if p[1] == e), band)
     if not pair.result.n:
         return "–"
