@@ -114,13 +114,13 @@ def _print(dataset: xr.Dataset, figure: Path) -> None:
     excited = slice(int(moving[0]), int(moving[-1]) + 1) if moving.size else slice(0, 0)
     late = delays(dataset)
     table = Table(title=f"Structural observability of {dataset.attrs['model']}")
-    for heading in ("criterion", "needs", "at start", "steering", "at end", "violated after"):
+    for heading in ("criterion", "needs", "at start", "steering", "at end", "holds after steering"):
         table.add_column(heading, justify="left" if heading == "criterion" else "right")
     for name in ("connected", "rank"):
         n = dataset[name].to_numpy()
         during = n[excited]
         span = "-" if not during.size else f"{during.min()} .. {during.max()}"
-        after = "not violated" if np.isnan(late[name]) else f"{late[name]:.2f} s"
+        after = "to the end" if np.isnan(late[name]) else f"{late[name]:.2f} s"
         row = [dataset[name].attrs["long_name"], str(dataset[name].attrs["required"]), str(n[0]), span]
         table.add_row(*row, str(n[-1]), after)
     console = Console()
