@@ -62,8 +62,7 @@ REFUSALS = {
         [('[[estimator]]\nname = "EKF"\nkind = "ekf"\n', ""), ('name = "small"', 'estimator = [3]\nname = "small"')],
         "estimator[0]: expected a table with input_signal, kind, name, got 3",
     ),
-    "drives that are no text": ([("seed = 0", "drives = 3")], "drives: input should be a valid string, got 3"),
-    "tuning that is a list": ([("seed = 0", 'tuning = ["a"]')], "tuning: input should be a valid string"),
+    "tuning of a number": ([("seed = 0", "tuning = 3")], "tuning: input should be a valid string, got 3"),
     "tuning without a factor": (
         [('name = "small"', 'tuning = { estimator = { EKF = { process = 1 } } }\nname = "small"')],
         "tuning.estimator.EKF.measurement: this key is required",
@@ -73,10 +72,7 @@ REFUSALS = {
         "drive[1].name: 'sine' is the name of drive[0] already",
     ),
     "unknown key": ([("seed = 0", "sed = 0")], "sed: unknown key 'sed'; closest: seed"),
-    "unknown nested key": (
-        [("repeats = 2", "repeat = 2")],
-        "design[0].repeat: unknown key 'repeat'; closest: repeats",
-    ),
+    "unknown nested key": ([("repeats = 2", "repeat = 2")], "design[0].repeat: unknown key 'repeat'; closest: repeats"),
     "unknown factor key": (
         [("levels =", "level =")],
         "design[0].factor[0].level: unknown key 'level'; closest: levels",
