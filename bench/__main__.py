@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import time
 
 from rich.console import Console
@@ -17,13 +18,18 @@ from harness.study.provenance import processor
 
 def main() -> None:
     """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser.add_argument(
+        "--rounds", type=int, default=15, help="measurements of each, the quickest counts (%(default)s)"
+    )
+    rounds = parser.parse_args().rounds
     console = Console()
     with console.status("measuring"):
-        times, ratio = engine.step_times(), engine.workers()
+        times, ratio = engine.step_times(rounds=rounds), engine.workers(min(rounds, 3))
         given = problem("ukf", 120, 1)
         filters = {"filterpy": filterpy_filter.unscented(given)}
         peer = 1e6 * quickest(filters, 3, time.thread_time)["filterpy"] / given.steps
-        particle = engine.particle_time()
+        particle = engine.particle_time(rounds=min(rounds, 8))
     table = Table(title=f"microseconds per step and run, one core of {processor()}, {LANES} runs at a time")
     table.add_column("what")
     table.add_column("us", justify="right")

@@ -114,8 +114,9 @@ def endurance(kinds: tuple[str, ...] = KINDS, hours: float = 24.0, part: float =
     Args:
         kinds: Estimators.
         hours: In all.
-        part: s of each part, which has noise of its own.
+        part: s of each part, which has noise of its own; all of it where that is less.
     """
+    part = min(part, hours * HOUR)
     study = mass_study(*kinds)
     wanted = next(d for d in study.drives if d.kind == "sine")
     drive = dataclasses.replace(wanted, options={**wanted.options, "duration": part})

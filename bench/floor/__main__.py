@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections import Counter
 from types import SimpleNamespace
 from typing import Any
@@ -78,6 +79,7 @@ def _per_step(run, short: int, long: int) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
+    argparse.ArgumentParser(prog="python -m bench.floor", description=__doc__).parse_args()
     console = Console(width=140)
     with console.status("measuring"):
         each, times, done = throughput(), step_times(), operations()

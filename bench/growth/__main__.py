@@ -89,6 +89,7 @@ def main() -> None:
             with console.status(f"measuring: {curve}, {size:,}"):
                 points[str(size)] = measured(curve, size)
             kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    found = {curve: points for curve, points in found.items() if points}
     table = Table(box=box.MARKDOWN, title=f"{processor()}")
     for name in ("what grows", "sizes", "time", "", "exponent", "memory, MiB", "exponent"):
         table.add_column(name)

@@ -124,7 +124,7 @@ def _check_all(task: tuple[str, int, Path, Sequence[Key]]) -> list[Scored]:
     for each in score_drive(make, number, is_measured, there):
         found.append(each)
         with path.open("a", encoding="utf-8") as file:
-            file.write(_line(each))
+            file.write(line_of(each))
     return found
 
 
@@ -139,7 +139,7 @@ def run(seeds: Iterable[int], jobs: int, path: Path, with_measured: bool = True)
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     there = kept(path)
-    path.write_text("".join(map(_line, there)), encoding="utf-8")
+    path.write_text("".join(map(line_of, there)), encoding="utf-8")
     keys = tuple((s.drive, s.kind, s.signals) for s in there)
     measured = [("measured", n) for n in range(len(drives.measured()) if with_measured else 0)]
     simulated = [(vehicle, seed) for seed in seeds for vehicle in ("car", "semitrailer")]
@@ -150,7 +150,8 @@ def run(seeds: Iterable[int], jobs: int, path: Path, with_measured: bool = True)
         yield from pool.map(_check_all, tasks)
 
 
-def _line(check: Scored) -> str:
+def line_of(check: Scored) -> str:
+    """Return a check as a line of the file."""
     return json.dumps(asdict(check), ensure_ascii=False) + "\n"
 
 

@@ -6,6 +6,7 @@ reference semitrailer; ``python -m harness.cli.drive_tables --kinds`` prints the
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from harness.common.errors import ModelError, UserError
+from harness.cli.options import answers_errors
 from harness.common.units import registry as unit_registry
 from harness.models.assembly.assemble import Model, assemble, symbol
 from harness.models.contracts import DriveContext, Option, Profile
@@ -182,17 +183,17 @@ def _bounds(option: Option) -> str:
     return f"{span} {unit}".strip()
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Print the tables of the documentation; return the exit status."""
-    if len(arguments) != 1:
-        print("usage: python -m harness.cli.drive_tables (--kinds | FILE.toml)", file=sys.stderr)
-        return 2
-    try:
-        print(kinds_table() if arguments[0] == "--kinds" else table(arguments[0]))
-    except (UserError, ModelError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Print the tables of the documentation."""
+    parser = argparse.ArgumentParser(
+        prog="python -m harness.cli.drive_tables", description="Tables of the drives of a file, or of the kinds"
+    )
+    wanted = parser.add_mutually_exclusive_group(required=True)
+    wanted.add_argument("--kinds", action="store_true", help="the kinds of drives with their options")
+    wanted.add_argument("file", nargs="?", help="such as studies/drives/robustness.toml: the peaks of its drives")
+    chosen = parser.parse_args(arguments)
+    print(kinds_table() if chosen.kinds else table(chosen.file))
 
 
 if __name__ == "__main__":

@@ -81,13 +81,14 @@ def recording(seed: int) -> Drive:
     )
 
 
-def search(variant: str, seed: int) -> Outcome:
-    """Identify the recording of a seed by a variant."""
+def search(variant: str, seed: int, iterations: int) -> Outcome:
+    """Identify the recording of a seed by a variant, EM in so many iterations at most."""
     method, given = VARIANTS[variant]
     drive, spec = recording(seed), car(start=True)
     begin = time.process_time()
     if method == "em":
-        found = Maximisation(spec, FREE, [drive], Settings.model_validate(given)).run(seed)
+        settings = Settings.model_validate(given | {"iterations": iterations})
+        found = Maximisation(spec, FREE, [drive], settings).run(seed)
         path = np.array([p.free for p in found.history])
         process = np.sqrt([p.process for p in found.history])
         return Outcome(found.point.free, path, process, found.converged, time.process_time() - begin)
@@ -122,6 +123,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--repeats", type=int, default=50, help="recordings with fresh noise")
     parser.add_argument("--beside", type=int, default=10, help="of them for the methods beside EM with the smoother")
+    parser.add_argument("--iterations", type=int, default=Settings().iterations, help="of EM, at most")
     parser.add_argument("--seed", type=int, default=0, help="of the first recording")
     parser.add_argument("--jobs", type=int, default=joblib.cpu_count(), help="processes")
     return parser
@@ -131,14 +133,15 @@ def _arguments() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str]) -> None:
     """Identify as the arguments say and write data and report."""
     chosen, console = _arguments().parse_args(arguments), Console(stderr=True)
-    if min(chosen.repeats, chosen.beside, chosen.jobs) < 1 or chosen.seed < 0:
-        raise UserError("repeats, beside and jobs must be at least 1, the seed at least 0")
+    if min(chosen.repeats, chosen.beside, chosen.iterations, chosen.jobs) < 1 or chosen.seed < 0:
+        raise UserError("repeats, beside, iterations and jobs must be at least 1, the seed at least 0")
     found: dict[str, list[Outcome]] = {}
     for number, variant in enumerate(VARIANTS):
         count = min(chosen.beside, chosen.repeats) if number else chosen.repeats
-        search(variant, chosen.seed)  # compiles, so that the times below are those of the fit
+        search(variant, chosen.seed, 1)  # compiles, so that the times below are those of the fit
         seeds = range(chosen.seed, chosen.seed + count)
-        found[variant] = joblib.Parallel(chosen.jobs)(joblib.delayed(search)(variant, seed) for seed in seeds)
+        fits = (joblib.delayed(search)(variant, seed, chosen.iterations) for seed in seeds)
+        found[variant] = joblib.Parallel(chosen.jobs)(fits)
         spent = np.median([o.seconds for o in found[variant]])
         console.print(f"{variant}: {count} recordings, median {spent:.1f} s of CPU time each")
     truth = np.array([car(start=False).values[name] for name in FREE])

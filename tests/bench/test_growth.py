@@ -1,8 +1,11 @@
 """Curves of growth: the exponent is that of the upper end, and the chain of trailers is a chain."""
 
+import json
+import sys
+
 import pytest
 
-from bench.growth.__main__ import exponent
+from bench.growth.__main__ import exponent, main
 from bench.growth.road_train import VALUES, road_train
 from harness.models.assembly.assemble import symbol
 
@@ -25,3 +28,20 @@ def test_trailers_follow_a_steady_turn_and_read_the_body_ahead_only():
     assert float(by_state["rate_3"].subs(turning)) < 0.0  # no angle yet pulls it round
     last = by_state["rate_5"].free_symbols & {symbol(n) for n in model.states}
     assert last == {symbol(n) for n in ("rate_4", "rate_5", "angle_5")}
+
+
+@pytest.mark.proof
+def test_a_point_is_measured_and_what_is_there_is_drawn(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["bench.growth", "--point", "states, EKF", "4"])
+    main()
+    seconds, memory = json.loads(capsys.readouterr().out)
+    assert seconds > 0
+    assert memory > 50
+    kept = {"states, EKF": {"4": [seconds, memory], "8": [2 * seconds, memory]}, "states, UKF": {"4": [1.0, 200.0]}}
+    kept["workers"] = {str(n): [4.0 / n, 200.0] for n in (1, 2, 4)}
+    (tmp_path / "growth.json").write_text(json.dumps(kept), encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["bench.growth", "--largest", "4", "--out", str(tmp_path)])
+    main()
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("| states, EKF"))
+    assert [cell.strip() for cell in row.split("|")][5] == "1.00"  # the exponent of the time
+    assert (tmp_path / "growth.svg").stat().st_size > 1000

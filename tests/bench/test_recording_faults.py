@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bench.recording_faults import drives
-from bench.recording_faults.__main__ import summary, table
+from bench.recording_faults.__main__ import RECALL, main, summary
 from bench.recording_faults.planted import planted
-from bench.recording_faults.run import CLEAN, check_drive, score_drive, scored
+from bench.recording_faults.run import CLEAN, check_drive, line_of, score_drive, scored
 
 
 @pytest.fixture(scope="module")
@@ -51,11 +51,17 @@ def test_the_score_counts_what_is_missed(drive):
 
 
 @pytest.mark.proof
-def test_table_and_summary_of_a_drive():
+def test_the_command_writes_the_table_of_what_is_there(tmp_path, capsys):
+    """Of one drive, which was checked before."""
     found = list(score_drive(lambda: drives.semitrailer(5), 5, measured=False))
-    assert {s.kind for s in found} > {CLEAN, "time: ms, us, s for ms"}
-    assert len(table(found).splitlines()) == len({s.kind for s in found} - {CLEAN}) + 2
-    words, recall, alarms = summary(found, measured=False)
-    assert "simulated drives" in words
+    (tmp_path / "checks.jsonl").write_text("".join(map(line_of, found)), encoding="utf-8")
+    _, recall, alarms = summary(found, measured=False)
     assert recall >= 0.9
     assert alarms == 0
+    assert main(["--seeds", "5:5", "--no-measured", "--out", str(tmp_path)]) == (recall < RECALL)
+    said = capsys.readouterr().out
+    assert f"({recall:.1%})" in said
+    assert "0 of 1 drives without a planted fault have a finding" in said
+    kinds = {s.kind for s in found}
+    assert kinds > {CLEAN, "time: ms, us, s for ms"}
+    assert len((tmp_path / "table.md").read_text(encoding="utf-8").splitlines()) == len(kinds - {CLEAN}) + 2

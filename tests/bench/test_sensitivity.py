@@ -195,3 +195,25 @@ def test_numbers_are_written_as_they_are():
     assert [shown(v) for v in (1e-8, 0.9995, 3, (0.0, math.inf), {"effect": 0.15})] == [
         "1e-8", "0.9995", "3", "0, ∞", "effect 0.15"
     ]  # fmt: skip
+
+
+def test_the_command_writes_the_tables_of_what_was_traced(tmp_path, monkeypatch, capsys):
+    """``make sensitivity`` where everything is there already: no number is taken again."""
+    code = sensitivity.sources.digest([sensitivity.changed_criteria])
+    for label in (STATED, "MOST:halved", "MOST:doubled"):
+        named = ("crosswind",) if label != "MOST:doubled" else ("road_bank",)
+        new = Traced(scored(claimed=named, first=named[0]), label)
+        sensitivity.append(tmp_path / "sensitivity.jsonl", code, label, "car-crosswind-small-500", new)
+    arguments = ["--cases", "car-crosswind-small", "--numbers", "MOST", "--out", str(tmp_path)]
+    assert sensitivity.main(arguments) == 0
+    page = (tmp_path / "sensitivity.md").read_text(encoding="utf-8")
+    assert "| `MOST` | 0.5 | 0.3333: nothing | 0.6667: names of 1, true effect first of 1 |" in page
+    assert page in capsys.readouterr().out
+
+
+def test_a_case_that_is_none_is_told(tmp_path):
+    """The process of a change, as it is begun for each."""
+    done = in_process(f"from bench.attribution.changed_criteria import main\nmain(['stated', {str(tmp_path)!r}])")
+    told = json.loads(done)
+    assert told["folder"] == str(tmp_path)
+    assert "belief.json" in told["problem"] or "train_a.csv" in told["problem"]

@@ -117,7 +117,8 @@ def test_command_refuses_a_bad_file_with_one_message(tmp_path, capsys, text, mes
 
 
 def test_command_without_or_with_absent_file(tmp_path, capsys):
-    assert drive_tables.main([]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        drive_tables.main([])
     assert "usage" in capsys.readouterr().err
     assert drive_tables.main([str(tmp_path / "none.toml")]) == 2
     assert drive_tables.main(["--kinds"]) == 0

@@ -1,16 +1,19 @@
 """Cars identified from measured drives: where the search begins, what a calibration takes away, what is refused."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
+import harness as h
 from harness.cli.identify_measured import main
 from harness.config import resolve_single
 from harness.identification.coordinates import Coordinates
 from harness.identification.measured import IdentifyStudy, calibrated, from_slopes
 from harness.recordings.axle_curves import axles_of
+from support.documented import recorded as log_of
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"}
 FRONT, REAR = 60e3, 90e3
@@ -94,6 +97,25 @@ def test_noise_that_is_held_is_no_coordinate():
     assert free.kind("process").any()
     at = held.candidates(held.centre)
     assert [float(q) for q in at.process[:, 0]] == [spec.process_noise[s] for s in spec.model().states]
+
+
+@pytest.mark.proof
+def test_a_recorded_car_is_identified(tmp_path, capsys):
+    car = h.model("car", "blanco_2021", tyre="linear", sensors="car_navigation", values={"yaw_inertia": 3000.0})
+    (tmp_path / "nowhere").mkdir()
+    for name, seed in (("a.csv", 1), ("b.csv", 2)):
+        driven = log_of(car, seed, speed="20 m/s", amplitude="1.5 deg")
+        driven.assign(longitudinal_velocity=driven["speed"]).to_csv(tmp_path / "nowhere" / name, index=False)
+    path = tmp_path / "car.toml"
+    path.write_text(FILE.format(more='free = ["yaw_inertia"]'))
+    assert main([str(path), "--out", str(tmp_path / "out")]) == 0
+    assert f"wrote {tmp_path}/out/report.html" in capsys.readouterr().out
+    found = json.loads((tmp_path / "out" / "identify.json").read_text(encoding="utf-8"))
+    inertia = next(e for e in found["estimates"] if e["name"] == "yaw_inertia")
+    assert inertia["value"] == pytest.approx(
+        3000.0, rel=0.06
+    )  # the set has 1605; the tyres are held as axles show them
+    assert (tmp_path / "out" / "report.pdf").stat().st_size > 10_000
 
 
 def test_without_the_folder_of_recordings_it_is_skipped(tmp_path, capsys):
