@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness.common.errors import UserError
-from harness.common.failures import Failures
+from harness.common.failures import FILE, Failures
 from harness.common.process import collect_rarely
 from harness.config import load_study
 from harness.study.report.analysis import Analysis
@@ -27,9 +27,20 @@ def nothing_fails_quietly(request, monkeypatch):
         note(self, sentence, trail)
 
     monkeypatch.setattr(Failures, "_note", _note)
+    meant = request.node.get_closest_marker("fails_in_part") is not None
+    folder = request.getfixturevalue("tmp_path") if meant else None
     yield
-    if request.node.get_closest_marker("fails_in_part") is None:
-        assert not noted, "\n".join(noted)
+    for path in folder.rglob(FILE) if folder else ():
+        path.unlink()
+    assert meant or not noted, "\n".join(noted)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_process_fails_quietly(tmp_path_factory):
+    """Fail where a process that a test began could not make a part of a result, which is written beside that."""
+    yield
+    lost = [*tmp_path_factory.getbasetemp().rglob(FILE)]
+    assert not lost, "\n".join(f"{path}\n{path.read_text(encoding='utf-8')}" for path in lost)
 
 
 @pytest.fixture

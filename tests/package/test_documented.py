@@ -20,6 +20,9 @@ pytestmark = pytest.mark.notebooks
 ELSEWHERE = {gallery.PAGE}
 """Pages whose commands ``make docs`` runs, for their pictures."""
 
+WRITTEN = re.compile(r"[\w./-]+\.\w{2,7}")
+"""A line that names a file: commands print what they wrote."""
+
 CELLS = {"docs/api.md": "tests/api", "docs/studies.md": "tests/config", "docs/plugins.md": "tests/study"}
 """Pages whose Python is run by other tests."""
 
@@ -66,3 +69,6 @@ def test_a_page_does_what_it_shows(page, recordings, tmp_path):
             [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, f"{part.text}\n{done.stdout}{done.stderr}"
+        written = [folder / line for line in done.stdout.splitlines() if WRITTEN.fullmatch(line)]
+        assert [str(path) for path in written if not path.stat().st_size] == [], part.text
+        assert written or done.stdout.strip() or part.kind == "python", f"{part.text}: says nothing and writes nothing"
