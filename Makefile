@@ -106,9 +106,9 @@ notebooks: $(VENV)/docs.stamp ## run the notebooks of the tutorial, and the comm
 build/notebooks/%.ipynb: docs/notebooks/%.ipynb $(VENV)/docs.stamp $(shell find -L harness -name '*.py' -o -name '*.toml')
 	$(BIN)/python -m bench.notebooks $< $@
 
-docs: $(VENV)/docs.stamp $(NOTEBOOKS) ## write the documentation as a site to site/, strictly, with notebooks and gallery made
+docs: $(VENV)/docs.stamp $(NOTEBOOKS) ## write the documentation as a site to site/, strictly, with notebooks run and pictures renewed
+	PYTHONPATH=tests $(BIN)/python -m bench.gallery docs
 	rm -rf build/docs && cp -R docs build/docs && cp $(NOTEBOOKS) build/docs/notebooks
-	PYTHONPATH=tests $(BIN)/python -m bench.gallery build/docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 lint: $(VENV)/dev.stamp ## ruff, mypy and the rule of imports
