@@ -101,7 +101,7 @@ def test_run_hands_over_and_prints_the_reports(harness, small_study, tmp_path, m
     assert status == 0
     assert (seen["study"].name, seen["out"], seen["jobs"]) == ("mass", out, 2)
     answer, *files = printed.splitlines()
-    assert answer.startswith("With the trailer mass at 8 t instead of the believed 24 t,")
+    assert "With the trailer mass at 8 t instead of the believed 24 t," in answer
     assert files == [str(out / "report.html"), str(out / "report.pdf")]
     assert all(Path(file).stat().st_size for file in files)
     assert len(analysed) == 1
