@@ -18,6 +18,7 @@ name = "spin"
 targets = ["lateral_velocity"]
 estimator = [{ name = "EKF", kind = "ekf" }, { name = "PF", kind = "particle", particles = 64 }]
 plant = { vehicle = "car_two_track", parameters = "althoff_2020", tyre = "magic_formula", sensors = "car_series" }
+belief = { vehicle = "car", parameters = "govindarajan_2018", sensors = "car_series" }
 
 [[drive]]
 name = "sine"
