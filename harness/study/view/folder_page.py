@@ -62,12 +62,13 @@ def _told(folder: Path, kind: str) -> tuple[str, str]:
     try:
         if kind == "study":
             from harness.study.report import analyse  # only where there are studies: it takes seconds to import
-            from harness.study.report.opening import answer_in_short
+            from harness.study.report.opening import sentences
 
             found = analyse(folder)
             attributes = found.store.attributes
             title = str(attributes.get("title") or attributes.get("study_name") or folder.name)
-            return title, answer_in_short(found)
+            best, harms, counts = sentences(found)
+            return title, " ".join((best or harms or counts)[:1])
         if kind == "campaign":
             record = read_record(folder / campaign_page.FILE)
             return str(record.get("title", folder.name)), campaign_page.in_short(record)

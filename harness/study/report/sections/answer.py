@@ -47,9 +47,9 @@ def blocks(analysis: Analysis, opening: Sequence[Block] = ()) -> list[Block]:
         *opening_sentences,
         *opening,
         *_of_the_box(analysis),
-        *_standings(analysis),
         Prose(plain(" ".join(filter(None, [_scope(analysis), in_numbers.few(findings)])))),
         *figures,
+        *_standings(analysis),
         in_numbers.table(findings),
         Bullets(items),
     ]

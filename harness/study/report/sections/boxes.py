@@ -25,7 +25,7 @@ from harness.study.results import Design
 from harness.study.scores import PENDING
 
 UPRIGHT = 9  # levels whose labels fit side by side; more are turned
-_OPENING = 5.8  # inches of the first page that the answer in words leaves to a figure
+_OPENING = 5.0  # inches of the first page that the answer in words leaves to a figure
 _LOWEST = 1.35  # inches per target where that keeps a figure on the first page
 _LABEL = 80  # characters of an axis label that fit the width of the page
 _LINES = {"bound": (0, (4, 2)), "smoother": (0, (1, 1.5))}
