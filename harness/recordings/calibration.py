@@ -9,10 +9,12 @@ one of them, large values of a channel that hardly shows would be likelier than 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from harness.common.arrays import Floats
 from harness.models.signals import SIGNALS
@@ -32,6 +34,12 @@ _SPREADS = (1 / 8, 1 / 2, 2.0)
 _NEARLY = 0.75
 """Share of what a comparison must be off that a cause must be, which several comparisons make smaller and surer."""
 _LIKELY, _SELDOM, _RARE = 0.03, 0.005, 0.0005
+_DEVICE = 0.02
+"""Probability that all channels of a device are late."""
+_EARLY = 0.01
+"""How much less probable it is that a reading comes before the event than after it."""
+_LOOK_AHEAD = 0.02
+"""s by which a filter without phase, or a stamp at the end of its window, may make a reading early."""
 _OFTEN = 0.1
 """Probability that a clock is late against another or drifts: two devices seldom agree, channels of one mostly do."""
 _LISTED = 0.05
@@ -40,6 +48,8 @@ _UNSCALED = ("position", "heading", "latitude", "longitude")
 """Signals that have no scale of their own: a geodetic system and a compass are right or in another unit."""
 _UNSHIFTED = ("position", "latitude", "longitude", "speed", "longitudinal_velocity")
 """Signals that have no offset of their own: a speed is zero at rest, and a position is relative."""
+_PLACE = ("position_x", "position_y")
+_INERTIAL = ("yaw_rate", "roll_rate", "lateral_acceleration", "longitudinal_acceleration")
 _TRUSTED = ("position", "heading", "latitude", "longitude", "longitudinal_velocity", "lateral_velocity")
 """Signals of navigation units, which are less often wrong than those of the vehicle."""
 
@@ -48,7 +58,6 @@ def causes(
     fits: Sequence[Agreement],
     smoothed: Smoothed,
     twins: Mapping[str, tuple[str, ...]],
-    clocks: Mapping[str, int],
     only: Collection[Cause] | None = None,
 ) -> list[Cause]:
     """Return what is off by a little and explains the comparisons.
@@ -57,16 +66,16 @@ def causes(
         fits: Comparisons of the signals, mended of the faults.
         smoothed: The signals that they compare.
         twins: All signals that are read from the channel of a signal.
-        clocks: Number of the clock by signal.
         only: Causes beside which no other is looked for.
     """
     used = [f for f in fits if tells(f)]
     if not used:
         return []
-    channels = list(dict.fromkeys(twins.get(n, (n,)) for f in used for n in f.relation.signals))
-    several = len({clocks.get(names[0], 0) for names in channels}) > 1
+    together = {**twins, **dict.fromkeys(_PLACE, _PLACE)}  # the axes of one receiver
+    channels = list(dict.fromkeys(together.get(n, (n,)) for f in used for n in f.relation.signals))
+    several = len({smoothed.origin(names[0]).clock for names in channels}) > 1
     wanted = None if only is None else {(c.kind, c.signals) for c in only}
-    options = [o for o in _options(channels, clocks) if wanted is None or (o.kind, o.signals) in wanted]
+    options = [o for o in _options(channels, smoothed) if wanted is None or (o.kind, o.signals) in wanted]
     found: list[Cause] = []
     for _ in range(_ROUNDS):
         around = mended(found, smoothed) if found else smoothed
@@ -97,44 +106,112 @@ def _alike(before: Sequence[Cause], found: Sequence[Cause]) -> bool:
 
 @dataclass(frozen=True)
 class _Option:
-    """A cause that may be: its kind, its channels by number, its signals, its probability beforehand, its clock."""
+    """A cause that may be.
+
+    Attributes:
+        kind: ``SCALE``, ``OFFSET``, ``DELAY`` or ``DRIFT``.
+        channels: Numbers of its channels.
+        signals: Their signals.
+        prior: Its probability beforehand.
+        size: How large it usually is.
+        sign: 1 or -1 where it cannot be of the other sign; 0 otherwise.
+        clock: Which clock it is; -1 for channels.
+    """
 
     kind: str
     channels: tuple[int, ...]
     signals: tuple[str, ...]
     prior: float
+    size: float
+    sign: int = 0
     clock: int = -1
 
 
-def _options(channels: Sequence[tuple[str, ...]], clocks: Mapping[str, int]) -> Iterator[_Option]:
+def _options(channels: Sequence[tuple[str, ...]], smoothed: Smoothed) -> Iterator[_Option]:
     """Yield the causes that may be."""
     trusted = [any(n.startswith(_TRUSTED) for n in names) for names in channels]
+    origins = [smoothed.origin(names[0]) for names in channels]
+    clock_of = [o.clock for o in origins]
+
+    def signals(inside: Sequence[int]) -> tuple[str, ...]:
+        return tuple(n for m in inside for n in channels[m])
+
     for m, names in enumerate(channels):
-        for kind in (SCALE, OFFSET, DELAY):
-            if names[0].startswith({SCALE: _UNSCALED, OFFSET: _UNSHIFTED}.get(kind, ("-",))):
-                continue
-            prior = _RARE if trusted[m] and kind == SCALE else _SELDOM if trusted[m] else _LIKELY
-            yield _Option(kind, (m,), names, prior)
-    for inside in _devices(channels, clocks, trusted):
-        names = tuple(n for m in inside for n in channels[m])
-        yield from (_Option(kind, inside, names, _SELDOM) for kind in (SCALE, DELAY))
-    clock_of = [clocks.get(names[0], 0) for names in channels]
+        for kind in (SCALE, OFFSET):
+            if not names[0].startswith({SCALE: _UNSCALED, OFFSET: _UNSHIFTED}[kind]):
+                prior = _RARE if trusted[m] and kind == SCALE else _SELDOM if trusted[m] else _LIKELY
+                yield _Option(kind, (m,), names, prior, usual_size(kind, names[0]))
+        alone = len(set(clock_of)) > 1 and clock_of.count(clock_of[m]) == 1  # then it is the clock that is late
+        if not alone:
+            prior = _SELDOM if trusted[m] and names != _PLACE else _LIKELY
+            yield from _delays((m,), names, prior, origins[m].delay)
+    for inside in _misread_together(channels, clock_of, trusted):
+        yield _Option(SCALE, inside, signals(inside), _SELDOM, usual_size(SCALE, channels[inside[0]][0]))
+    for inside, names in _devices(channels, smoothed):
+        yield from _delays(inside, names, _DEVICE, min(origins[m].delay for m in inside))
     first = next((c for m, c in enumerate(clock_of) if trusted[m]), clock_of[0])
-    for clock in sorted(set(clock_of) - {first}):  # what is late against the first, which may be early as well
+    for clock in sorted(set(clock_of)) if len(set(clock_of)) > 1 else ():
         inside = tuple(m for m, c in enumerate(clock_of) if c == clock)
-        names = tuple(n for m in inside for n in channels[m])
-        yield from (_Option(kind, inside, names, _OFTEN, clock) for kind in (DELAY, DRIFT))
+        yield from _delays(inside, signals(inside), _OFTEN, 0.0, clock)
+        if clock != first:  # clocks drift against each other only
+            yield _Option(DRIFT, inside, signals(inside), _OFTEN, usual_size(DRIFT, ""), 0, clock)
+
+
+def _delays(
+    channels: tuple[int, ...], signals: tuple[str, ...], prior: float, stated: float, clock: int = -1
+) -> Iterator[_Option]:
+    """Yield that channels are late, and that they are early: by a little, or by what the map takes out too much."""
+    yield _Option(DELAY, channels, signals, prior, usual_size(DELAY, signals[0]), 1, clock)
+    yield _Option(DELAY, channels, signals, prior * _EARLY, max(_LOOK_AHEAD, stated), -1, clock)
+
+
+def _misread_together(
+    channels: Sequence[tuple[str, ...]], clock_of: Sequence[int], trusted: Sequence[bool]
+) -> list[tuple[int, ...]]:
+    """Return the channels in one unit and with one clock: they may be of one make, misread alike."""
+    alike: dict[tuple[str, int], list[int]] = {}
+    for m, names in enumerate(channels):
+        if not trusted[m]:
+            alike.setdefault((SIGNALS[names[0]].unit, clock_of[m]), []).append(m)
+    return [tuple(inside) for inside in alike.values() if len(inside) > 1]
 
 
 def _devices(
-    channels: Sequence[tuple[str, ...]], clocks: Mapping[str, int], trusted: Sequence[bool]
-) -> list[tuple[int, ...]]:
-    """Return the channels in one unit and with one clock: they may be of one make, late or misread alike."""
-    found: dict[tuple[str, int], list[int]] = {}
-    for m, names in enumerate(channels):
-        if not trusted[m]:
-            found.setdefault((SIGNALS[names[0]].unit, clocks.get(names[0], 0)), []).append(m)
-    return [tuple(inside) for inside in found.values() if len(inside) > 1]
+    channels: Sequence[tuple[str, ...]], smoothed: Smoothed
+) -> Iterator[tuple[tuple[int, ...], tuple[str, ...]]]:
+    """Yield which signals may be of one device, late together: by what it measures, by name, and by rate.
+
+    Those that nothing is compared with are late with the others, so that two devices may show alike.
+    """
+    recorded = [n for n in smoothed.signals if n in smoothed.origins or n in _PLACE]
+    recorded = list(dict.fromkeys([*(n for names in channels for n in names), *recorded]))
+    groups = [
+        [n for n in recorded if n.startswith((*_PLACE, "heading"))],
+        [n for n in recorded if n.startswith(_TRUSTED)],
+        [n for n in recorded if not n.startswith(_TRUSTED)],
+        [n for n in recorded if n.startswith(_INERTIAL)],
+    ]
+    for key in (lambda o: _group_of(o.channel), lambda o: f"{o.rate:.3g}"):
+        keys = {n: key(smoothed.origin(n)) for n in recorded}
+        groups += [[n for n in recorded if keys[n] == each] for each in dict.fromkeys(keys.values()) if each]
+    clocks = dict.fromkeys(smoothed.origin(n).clock for n in recorded)
+    seen = {frozenset(n for n in recorded if smoothed.origin(n).clock == clock) for clock in clocks}  # options already
+    for group in groups:
+        for clock in dict.fromkeys(smoothed.origin(n).clock for n in group):
+            here = [n for n in group if smoothed.origin(n).clock == clock]
+            tied = tuple(m for m, names in enumerate(channels) if set(names) <= set(here))
+            single = {frozenset(channels[m]) for m in tied if len(tied) == 1}
+            if tied and len(tied) < len(channels) and frozenset(here) not in seen | single:
+                seen.add(frozenset(here))
+                yield tied, tuple(here)
+
+
+def _group_of(channel: str) -> str:
+    """Return what the name of a column says of its device: the message or structure, or the first word."""
+    for separator in "./:":
+        if separator in channel:
+            return channel.rpartition(separator)[0]
+    return re.split(r"[_ ]", channel)[0] if re.search(r"[_ ]", channel) else ""
 
 
 class _Evidence:
@@ -155,12 +232,13 @@ class _Evidence:
             solved = np.linalg.solve(each.covariance, np.column_stack([shown, each.value]))
             precision += shown.T @ solved[:, :-1]
             pull += shown.T @ solved[:, -1]
-        sizes = np.array([usual_size(o.kind, o.signals[0]) for o in options])
+        sizes = np.array([o.size for o in options])
         seen = [n for n in range(len(options)) if precision[n, n] * (_SPREADS[-1] * sizes[n]) ** 2 > 1]
         self._options = [options[n] for n in seen]
         self._precision, self._pull = precision[np.ix_(seen, seen)], pull[seen]
         self._of = np.repeat(np.arange(len(seen)), len(_SPREADS))
         self._spread = np.outer(sizes[seen], _SPREADS).ravel()
+        self._sign = np.array([o.sign for o in self._options])
         priors = np.array([o.prior for o in self._options])
         self._prior = np.repeat(np.log(priors / (1 - priors) / len(_SPREADS)), len(_SPREADS))
 
@@ -172,8 +250,13 @@ class _Evidence:
             + spread[:, :, None] * self._precision[which[:, :, None], which[:, None]] * spread[:, None]
         )
         pull = spread * self._pull[which]
-        gain = (pull * np.linalg.solve(whole, pull[:, :, None])[:, :, 0]).sum(axis=1)
-        return self._prior[sets].sum(axis=1) + (gain - np.linalg.slogdet(whole)[1]) / 2
+        covariance = np.linalg.inv(whole)
+        mean = (covariance @ pull[:, :, None])[:, :, 0]
+        # a normal spread cut at zero holds what of it is on the right side, of which half was there beforehand
+        away = self._sign[which] * mean / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        cut = np.where(self._sign[which] != 0, np.log(2.0) + scipy.special.log_ndtr(away), 0.0)
+        fits = ((pull * mean).sum(axis=1) - np.linalg.slogdet(whole)[1]) / 2
+        return self._prior[sets].sum(axis=1) + fits + cut.sum(axis=1)
 
     def _weighed(self) -> dict[tuple[int, ...], float]:
         """Return what sets of causes score, each cause with each spread; sets are extended by one cause at a time."""

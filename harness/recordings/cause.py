@@ -49,4 +49,4 @@ def mended(causes: Sequence[Cause], smoothed: Smoothed) -> Smoothed:
                 found[name] = np.interp(
                     place + cause.value * drifted / smoothed.step, place, found[name], left=np.nan, right=np.nan
                 )
-    return Smoothed(found, smoothed.step)
+    return Smoothed(found, smoothed.step, smoothed.origins)

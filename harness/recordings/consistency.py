@@ -9,7 +9,7 @@ least squares with residuals that are coloured, as they always are here (Newey a
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,11 +19,13 @@ from harness.common.units import registry
 from harness.models.quantities import print_unit
 from harness.models.signals import SIGNALS
 from harness.recordings.derived_signals import Sources
-from harness.recordings.pair_fit import LONGEST_DELAY, MEMORY, RELATED, SPACING, Agreement, fit_pair
+from harness.recordings.pair_fit import LONGEST_DELAY, MEMORY, RELATED, SPACING, Agreement, correlation_peak, fit_pair
 from harness.recordings.redundancy import RELATIONS, Relation
 
 WINDOWS = (0.3, 0.6, 1.2, 2.4)
 """s over which both sides are smoothed, so that their bandwidths are alike; the one with most information is taken."""
+_SAMPLES = 2.4
+"""Samples of the slowest signal in a window: what is between them is interpolated, not measured."""
 SURE = 4.0
 """Standard errors beyond which a deviation is reported."""
 LEAST_SCALE = {True: 0.0015, False: 0.02}
@@ -48,21 +50,61 @@ class DelayUnknown(UserError):
     """A delay that the map wants estimated cannot be."""
 
 
+@dataclass(frozen=True)
+class Origin:
+    """Where a signal comes from.
+
+    Attributes:
+        channel: Its column.
+        rate: Hz, of the column's own samples.
+        clock: Number of its clock.
+        delay: s that the map takes out already.
+    """
+
+    channel: str = ""
+    rate: float = np.nan
+    clock: int = 0
+    delay: float = 0.0
+
+
 class Smoothed:
     """The signals, smoothed over each of the windows and alike up to each derivative, each computed once.
 
     Attributes:
         signals: Arrays ``(samples,)`` in SI units by name.
         step: s between samples.
+        origins: Where each signal comes from.
     """
 
-    def __init__(self, signals: Mapping[str, Floats], step: float) -> None:
-        self.signals, self.step = signals, step
+    def __init__(self, signals: Mapping[str, Floats], step: float, origins: Mapping[str, Origin] | None = None) -> None:
+        self.signals, self.step, self.origins = signals, step, origins or {}
         self._known = {(w, n): Sources(signals, step, w, n) for w in WINDOWS for n in range(3)}
 
     def of(self, relation: Relation, window: float) -> Sources:
         """Return the signals as a relation takes them."""
         return self._known[window, relation.highest]
+
+    def origin(self, signal: str) -> Origin:
+        """Return where a signal comes from; the only clock where nothing else is stated."""
+        return self.origins.get(signal, Origin())
+
+    def may_drift(self, relation: Relation) -> bool:
+        """Tell whether the two sides of a relation have several clocks."""
+        return len({self.origin(n).clock for n in relation.signals}) > 1
+
+    def unresolved(self, relation: Relation) -> float:
+        """Return the share of the measured signal that a sample has apart from the mean of its neighbours."""
+        native = self.origin(relation.signal).rate
+        every = max(round(1 / (native * self.step)), 1) if native > 0 else 1
+        values = self.signals[relation.signal][::every]
+        apart = values[1:-1] - (values[2:] + values[:-2]) / 2
+        size = _spread(relation, values)
+        return float(np.nanmean(apart**2) / size**2) if size > 0 and np.isfinite(apart).any() else 0.0
+
+    def windows(self, relation: Relation) -> tuple[float, ...]:
+        """Return the windows that smooth over several samples of the slowest of the signals, at least the longest."""
+        slowest = max((1 / self.origin(n).rate for n in relation.signals if self.origin(n).rate > 0), default=0.0)
+        return tuple(w for w in WINDOWS if w >= _SAMPLES * slowest) or WINDOWS[-1:]
 
 
 def applicable(signals: Mapping[str, Floats], derived: Collection[str] = ()) -> list[Relation]:
@@ -90,18 +132,24 @@ def _first_twin(name: str, signals: Mapping[str, Floats]) -> str:
     return next(n for n, values in signals.items() if np.array_equal(values, signals[name], equal_nan=True))
 
 
-def check(signals: Mapping[str, Floats], step: float, derived: Collection[str] = ()) -> list[Agreement]:
+def check(
+    signals: Mapping[str, Floats],
+    step: float,
+    derived: Collection[str] = (),
+    origins: Mapping[str, Origin] | None = None,
+) -> list[Agreement]:
     """Compare every signal with what kinematics makes of the others.
 
     Args:
         signals: Arrays of shape ``(samples,)`` in SI units by name.
         step: s between samples.
         derived: Signals that were computed from others and so need no check.
+        origins: Where each signal comes from.
 
     Returns:
         One comparison per relation that the signals allow, the exact ones first.
     """
-    smoothed = Smoothed(signals, step)
+    smoothed = Smoothed(signals, step, origins)
     return [compare(relation, smoothed) for relation in applicable(signals, derived)]
 
 
@@ -116,7 +164,9 @@ def find_delay(signal: str, signals: dict[str, Floats], step: float, where: str)
             fit = compare(relation, Smoothed(signals, step))
             if fit.scaled and np.isfinite(fit.delay):
                 return fit.delay, fit.delay_std
-            why = f"only {fit.explained:.0%} of it is explained" if fit.explained < RELATED else fit.evidence
+            why = (
+                f"only {fit.explained:.0%} of it is explained" if fit.explained < RELATED else fit.calm or fit.evidence
+            )
             raise DelayUnknown(
                 f"{where}: cannot be estimated against the {relation.formula}: {why}; state it in s, or choose a "
                 "part with more manoeuvres by start and stop"
@@ -128,10 +178,12 @@ def find_delay(signal: str, signals: dict[str, Floats], step: float, where: str)
 
 def compare(relation: Relation, smoothed: Smoothed) -> Agreement:
     """Fit one relation and judge it."""
-    sides = [_sides(relation, smoothed.of(relation, window)) for window in WINDOWS]
+    windows = smoothed.windows(relation)
+    sides = [_sides(relation, smoothed.of(relation, window)) for window in windows]
     counts = [int((np.isfinite(m) & np.isfinite(c)).sum()) for m, c, _ in sides]
     step, measured, computed = smoothed.step, sides[0][0], sides[0][1]
-    empty = Agreement(relation, NOT_JUDGED, (), counts[0], measured, computed, step)
+    empty = Agreement(relation, NOT_JUDGED, (), counts[0], measured, computed, step,
+                      unresolved=smoothed.unresolved(relation))  # fmt: skip
     if counts[0] * step < 4 * LONGEST_DELAY or counts[0] < 40:
         known = f"both are known on {counts[0]} samples, {counts[0] * step:.3g} s"
         return replace(empty, reasons=(known,))
@@ -143,9 +195,9 @@ def compare(relation: Relation, smoothed: Smoothed) -> Agreement:
         return replace(empty, verdict=NOT_JUDGED, reasons=(calm,)) if calm else _one_still(empty)
     fits = [
         fit_pair(replace(empty, measured=m, computed=c), arm, w)
-        for (m, c, arm), w in zip(usable, WINDOWS, strict=False)
+        for (m, c, arm), w in zip(usable, windows, strict=False)
     ]
-    found = [(f, _information(f, w)) for f, w in zip(fits, WINDOWS, strict=False) if f is not None]
+    found = [(f, _information(f, w)) for f, w in zip(fits, windows, strict=False) if f is not None]
     if not found:
         return replace(empty, reasons=("too few samples on which both are known",))
     best = max(found, key=lambda item: item[1])[0]
@@ -154,8 +206,10 @@ def compare(relation: Relation, smoothed: Smoothed) -> Agreement:
     sharp = [f for f, _ in found if f.explained >= RELATED and np.isfinite(f.delay)]
     if best.scaled and sharp:  # noise turns no delay, only blurs it: a short window knows it best
         late = min(sharp, key=lambda f: f.delay_std)
-        best = replace(best, delay=late.delay, delay_std=late.delay_std, drift=late.drift, drift_std=late.drift_std)
-        best = replace(best, window=late.window)
+        best = replace(best, delay=late.delay, delay_std=late.delay_std, window=late.window,
+                       signal_share=late.signal_share)  # fmt: skip
+        if smoothed.may_drift(relation):
+            best = replace(best, drift=late.drift, drift_std=late.drift_std)
     return _judged(best)
 
 
@@ -246,6 +300,8 @@ def _judged(fit: Agreement) -> Agreement:
         noisy = fit.slope > 0 and fit.explained * blocks > SURE**2 and abs(off) < max(2 * spread, free)
         reason = f"too noisy: R² {fit.explained:.2f}" if noisy else f"hardly related: R² {fit.explained:.2f}"
         return replace(fit, verdict=NOT_JUDGED if noisy else DISAGREES, reasons=(reason,))
+    if not fit.determined:
+        return replace(fit, reasons=(f"too noisy to tell a slope: {fit.slope:.3g} ± {fit.slope_std:.2g}",))
     reasons = {}
     if fit.slope < 0:
         reasons["sign"] = "opposite sign"
@@ -255,15 +311,24 @@ def _judged(fit: Agreement) -> Agreement:
         reasons["scale"] = size
     if relation.exact:
         reasons |= _shifts(fit)
+        if not np.isfinite(fit.delay) and "relation" not in reasons:
+            fit = replace(fit, calm=f"too calm to tell a delay: {_manoeuvre(relation)}")
     verdict = DISAGREES if reasons else AGREES
     return replace(fit, verdict=verdict, reasons=tuple(reasons.values()), off=frozenset(reasons))
+
+
+def _manoeuvre(relation: Relation) -> str:
+    """Say what would tell a delay of a signal."""
+    along = relation.signal.startswith(("speed", "longitudinal"))
+    return "accelerate and brake" if along else "steer from side to side"
 
 
 def _shifts(fit: Agreement) -> dict[str, str]:
     """Say whether a signal is late, drifts or has an offset."""
     found = {}
     if not np.isfinite(fit.delay):
-        found["relation"] = f"alike at no delay up to {LONGEST_DELAY} s"
+        if fit.slope > 0 and _differ(fit):
+            found["relation"] = f"alike at no delay up to {LONGEST_DELAY} s"
     elif abs(fit.delay) > max(LEAST_DELAY, SURE * fit.delay_std):
         way = "late" if fit.delay > 0 else "early"
         found["delay"] = f"{abs(fit.delay) * 1e3:.0f} ± {fit.delay_std * 1e3:.1f} ms {way}"
@@ -276,6 +341,16 @@ def _shifts(fit: Agreement) -> dict[str, str]:
         spread, _ = in_report_unit(fit, fit.offset_std)
         found["offset"] = f"offset of {value:.3g} ± {spread:.2g} {print_unit(unit)}"
     return found
+
+
+def _differ(fit: Agreement) -> bool:
+    """Tell whether both sides vary by more than needs no fault, and are alike at no delay."""
+    shift = round(correlation_peak(fit.measured, fit.computed, fit.step) / fit.step)
+    measured, computed = fit.measured[max(shift, 0) :], fit.computed[max(-shift, 0) :]
+    both = np.stack([v[: min(len(measured), len(computed))] for v in (measured, computed)])
+    both = both[:, np.isfinite(both).all(axis=0)]
+    lively = (both.std(axis=1) >= _LIVELY * tolerance(fit.relation)).all()
+    return bool(lively and np.corrcoef(both)[0, 1] ** 2 < RELATED)
 
 
 def verdicts(fits: Sequence[Agreement]) -> str:

@@ -15,7 +15,7 @@ from harness.models.signals import SIGNALS
 from harness.recordings.axle_curves import signals_of
 from harness.recordings.calibration import causes
 from harness.recordings.cause import DELAY, DRIFT, SCALE, Cause
-from harness.recordings.consistency import AGREES, DISAGREES, Smoothed, check, compare
+from harness.recordings.consistency import AGREES, DISAGREES, Origin, Smoothed, check, compare
 from harness.recordings.explain import Hypothesis, Search
 from harness.recordings.faults import EXCHANGED, TIME, Fault
 from harness.recordings.pair_fit import Agreement
@@ -90,7 +90,8 @@ def examine(
     time = recording["time"].to_numpy()
     step = float(time[1] - time[0])
     derived = [n for n in signals if recording[n].attrs.get("derived") and not ("latitude" in signals and n in _PLACE)]
-    fits = check(signals, step, derived)
+    origins = _origins(recording, clocks or {})
+    fits = check(signals, step, derived, origins)
     dead = _dead(signals, fits)
     measured = {n: v for n, v in signals.items() if n in SIGNALS and n not in derived and n not in dead}
     twins = _twins(recording, measured)
@@ -98,16 +99,16 @@ def examine(
     hypotheses = search.best()
     faults = hypotheses[0].faults
     forms, factor = search.mended.forms(faults)
-    smoothed = Smoothed({n: search.mended.values(form) for n, form in forms.items()}, step * factor)
+    smoothed = Smoothed({n: search.mended.values(form) for n, form in forms.items()}, step * factor, origins)
     after = fits
     if faults:
         after = [compare(relation, smoothed) for relation in search.relations]
     elif dead:
         after = [f for f in fits if not set(dead) & set(f.relation.signals)]
-    small = causes(after, smoothed, twins, clocks or {})
+    small = causes(after, smoothed, twins)
     worth = worth_mending(small, after, smoothed)
     if 0 < len(worth) < len(small):  # what is not mended must not shift what is
-        alone = {(c.kind, c.signals): c for c in causes(after, smoothed, twins, clocks or {}, worth)}
+        alone = {(c.kind, c.signals): c for c in causes(after, smoothed, twins, worth)}
         own = {c: alone.get((c.kind, c.signals), c) for c in worth}
         own = {c: replace(c, value=a.value, std=a.std) for c, a in own.items()}
         small, worth = [own.get(c, c) for c in small], list(own.values())
@@ -131,6 +132,19 @@ def _twins(recording: xr.Dataset, signals: Mapping[str, Floats]) -> dict[str, tu
     """Return all signals of the same channel, by signal."""
     channel = {n: recording[n].attrs.get("channel", n) for n in signals}
     return {n: tuple(o for o in signals if channel[o] == channel[n]) for n in signals}
+
+
+def _origins(recording: xr.Dataset, clocks: Mapping[str, int]) -> dict[str, Origin]:
+    """Return where each signal comes from; positions come from where latitude and longitude do."""
+    found = {}
+    for name in map(str, recording.data_vars):
+        source = recording["latitude"] if name in _PLACE and "latitude" in recording else recording[name]
+        about = source.attrs
+        found[name] = Origin(
+            str(about.get("channel", name)), float(about.get("rate", np.nan)), clocks.get(name, 0),
+            float(about.get("delay", 0.0)),
+        )  # fmt: skip
+    return found
 
 
 def _findings(

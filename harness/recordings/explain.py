@@ -10,7 +10,7 @@ by one more fault until that no longer pays.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from harness.common.arrays import Floats
 from harness.models.signals import SIGNALS
 from harness.recordings.consistency import applicable, tolerance
 from harness.recordings.differentiate import local_polynomial
-from harness.recordings.faults import EXCHANGED, TIME, Fault, catalogue, times
+from harness.recordings.faults import EXCHANGED, SIGN, TIME, UNIT, Fault, catalogue, times
 from harness.recordings.geodesy import tangent_plane
 from harness.recordings.redundancy import Relation
 
@@ -227,8 +227,10 @@ class Search:
                         continue
                     seen.add(frozenset(longer))
                     scores[longer] = self.score(longer)
-                    if scores[longer] > scores[faults]:
+                    if scores[longer] > scores[faults] and not self._silenced(faults, fault):
                         grown.append(longer)
+                    elif scores[longer] > scores[faults]:
+                        del scores[longer]
             frontier = sorted(grown, key=lambda f: -scores[f])[:_WIDTH]
         top = max(scores.values())
         weights = {faults: np.exp(score - top) for faults, score in scores.items()}
@@ -237,6 +239,19 @@ class Search:
         return [
             Hypothesis(f, float(weights[f] / total)) for f in ranked if weights[f] / total > _LISTED or f == ranked[0]
         ]
+
+    def _silenced(self, faults: Sequence[Fault], fault: Fault) -> bool:
+        """Tell whether a signal in another unit or sign fits hardly better than one that is zero.
+
+        A term that is mostly noise fits the better the smaller it is made, in whatever unit.
+        """
+        if fault.kind not in (UNIT, SIGN):
+            return False
+        gain = [
+            sum(m.likelihood for m in self.misfits((*faults, replace(fault, factor=factor))))
+            for factor in (fault.factor, 0.0)
+        ]
+        return gain[0] < gain[1] - np.log(_LISTED)
 
     def _further(self, faults: Sequence[Fault], failing: Sequence[int]) -> list[Fault]:
         """Return the faults that bear on a relation that still fails, of which none is there yet."""
@@ -282,7 +297,7 @@ def sides(relation: Relation, view: View) -> tuple[Floats, Floats]:
 
 def _misfit(relation: Relation, view: View) -> Misfit:
     """Return the misfit of a relation under a hypothesis."""
-    measured, computed = sides(relation, view)
+    measured, computed = _without_arm(relation, view, *sides(relation, view))
     both = np.isfinite(measured) & np.isfinite(computed)
     spacing = view.spacing(relation.signal)
     if both.sum() < 20:
@@ -299,6 +314,19 @@ def _misfit(relation: Relation, view: View) -> Misfit:
     likelihood = -independent / 2 * float(np.log(min((q + floor) / (1 + floor), 2.0)))
     found = max(likelihood - free, 0.0) if likelihood > 0 else likelihood * float(np.exp(-free))
     return Misfit(q, found, at_best, free)
+
+
+def _without_arm(relation: Relation, view: View, measured: Floats, computed: Floats) -> tuple[Floats, Floats]:
+    """Return both sides without what a lever arm, which nobody has stated, may make of them."""
+    arm = np.empty(0) if relation.arm is None else relation.arm(view)  # type: ignore[arg-type]
+    if len(arm) != len(measured):
+        return measured, computed
+    sides = []
+    for side in (measured, computed):
+        rows = np.isfinite(side) & np.isfinite(arm)
+        power = float(arm[rows] @ arm[rows])
+        sides.append(side - arm * (float(side[rows] @ arm[rows]) / power if power > 0 else 0.0))
+    return sides[0], sides[1]
 
 
 def _shifted(measured: Floats, computed: Floats, lag: int) -> tuple[Floats, Floats]:
@@ -319,9 +347,13 @@ def _shared(relation: Relation, measured: Floats, computed: Floats) -> tuple[flo
     away = measured - slope * computed
     away -= np.clip(np.median(away), -offset, offset)
     kept = np.abs(away) <= np.percentile(np.abs(away), 96)  # without wrapped angles and spikes
-    carried = (measured[kept] ** 2).mean() + ((slope * computed[kept]) ** 2).mean()
-    if carried == 0:
+    sizes = [float((v[kept] ** 2).mean()) for v in (measured, computed)]
+    carried = sizes[0] + slope**2 * sizes[1]
+    if min(sizes) == 0:
         return 1.0, 0.0, 1.0
-    cost = (np.log(slope / centre) / np.log(factor * _NEAR)) ** 2 / 2
-    floor = relation.misfit**2 / 2 + tolerance(relation) ** 2 / carried
-    return float((away[kept] ** 2).mean() / carried), float(cost), float(floor)
+    share = float((away[kept] ** 2).mean() / carried)
+    open_by_noise = -np.log(1 - min(share, 0.99))  # whichever side has it, the slope is within that (Frisch 1934)
+    cost = (max(abs(np.log(slope / centre)) - open_by_noise, 0.0) / np.log(factor * _NEAR)) ** 2 / 2
+    calmest = min(sizes[0], centre**2 * sizes[1])  # a side in another unit is no livelier for it
+    floor = relation.misfit**2 / 2 + tolerance(relation) ** 2 / (2 * calmest)
+    return share, float(cost), float(floor)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from harness.common.arrays import Floats
+from harness.common.arrays import Floats, Mask
 from harness.recordings.redundancy import Relation
 
 LONGEST_DELAY = 0.5
@@ -19,6 +19,12 @@ SPACING = 0.04
 """s between the samples of a smoothed signal that are looked at."""
 RELATED = 0.5
 """Least share of the variance that must be explained for slope and delay to be meaningful."""
+_INFORMED = 4.0
+"""Standard deviations by which the rates of both sides must be correlated more than two noises are by chance."""
+_DETERMINED = 2.0
+"""Standard errors that a slope must have to be one."""
+_THIRDS = 3
+"""Parts of a recording in each of which a drift must show."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,10 @@ class Agreement:
         measured, computed: Both sides, smoothed, shape ``(samples of the recording,)``; computed with slope 1.
         step: s between samples.
         window: s over which both sides are smoothed where the delay is known best; NaN where nothing could be fitted.
+        signal_share: Share of signal, not noise, in the square of the computed side's rate; NaN where no delay is
+            determined.
+        unresolved: How far off the slope may be because the measured signal changes between its samples.
+        calm: What would tell the delay, where too little happens to tell it; empty otherwise.
         off: What is off, of ``sign``, ``scale``, ``offset``, ``delay``, ``drift``, ``relation`` and ``still``.
     """
 
@@ -59,6 +69,9 @@ class Agreement:
     drift_std: float = np.nan
     explained: float = np.nan
     window: float = np.nan
+    signal_share: float = np.nan
+    unresolved: float = 0.0
+    calm: str = ""
     off: frozenset[str] = frozenset()
 
     @property
@@ -78,7 +91,12 @@ class Agreement:
     @property
     def scaled(self) -> bool:
         """Whether the fit says anything about scale, delay and offset."""
-        return bool(np.isfinite(self.slope)) and self.slope > 0 and self.explained >= RELATED
+        return self.determined and self.slope > 0 and self.explained >= RELATED
+
+    @property
+    def determined(self) -> bool:
+        """Whether the slope is told from none."""
+        return bool(abs(self.slope) > _DETERMINED * self.slope_std)
 
 
 def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | None:
@@ -115,10 +133,17 @@ def fit_pair(fit: Agreement, arm: Floats | None, window: float) -> Agreement | N
         delay = float(np.clip(delay + change, -LONGEST_DELAY, LONGEST_DELAY))
         if abs(change) < 1e-5:
             break
-    aligned &= pair.curvature > 0 and abs(delay) < 0.9 * LONGEST_DELAY
     lags = int(max(MEMORY, window) / (every * step))
+    aligned &= pair.determines_delay(lags) and abs(delay) < 0.9 * LONGEST_DELAY
     found = replace(_estimates(fit, pair, lags, arm is not None), window=window)
-    return replace(found, delay=delay if aligned else np.nan) if aligned else found
+    if not aligned:
+        return found
+    drift, drift_std = pair.drift(lags)
+    share = pair.curvature / (abs(found.slope) * float(pair.rate @ pair.rate))
+    return replace(
+        found, delay=delay, delay_std=pair.delay_std(lags), drift=drift, drift_std=drift_std,
+        signal_share=float(np.clip(share, 0.0, 1.0)),
+    )  # fmt: skip
 
 
 class _Pair:
@@ -139,9 +164,9 @@ class _Pair:
         values = np.linalg.lstsq(base, both, rcond=None)[0]
         self.left, self.rate = np.ascontiguousarray((both - base @ values).T)
         self.values = values[:, 0]
-        self.measured_rate = measured_rate
+        self.measured_rate = without(base[:, 1:], measured_rate)
         self.curvature = float(self.rate @ measured_rate)
-        self.centred = (rows - rows.mean()) / max(np.ptp(rows), 1)
+        self._place = (rows - rows[0]) / max(np.ptp(rows), 1)
 
     @property
     def later(self) -> float:
@@ -151,6 +176,34 @@ class _Pair:
         is; the square of one of them would hold its noise, and the delay would come out too small and too sure.
         """
         return -float(self.rate @ self.left) / self.curvature
+
+    def determines_delay(self, lags: int, rows: Mask | slice = slice(None), least: float = _INFORMED) -> bool:
+        """Tell whether the rates of both sides have more in common than two independent noises would by chance."""
+        rate, other = self.rate[rows], self.measured_rate[rows]
+        size = float(np.linalg.norm(rate) * np.linalg.norm(other))
+        return size > 0 and float(rate @ other) / size > least / np.sqrt(max(len(rate) / max(lags, 1), 1.0))
+
+    def delay_std(self, lags: int, rows: Mask | slice = slice(None)) -> float:
+        """Return the standard error of the delay, in s."""
+        rate = self.rate[rows]
+        noise = long_run((rate * self.left[rows])[:, None], lags)[0, 0]
+        return float(np.sqrt(max(noise, 0.0)) / max(rate @ self.measured_rate[rows], 1e-300))
+
+    def drift(self, lags: int) -> tuple[float, float]:
+        """Return how much later the measured side is at the end than at the beginning, with its standard error, in s.
+
+        It is the line through the delays of the thirds of the recording; NaN where one of them has none. That the
+        middle third is off the line counts as error.
+        """
+        parts = [(self._place >= k / _THIRDS) & (self._place <= (k + 1) / _THIRDS) for k in range(_THIRDS)]
+        if any(p.sum() < 10 or not self.determines_delay(lags, p, _INFORMED / 2) for p in parts):
+            return np.nan, np.nan
+        late = np.array([-(self.rate[p] @ self.left[p]) / (self.rate[p] @ self.measured_rate[p]) for p in parts])
+        spread = np.array([self.delay_std(lags, p) for p in parts])
+        design = np.column_stack([np.ones(_THIRDS), [self._place[p].mean() for p in parts]]) / spread[:, None]
+        values, residual = np.linalg.lstsq(design, late / spread, rcond=None)[:2]
+        std = float(np.sqrt(np.linalg.inv(design.T @ design)[1, 1] * max(1.0, residual.sum())))
+        return float(values[1]), std
 
 
 def without(others: Floats, values: Floats) -> Floats:
@@ -166,18 +219,9 @@ def _estimates(fit: Agreement, pair: _Pair, lags: int, with_arm: bool) -> Agreem
     total, regressor = (float((v**2).sum()) for v in own)
     explained = 0.0 if min(total, regressor) == 0 else float((own[0] @ own[1]) ** 2 / (total * regressor))
     slope = float(np.copysign(np.sqrt(total / max(regressor, 1e-300)), first[0]))
-    relative = np.hypot(spread[0] / max(abs(first[0]), 1e-300), -np.log(max(explained, 1e-12)) / (2 * np.sqrt(3)))
+    noisy = -np.log(max(explained, 1e-12)) / (2 * np.sqrt(3))
+    relative = np.linalg.norm([spread[0] / max(abs(first[0]), 1e-300), noisy, fit.unresolved])
     free = not fit.relation.through_zero
-    spreads = [
-        float(
-            np.sqrt(max(long_run((pair.rate * weight * pair.left)[:, None], lags)[0, 0], 0.0))
-            / max(pair.curvature, 1e-300)
-            / (weight**2).mean()
-        )
-        for weight in (np.ones(len(pair.left)), pair.centred)
-    ]
-    weighted = pair.rate * pair.centred
-    drift = -float(weighted @ pair.left) / float(weighted @ (pair.measured_rate * pair.centred))
     return replace(
         fit,
         samples=len(pair.target),
@@ -187,9 +231,6 @@ def _estimates(fit: Agreement, pair: _Pair, lags: int, with_arm: bool) -> Agreem
         offset_std=float(spread[1]) if free else np.nan,
         arm=float(first[-1]) if with_arm else np.nan,
         arm_std=float(spread[-1]) if with_arm else np.nan,
-        delay_std=spreads[0],
-        drift=drift,
-        drift_std=spreads[1],
         explained=float(1 - pair.left.var() / pair.target.var()) if free else explained,
     )
 
@@ -215,9 +256,21 @@ def _robust_errors(design: Floats, left: Floats, lags: int) -> Floats:
 
 
 def long_run(values: Floats, lags: int) -> Floats:
-    """Return the covariance of the sum of values ``(samples, columns)`` that are correlated over ``lags`` samples."""
-    found = values.T @ values
-    for lag in range(1, min(lags, len(values) - 1) + 1):
-        cross = values[lag:].T @ values[:-lag]
-        found += (1 - lag / (lags + 1)) * (cross + cross.T)
-    return found
+    """Return the covariance of the sum of values ``(samples, columns)`` that are correlated over ``lags`` samples.
+
+    It is that of Newey and West (1987): the mean of the products of all sums over ``lags + 1`` samples. Where the values
+    remember longer, as many lags are taken as fit their memory (Andrews 1991), up to an eighth of the samples.
+    """
+    lags = min(max(lags, _memory(values)), max(lags, len(values) // 8), max(len(values) - 1, 0))
+    edges = np.zeros((lags + 1, values.shape[1]))
+    total = np.cumsum(np.concatenate([edges, values, edges]), axis=0)
+    sums = total[lags + 1 :] - total[: -lags - 1]
+    return sums.T @ sums / (lags + 1)
+
+
+def _memory(values: Floats) -> int:
+    """Return the bandwidth in samples that suits the slowest of some columns, taken as a process of first order."""
+    power = (values**2).sum(axis=0)
+    alike = (values[1:] * values[:-1]).sum(axis=0) / np.where(power > 0, power, 1.0)
+    slowest = float(np.clip(alike.max(initial=0.0), 0.0, 1 - 1e-4))
+    return int(1.1447 * (4 * slowest**2 / (1 - slowest**2) ** 2 * len(values)) ** (1 / 3))

@@ -35,6 +35,8 @@ class Relation:
         slope: Slope to be expected, and by which factor it may be off for what the relation neglects.
         or_slope: Another one, if the signal is recorded in one of two ways.
         misfit: Share of the signal that it neglects.
+        lag: Standard deviation in s of how late one side is for what the relation neglects; infinite: it tells no
+            delay.
         through_zero: Whether both sides are zero together, so that there is no offset (a speed).
         circular: Whether both sides are angles, alike if they differ by full turns.
         order: Derivative of the signal that is compared.
@@ -49,6 +51,7 @@ class Relation:
     slope: tuple[float, float] = (1.0, 1.0)
     or_slope: tuple[float, float] | None = None
     misfit: float = 0.05
+    lag: float = 0.0
     through_zero: bool = False
     circular: bool = False
     order: int = 0
@@ -124,6 +127,8 @@ def _turning(signal: str) -> Callable[[Sources], Floats]:
     return lambda s: s[signal] if signal in s.signals else np.full(1, np.nan)
 
 
+_SIDESLIP_LAG = 0.08
+"""s by which the course turns before or after the heading: about the distance of the CoG to the neutral point over v."""
 _PLACE = ("position_x", "position_y")
 _POSE = (*_PLACE, "heading")
 _SPEEDS = (("", "longitudinal_velocity"), ("", "speed"), ("_tractor", "speed_tractor"), ("_tractor", "speed"))
@@ -141,11 +146,11 @@ def _yaw_rates() -> list[Relation]:
         found += [
             Relation(rate, ("heading",), "rate of the heading", _rate_of("heading")),
             Relation(rate, _PLACE, "rate of the course over ground", _course_rate, exact=False, slope=(1.0, 1.04),
-                     misfit=0.2),
+                     misfit=0.2, lag=_SIDESLIP_LAG),
         ]  # fmt: skip
     found.append(
         Relation("yaw_rate_trailer", ("yaw_rate_tractor",), "yaw rate of the tractor", lambda s: s["yaw_rate_tractor"],
-                 exact=False, slope=(1.0, 1.05), misfit=0.4)
+                 exact=False, slope=(1.0, 1.05), misfit=0.4, lag=np.inf)
     )  # fmt: skip
     found.append(
         Relation("articulation_angle", ("yaw_rate_tractor", "yaw_rate_trailer"),
@@ -159,7 +164,7 @@ def _yaw_rates() -> list[Relation]:
             words = f"in proportion to v_x times {angle.replace('_', ' ')}"
             found.append(
                 Relation(rate, (speed, angle), words, _product(speed, angle), exact=False, slope=expected,
-                         or_slope=of_wheels, misfit=0.3)
+                         or_slope=of_wheels, misfit=0.3, lag=np.inf)
             )  # fmt: skip
     return found
 
@@ -171,7 +176,7 @@ def _speeds() -> list[Relation]:
                  lambda s: _course_velocity(s)[0], arm=_turning("yaw_rate"), through_zero=True),
         Relation("lateral_velocity", _POSE, "rate of the position across the heading",
                  lambda s: _course_velocity(s)[1], arm=lambda s: s.rate("heading"), exact=False,
-                 slope=(1.0, 1.15), misfit=0.3),
+                 slope=(1.0, 1.15), misfit=0.3, lag=np.inf),
         Relation("speed", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate"), through_zero=True),
         Relation("speed_tractor", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate_tractor"),
                  through_zero=True),
@@ -180,11 +185,15 @@ def _speeds() -> list[Relation]:
         Relation("speed", ("longitudinal_velocity",), "longitudinal velocity", lambda s: s["longitudinal_velocity"],
                  through_zero=True, arm=_turning("yaw_rate")),
         Relation("speed_tractor", ("speed",), "speed", lambda s: s["speed"], exact=False, slope=(1.0, 1.03),
-                 through_zero=True),
+                 lag=0.02, through_zero=True),
         Relation("sideslip_angle", ("longitudinal_velocity", "lateral_velocity"), "arctan(v_y / v_x)",
                  lambda s: np.arctan2(s["lateral_velocity"], s["longitudinal_velocity"])),
-        Relation("heading", _PLACE, "course over ground", _course, exact=False, circular=True),
+        Relation("heading", _PLACE, "course over ground", _course, exact=False, lag=np.inf, circular=True),
     ]  # fmt: skip
+
+
+_LEANING = (1.04, 1.03)
+"""Slope of a lateral accelerometer that leans with the body: up to 7 degrees per g add up to 12 %."""
 
 
 def _accelerations() -> list[Relation]:
@@ -193,23 +202,24 @@ def _accelerations() -> list[Relation]:
     found = [
         Relation("lateral_acceleration", motion, "dv_y/dt + v_x r",
                  lambda s: s.rate("lateral_velocity") + s["longitudinal_velocity"] * s["yaw_rate"],
-                 arm=lambda s: s.rate("yaw_rate")),
+                 arm=lambda s: s.rate("yaw_rate"), slope=_LEANING),
         Relation("longitudinal_acceleration", motion, "dv_x/dt - v_y r",
                  lambda s: s.rate("longitudinal_velocity") - s["lateral_velocity"] * s["yaw_rate"],
                  arm=lambda s: -(s["yaw_rate"] ** 2), slope=(1.0, 1.05)),
         Relation("longitudinal_acceleration", ("speed",), "dv/dt", _rate_of("speed"), exact=False, slope=(1.0, 1.08),
-                 misfit=0.2),
+                 misfit=0.2, lag=0.03),
     ]  # fmt: skip
     for body, speed in (*_SPEEDS, ("_trailer", "speed"), ("_trailer", "speed_tractor")):
         rate = f"yaw_rate{body}"
         found.append(
             Relation(f"lateral_acceleration{body}", (speed, rate), "v_x r", _product(speed, rate), exact=False,
-                     slope=(1.0, 1.06), misfit=0.25)
+                     slope=(1.0, 1.06), misfit=0.25, lag=_SIDESLIP_LAG)
         )  # fmt: skip
     for body in ("", "_tractor"):
         found.append(
             Relation(f"lateral_acceleration{body}", _PLACE, "speed over ground times the rate of the course",
-                     lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25)
+                     lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25,
+                     lag=2 * _SIDESLIP_LAG)
         )  # fmt: skip
     return found
 

@@ -106,10 +106,15 @@ def _mend(content: dict[str, Any], fault: Fault) -> None:
         return
     if fault.kind == EXCHANGED:
         one, other = fault.signals
-        if fault.factor == 1.0:
+        alike = SIGNALS[one].unit == SIGNALS[other].unit
+        if fault.factor == 1.0 and alike:
             content[one], content[other] = content[other], content[one]
-        else:
-            content[one]["channel"], content[other]["channel"] = content[other]["channel"], content[one]["channel"]
+            return
+        content[one]["channel"], content[other]["channel"] = content[other]["channel"], content[one]["channel"]
+        if fault.factor == 1.0:  # both keep the numbers that they had, in units of their own
+            scales = [scale(content[name]["unit"], SIGNALS[name].unit, name) for name in (one, other)]
+            _scaled(content[one], one, scales[1] / scales[0])
+            _scaled(content[other], other, scales[0] / scales[1])
         return
     for name in fault.signals:
         entry = content.get(name)
@@ -172,8 +177,9 @@ def _correct(content: dict[str, Any], cause: Cause, clocks: Mapping[int, str], d
                 clock["factor"] = float(f"{clock.get('factor', 1.0) * (1 - cause.value / duration):.8g}")
             clock["offset"] = f"{1e3 * later:.4g} ms"
             return
+    geodetic = {"position_x": "longitude", "position_y": "latitude"}
     for name in cause.signals:
-        entry = content.get(name)
+        entry = content.get(name, content.get(geodetic.get(name, "")))
         if entry is None:
             continue
         if cause.kind == SCALE:

@@ -120,6 +120,7 @@ class _Sides:
         relation, self._step = fit.relation, sources.step
         self._every = max(int(SPACING / self._step), 1)
         self._take = np.arange(0, len(fit.measured), self._every)
+        self._delayed = bool(np.isfinite(fit.delay) and np.isfinite(relation.lag))
         self._late = fit.delay if np.isfinite(fit.delay) else 0.0
         measured, computed = sources.rate(relation.signal, relation.order), relation.compute(sources)
         self.base = fit.slope * self._aligned(computed)
@@ -134,7 +135,7 @@ class _Sides:
         self.arm = [a[rows] for a in self.arm]
         place = self._take[rows]
         centred = (place - place.mean()) / max(np.ptp(place), 1) if len(place) else self.ones
-        if drifts:
+        if drifts and relation.exact:
             self._of(DRIFT)[:] = self._of(DELAY) * centred[:, None]
 
     @property
@@ -153,11 +154,12 @@ class _Sides:
     def _columns(self, sources: Sources, computed: Floats) -> Floats:
         """Return how the difference of both sides changes with each cause but drift, ``(rows, kinds * channels)``."""
         relation = self.fit.relation
-        kinds = [SCALE]
-        if relation.exact:
-            kinds += [DELAY] if relation.through_zero else [DELAY, OFFSET]
+        kinds = [SCALE, *([DELAY] if self._delayed else ())]
+        kinds += [OFFSET] if relation.exact and not relation.through_zero else []
         found = np.zeros((len(self._take), len(KINDS), len(self.channels)))
-        own = {SCALE: self.base, DELAY: -self.rate, OFFSET: self.ones * (relation.order == 0)}
+        # only what both sides have in common of their rates tells a delay: the noise of one of them does not
+        share = self.fit.signal_share
+        own = {SCALE: self.base, DELAY: -share * self.rate, OFFSET: self.ones * (relation.order == 0)}
         for kind in kinds:
             for m, names in enumerate(self.channels):
                 column = found[:, KINDS.index(kind), m]
@@ -166,7 +168,7 @@ class _Sides:
                 if set(names) & set(relation.needs):
                     by = _SMALL_STEP[kind]
                     changed = relation.compute(_Moved(sources, kind, names, by)) - computed  # type: ignore[arg-type]
-                    column -= self.fit.slope * self._aligned(changed / by)
+                    column -= (share if kind == DELAY else 1.0) * self.fit.slope * self._aligned(changed / by)
         return found.reshape(len(self._take), -1)
 
     def response(self) -> Response:
@@ -177,8 +179,8 @@ class _Sides:
         left = without(np.stack([self.base, self.rate, *free, *self.arm], 1), self.measured)
         off = float(np.log(fit.slope / centre))
         nuisance, y = [*self.arm], left + off * self.base
-        if relation.exact and np.isfinite(fit.delay):
-            y = y - fit.delay * self.rate
+        if self._delayed:
+            y = y - fit.delay * fit.signal_share * self.rate
         else:
             nuisance.append(self.rate)
         if relation.exact and free:
@@ -203,7 +205,9 @@ class _Sides:
         if relation.exact and free:
             least = LEAST_OFFSET * float(np.nanstd(fit.measured))
             covariance += _along(across.T @ without(others, self.ones), least / _NEEDS_NONE)
-        covariance += _along(across.T @ whole, np.log(factor))
+        covariance += _along(across.T @ whole, float(np.hypot(np.log(factor), fit.unresolved)))
+        if self._delayed:
+            covariance += _along(across.T @ without(others, fit.signal_share * self.rate), relation.lag)
         return Response(value, design.reshape(len(value), len(KINDS), len(self.channels)), covariance)
 
     def _of_both_sides(self, design: Floats, noise: float) -> Floats:

@@ -10,13 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.recordings.cause import Cause, mended
+from harness.recordings.cause import DELAY, Cause, mended
 from harness.recordings.consistency import LEAST_DELAY, LEAST_SCALE, Smoothed, compare
 from harness.recordings.pair_fit import Agreement
 from harness.recordings.responses import tells
 
 _SURE = 2 / 3
 """Least probability of a cause that is mended: to mend a right channel is twice as bad as to leave a wrong one."""
+
+_COARSE = 0.03
+"""s; a delay that is known no better is stated and not mended."""
 
 
 def worth_mending(causes: Sequence[Cause], fits: Sequence[Agreement], smoothed: Smoothed) -> list[Cause]:
@@ -27,7 +30,7 @@ def worth_mending(causes: Sequence[Cause], fits: Sequence[Agreement], smoothed: 
         fits: Comparisons of the signals as they are.
         smoothed: The signals that they compare.
     """
-    kept = [c for c in causes if c.posterior > _SURE]
+    kept = [c for c in causes if c.posterior > _SURE and not (c.kind == DELAY and c.std > _COARSE)]
     touched = {n for c in kept for n in c.signals}
     of = [f for f in fits if touched & set(f.relation.signals)]
     reached = _disagreement(kept, of, smoothed) if kept else (0, 0.0)

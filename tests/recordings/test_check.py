@@ -64,7 +64,7 @@ def test_consistent_signals_raise_no_finding():
         ({"yaw_rate": lambda v: np.radians(np.radians(v))}, "yaw_rate: in degrees converted to radians twice"),
         ({"longitudinal_velocity": lambda v: 3.6 * v}, "longitudinal_velocity: in km/h where the map says m/s"),
         ({"lateral_acceleration": lambda v: v / 9.80665}, "lateral_acceleration: in g where the map says m/s²"),
-        ({"lateral_acceleration": lambda v: 1.15 * v}, r"lateral_acceleration: reads 1[2-6]\.\d+ ± .* % too much"),
+        ({"lateral_acceleration": lambda v: 1.3 * v}, r"lateral_acceleration: reads 2[2-9]\.\d+ ± .* % too much"),
         ({"lateral_acceleration": lambda v: v + 0.8}, r"lateral_acceleration: offset of 0\.[78]"),
         ({"road_wheel_angle": lambda v: -v}, "road_wheel_angle: wrong sign"),
         ({"yaw_rate": lambda v: late(v, 0.12)}, r"yaw_rate: 1(19|20|21)\.\d ± \d"),
