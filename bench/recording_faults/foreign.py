@@ -14,6 +14,7 @@ import scipy
 from harness.common.arrays import Floats
 from harness.recordings.readers import Table
 
+PLANTED = ("nothing", "one fault", "one device", "two faults")
 STYLES = ("lively", "mixed", "constant speed", "calm")
 DEVICES = {
     "positions": ("position_x", "position_y"),
@@ -131,7 +132,7 @@ def draw(seed: int, planted: str) -> Foreign:
 
     Args:
         seed: Of the drive; every ``planted`` of a seed has the same motion and loggers.
-        planted: ``nothing``, ``one fault``, ``one device``, or ``two faults``.
+        planted: One of ``PLANTED``.
     """
     rng = np.random.default_rng([seed, 31])
     style = STYLES[rng.choice(len(STYLES), p=[0.4, 0.2, 0.2, 0.2])]
@@ -140,7 +141,7 @@ def draw(seed: int, planted: str) -> Foreign:
     receiver_rate = float(rng.choice([r for r in (1, 2, 5, 10, 20, 50, 100, 200) if r <= bus_rate][-4:]))
     two_clocks = bool(rng.random() < 0.4)
     noise = {n: rng.uniform(*_NOISE[n]) for n in names}
-    own = np.random.default_rng([seed, 32, ("nothing", "one fault", "one device", "two faults").index(planted)])
+    own = np.random.default_rng([seed, 32, PLANTED.index(planted)])
     faults = _faults(own, planted, names)
     time = truth["time"]
     at_bus = np.arange(0.6, time[-1] - 0.05, 1 / bus_rate)

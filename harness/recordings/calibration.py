@@ -31,6 +31,8 @@ _KEPT = 200
 """Sets of causes that are extended by one more."""
 _SPREADS = (1 / 8, 1 / 2, 2.0)
 """Standard deviations of a cause beforehand, in its usual size; one is as probable as the other."""
+_ANY = 10.0
+"""Usual sizes that a value may have once its cause is decided."""
 _NEARLY = 0.75
 """Share of what a comparison must be off that a cause must be, which several comparisons make smaller and surer."""
 _LIKELY, _SELDOM, _RARE = 0.03, 0.005, 0.0005
@@ -98,10 +100,10 @@ def _moved(said: Response, found: Sequence[Cause], channels: Sequence[tuple[str,
 
 
 def _alike(before: Sequence[Cause], found: Sequence[Cause]) -> bool:
-    """Tell whether the causes are the same as before, within a third of their standard error."""
+    """Tell whether the causes are the same as before, within a third of what they are known to."""
     old = {(c.kind, c.signals): c.value for c in before}
     new = {(c.kind, c.signals): c for c in found}
-    return set(old) == set(new) and all(abs(new[key].value - old[key]) < new[key].std / 3 for key in new)
+    return set(old) == set(new) and all(abs(new[key].value - old[key]) < new[key].doubt / 3 for key in new)
 
 
 @dataclass(frozen=True)
@@ -224,6 +226,7 @@ class _Evidence:
 
     def __init__(self, said: Sequence[Response], options: Sequence[_Option]) -> None:
         precision = np.zeros((len(options), len(options)))
+        pulls = []
         pull = np.zeros(len(options))
         for each in said:
             shown = np.stack(
@@ -231,11 +234,14 @@ class _Evidence:
             )
             solved = np.linalg.solve(each.covariance, np.column_stack([shown, each.value]))
             precision += shown.T @ solved[:, :-1]
+            pulls.append((solved[:, :-1], each.noise))
             pull += shown.T @ solved[:, -1]
         sizes = np.array([o.size for o in options])
         seen = [n for n in range(len(options)) if precision[n, n] * (_SPREADS[-1] * sizes[n]) ** 2 > 1]
         self._options = [options[n] for n in seen]
         self._precision, self._pull = precision[np.ix_(seen, seen)], pull[seen]
+        self._pulls = [(solved[:, seen], noise) for solved, noise in pulls]
+        self._sizes = sizes[seen]
         self._of = np.repeat(np.arange(len(seen)), len(_SPREADS))
         self._spread = np.outer(sizes[seen], _SPREADS).ravel()
         self._sign = np.array([o.sign for o in self._options])
@@ -321,13 +327,20 @@ class _Evidence:
         which = self._of[list(chosen)]
         if not len(which):
             return []
-        covariance = np.linalg.inv(self._precision[np.ix_(which, which)] + np.diag(self._spread[list(chosen)] ** -2.0))
-        values, stds = covariance @ self._pull[which], np.sqrt(np.diag(covariance))
+        precision = self._precision[np.ix_(which, which)]
+        doubts = np.sqrt(np.diag(np.linalg.inv(precision + np.diag(self._spread[list(chosen)] ** -2.0))))
+        covariance = np.linalg.inv(precision + np.diag((_ANY * self._sizes[which]) ** -2.0))  # nothing is drawn to zero
+        values = covariance @ self._pull[which]
+        # comparisons share signals, and with them noise: their errors add up as if they were one
+        stds = sum(
+            np.sqrt(np.diag(covariance @ solved[:, which].T @ noise @ solved[:, which] @ covariance))
+            for solved, noise in self._pulls
+        )
         found = []
-        for m, value, std in zip(which, values, stds, strict=True):
+        for m, value, std, doubt in zip(which, values, stds, doubts, strict=True):
             option = self._options[m]
             value = float(np.expm1(value) if option.kind == SCALE else value)
-            found.append(Cause(option.kind, option.signals, value, float(std), np.nan, option.clock))
+            found.append(Cause(option.kind, option.signals, value, float(std), float(doubt), np.nan, option.clock))
         return found
 
 
@@ -344,4 +357,4 @@ def _matters(cause: Cause, fits: Sequence[Agreement]) -> bool:
         least = max([LEAST_OFFSET * min(varied, default=0.0), *own])
     else:
         least = LEAST_DELAY * (2 if cause.kind == DRIFT else 1)
-    return abs(cause.value) > max(_NEARLY * least, _NEARLY * SURE * cause.std)
+    return abs(cause.value) > max(_NEARLY * least, _NEARLY * SURE * cause.doubt)

@@ -20,6 +20,7 @@ class Cause:
         kind: ``SCALE``, ``OFFSET``, ``DELAY`` or ``DRIFT``.
         signals: The signals concerned: those of one channel, of several of one device, or of one clock.
         value, std: Factor minus 1, SI units, s, or s over the recording, with the standard error.
+        doubt: Standard deviation of the value with what every channel may be off without a fault.
         posterior: Its probability among the causes that were looked at.
         clock: Which clock drifts or is late as a whole; -1 for a channel.
         rivals: What may be in its place, the most probable first; nothing at all is an empty one.
@@ -29,6 +30,7 @@ class Cause:
     signals: tuple[str, ...]
     value: float
     std: float
+    doubt: float
     posterior: float
     clock: int = -1
     rivals: tuple[tuple[Cause, ...], ...] = ()

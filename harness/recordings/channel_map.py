@@ -35,6 +35,7 @@ from harness.config.problems import Problems, add_validation_errors
 from harness.config.schema import Name, Number, Quantity, Table
 from harness.models.signals import SIGNALS
 from harness.recordings.derived_signals import DERIVED
+from harness.recordings.reversing import UNSIGNED
 
 ESTIMATE = "estimate"
 """What ``delay`` says where the delay is to be found from the recording itself."""
@@ -68,6 +69,11 @@ class ChannelTable(Table):
     point: Name | None = Field(default=None, description="where it is measured: a table [points.<name>]")
     curve: CurveTable | None = Field(default=None, description="calibration curve, applied before all else")
     lag: Quantity = Field(default=0.0, description="time constant from the recorded command to the signal")
+    reverse: StrictStr = Field(
+        default="",
+        description="where an unsigned speed is driven backwards: a column that is negative there, such as the gear, "
+        'or "course", where the course over ground is against the heading',
+    )
     hold: StrictBool = Field(default=False, description="the value is held until the next update, as that of a command")
     remove_spikes: StrictBool = Field(default=False, description="treat single-sample spikes as missing")
     includes_gravity: StrictBool = Field(
@@ -128,6 +134,7 @@ class Channel:
         point: Name of the point where it is measured; empty for the reference point.
         curve: Two rows, channel and value, or None.
         lag: Time constant in s of a first-order lag behind the channel.
+        reverse: Column that is negative where an unsigned speed is driven backwards, or ``COURSE``; else empty.
         hold: Whether a value is held until the next one.
         remove_spikes: Whether single-sample spikes are treated as missing.
         includes_gravity: Whether an accelerometer measures gravity through bank and roll.
@@ -142,6 +149,7 @@ class Channel:
     point: str = ""
     curve: Floats | None = None
     lag: float = 0.0
+    reverse: str = ""
     hold: bool = False
     remove_spikes: bool = False
     includes_gravity: bool = False
@@ -270,6 +278,8 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
         curve = np.array([table.curve.channel, table.curve.value])
         if not (np.diff(curve[0]) > 0).all():
             raise UserError(f"{where}.curve.channel: must rise from value to value; sort the pairs")
+    if table.reverse and name not in UNSIGNED:
+        raise UserError(f"{where}.reverse: {name} has a sign of its own; it is for {', '.join(UNSIGNED)}")
     if table.factor == 0:
         raise UserError(f"{where}.factor: {table.factor!r} leaves nothing of the channel; write a number other than 0")
     delay = np.nan if table.delay == ESTIMATE else to_si(table.delay, "s", f"{where}.delay")
@@ -285,6 +295,7 @@ def _channel(name: str, table: ChannelTable, where: str, points: dict[str, Point
         point=table.point or "",
         curve=curve,
         lag=lag,
+        reverse=table.reverse,
         hold=table.hold,
         remove_spikes=table.remove_spikes,
         includes_gravity=table.includes_gravity,

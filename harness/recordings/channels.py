@@ -18,6 +18,7 @@ from harness.recordings.channel_map import Channel, ChannelMap
 from harness.recordings.clock import Clock, check_clock, spikes, updates
 from harness.recordings.readers import Table
 from harness.recordings.resample import segments
+from harness.recordings.reversing import COURSE
 from harness.recordings.steady_clock import steadied
 
 _NO_MEASUREMENT = 1e30
@@ -103,8 +104,7 @@ def collect(tables: list[Table], channels: ChannelMap, file: str) -> tuple[list[
                 clock = _clock(table, name, rows, channels, file, members)
                 clocks |= {c.channel: clock for c in members}
     found = [
-        _raw(tables[n].columns[c.channel], c, clocks[c.channel], channels, file)
-        for n, c in zip(places, channels.channels, strict=True)
+        _raw(tables[n], c, clocks[c.channel], channels, file) for n, c in zip(places, channels.channels, strict=True)
     ]
     warnings = dict.fromkeys(w for clock in clocks.values() for w in clock.warnings)
     return found, replace(clocks[channels.channels[0].channel], warnings=tuple(warnings))
@@ -215,9 +215,9 @@ def _clock(
     return Clock(clock.time[inside], clock.rows[inside], clock.step, clock.warnings)
 
 
-def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
+def _raw(table: Table, channel: Channel, clock: Clock, channels: ChannelMap, file: str) -> Raw:
     """Return a channel in SI units at its own instants."""
-    values = column[clock.rows].astype(float)
+    values = table.columns[channel.channel][clock.rows].astype(float)
     impossible = ~is_measured(values) & ~np.isnan(values)
     values[impossible] = np.nan
     finite = np.isfinite(values)
@@ -242,7 +242,7 @@ def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, f
     return Raw(
         channel=channel,
         time=time,
-        values=_in_si(kept, channel),
+        values=_in_si(kept, channel) * _direction(table, channel, clock, file)[keep],
         largest_gap=largest,
         held=held,
         gaps=gaps,
@@ -251,6 +251,21 @@ def _raw(column: Floats, channel: Channel, clock: Clock, channels: ChannelMap, f
         impossible=int(impossible.sum()),
         spikes=time_of_spikes,
     )
+
+
+def _direction(table: Table, channel: Channel, clock: Clock, file: str) -> Floats:
+    """Return -1 in the rows in which a column says that the vehicle drives backwards, 1 in all others."""
+    if channel.reverse in ("", COURSE):
+        return np.ones(len(clock.rows))
+    if channel.reverse not in table.columns:
+        raise UserError(
+            f"{channel.where}.reverse: '{channel.reverse}' is no column beside '{channel.channel}' of {file}"
+            f"{closest(channel.reverse, list(table.columns))}; name one that is negative in reverse, or write "
+            f'"{COURSE}"'
+        )
+    gear = table.columns[channel.reverse][clock.rows].astype(float)
+    latest = np.maximum.accumulate(np.where(np.isfinite(gear), np.arange(len(gear)), 0))
+    return np.where(gear[latest] < 0, -1.0, 1.0)
 
 
 def _missing_share(there: Mask) -> float:

@@ -25,7 +25,7 @@ from harness.recordings.readers import Table
 
 __all__ = ["Findings", "Remedy", "check_recording", "check_tables"]
 
-_ROUNDS = 2
+_ROUNDS = 3
 """Times that a mended map is examined again: a large fault hides a small one."""
 
 _ABSURD = 30.0
@@ -208,4 +208,5 @@ def _mended(
     named = {n: next((c for c in clocks if c in t.columns), "") for n, t in enumerate(tables)}
     causes = [c for c in examination.causes if not (c.kind == DELAY and _to_be_estimated(content) & set(c.signals))]
     duration = float(recording["time"][-1])
-    return remedy.mended(content, examination.faults, causes, named, duration)
+    signed = [n for f in examination.findings if f.kind == "reverse" for n in f.signals]
+    return remedy.mended(content, examination.faults, causes, named, duration, signed)

@@ -94,7 +94,7 @@ def agreement_rows(fits: tuple[Agreement, ...]) -> list[list[str]]:
                 fit.verdict,
                 f"{fit.slope:.4g} ± {fit.slope_std:.1g}" if np.isfinite(fit.slope) else "–",
                 f"{number(offset, 2)} ± {number(spread, 1)} {print_unit(unit)}" if np.isfinite(fit.offset) else "–",
-                f"{fit.delay * 1e3:.1f} ± {fit.delay_std * 1e3:.1f} ms" if exact else "–",
+                f"{fit.delay * 1e3:.1f} ± {fit.delay_std * 1e3:.1f} ms" if exact else "too calm" if fit.calm else "–",
                 f"{fit.arm:.2f} ± {fit.arm_std:.2f} m" if np.isfinite(fit.arm) else "–",
                 f"{fit.explained:.3f}" if np.isfinite(fit.explained) else "–",
             ]
@@ -183,7 +183,8 @@ def _record(findings: Findings) -> dict[str, Any]:
         "answer": [str(line) for line in answer(findings)],
         "warnings": [str(w) for w in attrs["warnings"]],
         "findings": [
-            {"kind": f.kind, "signals": list(f.signals), "words": f.words, "evidence": f.evidence}
+            {"kind": f.kind, "signals": list(f.signals), "words": f.words, "evidence": f.evidence, "mends": f.mends}
+            | {k: v if np.isfinite(v) else None for k, v in (("value", f.value), ("std", f.std))}
             for f in findings.found
         ],
         "mended": [] if findings.remedy is None else list(findings.remedy.lines),

@@ -185,7 +185,9 @@ def compare(relation: Relation, smoothed: Smoothed) -> Agreement:
     empty = Agreement(relation, NOT_JUDGED, (), counts[0], measured, computed, step,
                       unresolved=smoothed.unresolved(relation))  # fmt: skip
     if counts[0] * step < 4 * LONGEST_DELAY or counts[0] < 40:
-        known = f"both are known on {counts[0]} samples, {counts[0] * step:.3g} s"
+        only = f" of those {relation.where}" if relation.where else ""
+        least = max(4 * LONGEST_DELAY, 40 * step)
+        known = f"both are known on {counts[0]} samples{only}, {counts[0] * step:.3g} s; {least:.3g} s are needed"
         return replace(empty, reasons=(known,))
     if relation.circular:
         return _turned(empty)
@@ -365,6 +367,8 @@ def verdicts(fits: Sequence[Agreement]) -> str:
     if counts[NOT_JUDGED]:
         reasons = [f"{f.name}: {', '.join(f.reasons)}" for f in by[NOT_JUDGED]]
         parts.append(f"{counts[NOT_JUDGED]} could not be judged because: {'; '.join(reasons)}")
+    if calm := [f"{f.name} is {f.calm}" for f in fits if f.calm]:
+        parts[-1] += f"; {'; '.join(calm)}"
     return f"{len(fits)} comparison{'s' if len(fits) > 1 else ''}: {', '.join(parts)}"
 
 

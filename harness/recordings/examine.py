@@ -19,11 +19,18 @@ from harness.recordings.consistency import AGREES, DISAGREES, Origin, Smoothed, 
 from harness.recordings.explain import Hypothesis, Search
 from harness.recordings.faults import EXCHANGED, TIME, Fault
 from harness.recordings.pair_fit import Agreement
+from harness.recordings.reversing import unsigned_stretches
 from harness.recordings.trial import worth_mending
 
 _PLACE = ("position_x", "position_y")
 _WHEEL = 0.1
 """Largest share by which a wheel radius is off."""
+_SINGLE = {"sign": "a wrong sign", "scale": "one factor", "offset": "one offset", "delay": "one delay"}
+_SHOWN = 3
+"""Stretches of a recording that are stated."""
+GRAVITY, _NEAR = 9.81, 1.0
+"""m/s^2: of gravity, and how near to it an acceleration is that holds it."""
+_HORIZONTAL = ("lateral_acceleration", "longitudinal_acceleration")
 _CERTAIN = 0.95
 """Probability from which a cause is stated without it."""
 
@@ -34,11 +41,13 @@ class Finding:
 
     Attributes:
         kind: Of fault or cause: ``unit``, ``sign``, ``exchanged``, ``heading``, ``time``, ``scale``, ``offset``,
-            ``delay``, ``drift``, ``still``, or ``unexplained``.
+            ``delay``, ``drift``, ``still``, ``reverse``, ``mounting`` or ``unexplained``.
         signals: The signals concerned.
         words: What is wrong, with the probability where there are others.
         evidence: The comparisons that say so.
         mends: Whether lines of the map mend it: not what is unsure, or changes nothing for the better.
+        value, std: Of a scale (factor minus 1), offset (SI units), delay or drift (s), with its standard error; NaN for
+            all else.
     """
 
     kind: str
@@ -46,6 +55,8 @@ class Finding:
     words: str
     evidence: str
     mends: bool = True
+    value: float = np.nan
+    std: float = np.nan
 
     def __str__(self) -> str:
         return f"{self.words} ({self.evidence})" if self.evidence else self.words
@@ -92,7 +103,9 @@ def examine(
     derived = [n for n in signals if recording[n].attrs.get("derived") and not ("latitude" in signals and n in _PLACE)]
     origins = _origins(recording, clocks or {})
     fits = check(signals, step, derived, origins)
-    dead = _dead(signals, fits)
+    if backwards := _backwards(signals, step):  # what else there is shows once the speed has its sign
+        return Examination(tuple(fits), (Hypothesis((), 1.0),), (), tuple(fits), tuple(backwards))
+    dead = [*_dead(signals, fits), *_upright(signals)]
     measured = {n: v for n, v in signals.items() if n in SIGNALS and n not in derived and n not in dead}
     twins = _twins(recording, measured)
     search = Search(measured, step, scales or {}, twins)
@@ -110,9 +123,14 @@ def examine(
     if 0 < len(worth) < len(small):  # what is not mended must not shift what is
         alone = {(c.kind, c.signals): c for c in causes(after, smoothed, twins, worth)}
         own = {c: alone.get((c.kind, c.signals), c) for c in worth}
-        own = {c: replace(c, value=a.value, std=a.std) for c, a in own.items()}
+        own = {c: replace(c, value=a.value, std=a.std, doubt=a.doubt) for c, a in own.items()}
         small, worth = [own.get(c, c) for c in small], list(own.values())
-    findings = [Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,)), mends=False) for n in dead]
+    findings = [
+        _mounted(n, signals[n])
+        if n in _upright(signals)
+        else Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,)), mends=False)
+        for n in dead
+    ]
     findings += _findings(fits, hypotheses, small, worth, after)
     return Examination(tuple(fits), tuple(hypotheses), tuple(worth), tuple(after), tuple(findings))
 
@@ -125,6 +143,37 @@ def _dead(signals: Mapping[str, Floats], fits: list[Agreement]) -> list[str]:
             found += [
                 n for n in fit.relation.signals if n not in found and np.ptp(signals[n][np.isfinite(signals[n])]) == 0
             ]
+    return found
+
+
+def _upright(signals: Mapping[str, Floats]) -> list[str]:
+    """Return the horizontal accelerations that hold all of gravity."""
+    return [n for n, v in signals.items() if n.startswith(_HORIZONTAL) and abs(abs(np.nanmedian(v)) - GRAVITY) < _NEAR]
+
+
+def _mounted(name: str, values: Floats) -> Finding:
+    """Say that a sensor is mounted with a horizontal axis upright, and what its axes are then."""
+    mean, axis = float(np.nanmedian(values)), "xy"[name.startswith("lateral")]
+    way, other = "up" if mean > 0 else "down", "yx"[name.startswith("lateral")]
+    words = (
+        f"{name}: holds gravity, {mean:.2f} m/s² in the middle of its values: that axis of the sensor points {way}, so "
+        f"that it is the z axis of the vehicle; {axis} is the sensor's z axis, or {other} where it is turned as well: "
+        "map the column of that"
+    )
+    return Finding("mounting", (name,), words, "", mends=False)
+
+
+def _backwards(signals: Mapping[str, Floats], step: float) -> list[Finding]:
+    """Name the speeds that have no sign although the vehicle drives backwards."""
+    found = []
+    for name, parts in unsigned_stretches(signals, step).items():
+        times = [f"{a:.0f} to {b:.0f} s" for a, b in parts]
+        more = f" and {len(times) - _SHOWN} times more" if len(times) > _SHOWN else ""
+        words = (
+            f"{name}: has no sign, and the vehicle drives backwards at {', '.join(times[:_SHOWN])}{more}: the course "
+            "over ground is against the heading"
+        )
+        found.append(Finding("reverse", (name,), words, ""))
     return found
 
 
@@ -164,13 +213,22 @@ def _findings(
         found.append(Finding(fault.kind, fault.signals, described(fault) + doubt, _evidence(fits, fault.signals)))
     for cause in small:
         words = _off(cause) + _doubt(cause) + ("" if cause in worth else "; not mended")
-        found.append(Finding(cause.kind, cause.signals, words, _evidence(after, cause.signals), cause in worth))
+        evidence = _evidence(after, cause.signals)
+        found.append(Finding(cause.kind, cause.signals, words, evidence, cause in worth, cause.value, cause.std))
     explained = {n for f in found for n in f.signals}
     for fit in after:
         if fit.verdict == DISAGREES and not explained & set(fit.relation.signals):
-            words = f"{fit.name}: {', '.join(fit.reasons)}; no single wrong unit, sign, scale or delay explains it"
+            words = f"{fit.name}: {', '.join(fit.reasons)}; {_open(fit)}"
             found.append(Finding("unexplained", fit.relation.signals, words, _numbers(fit), mends=False))
     return found
+
+
+def _open(fit: Agreement) -> str:
+    """Say what of the catalogue explains a comparison that nothing explains together with the others."""
+    single = [name for kind, name in _SINGLE.items() if fit.off == {kind}]
+    if single:
+        return f"{single[0]} of either side explains it, and the other comparisons do not say of which"
+    return "no single wrong unit, sign, scale or delay explains it"
 
 
 def _numbers(fit: Agreement) -> str:

@@ -20,6 +20,7 @@ from harness.recordings.consistency import applicable, tolerance
 from harness.recordings.differentiate import local_polynomial
 from harness.recordings.faults import EXCHANGED, SIGN, TIME, UNIT, Fault, catalogue, times
 from harness.recordings.geodesy import tangent_plane
+from harness.recordings.pair_fit import without
 from harness.recordings.redundancy import Relation
 
 _WINDOW = 1.2
@@ -32,11 +33,17 @@ _MEMORY = 2.0
 _COUNTED = (6.0, 30.0)
 _FAILS = 0.12
 """Misfit beyond which a relation calls for an explanation of the catalogue; less is left to scale and delay."""
+_BY_CHANCE = 1.0
+"""Standard deviations of a correlation by which it may be smaller than it is in a recording."""
+_RELATED = 0.5
+"""Misfit up to which two sides, or one and the other reversed, are related."""
 _FAR = 4.5
 """Cost of a slope three standard deviations from the expected one."""
 _WIDTH, _DEPTH = 6, 4
 _LISTED = 0.03
 """Posterior from which an alternative is stated."""
+_LIVELY = 2.0
+"""Standard deviations of what needs no fault by which a side of a relation must vary to say anything."""
 _NEAR = 1.07
 """Factor by which a calibration is usually off."""
 _USUAL = {"rad/s": 0.2, "m/s^2": 1.5, "m/s": 15.0}
@@ -201,13 +208,18 @@ class Search:
     def score(self, faults: Sequence[Fault]) -> float:
         """Return the logarithm of likelihood times prior."""
         forms, time = self.mended.forms(faults)
-        total = sum(m.likelihood for m in self.misfits(faults)) + sum(f.log_prior for f in faults)
+        total = self._likelihood(faults) + sum(f.log_prior for f in faults)
         total -= (np.log(self.mended.step * time / _USUAL_STEP) / _SPREAD) ** 2 / 2
         for name, form in forms.items():
             usual, size = _USUAL.get(SIGNALS[name].unit), abs(form.factor) * self._sizes.get(form.source, 0.0)
             if usual is not None and size > 0 and not name.startswith(_ALSO_SMALL):
                 total -= (np.log(size / usual) / _SPREAD) ** 2 / 2
         return float(total)
+
+    def _likelihood(self, faults: Sequence[Fault]) -> float:
+        """Return the logarithm of the likelihood; what only a hypothesis makes lively does not confirm it."""
+        pairs = zip(self.misfits(faults), self.misfits(()), strict=True)
+        return sum(min(m.likelihood, 0.0) if plain.calm and not m.calm else m.likelihood for m, plain in pairs)
 
     def best(self) -> list[Hypothesis]:
         """Return the probable hypotheses, the best first; no fault at all is one of them."""
@@ -241,30 +253,37 @@ class Search:
         ]
 
     def _silenced(self, faults: Sequence[Fault], fault: Fault) -> bool:
-        """Tell whether a signal in another unit or sign fits hardly better than one that is zero.
+        """Tell whether signals in another unit or sign, or exchanged, fit hardly better than ones that are zero.
 
         A term that is mostly noise fits the better the smaller it is made, in whatever unit.
         """
-        if fault.kind not in (UNIT, SIGN):
+        if fault.kind not in (UNIT, SIGN, EXCHANGED):
             return False
-        gain = [
-            sum(m.likelihood for m in self.misfits((*faults, replace(fault, factor=factor))))
-            for factor in (fault.factor, 0.0)
-        ]
-        return gain[0] < gain[1] - np.log(_LISTED)
+        zero = replace(fault, kind=UNIT, factor=0.0)
+        return self._likelihood((*faults, fault)) < self._likelihood((*faults, zero)) - np.log(_LISTED)
 
     def _further(self, faults: Sequence[Fault], failing: Sequence[int]) -> list[Fault]:
-        """Return the faults that bear on a relation that still fails, of which none is there yet."""
+        """Return the faults that bear on a relation that still fails, of which none is there yet.
+
+        Two channels are exchanged only where one of their relations is lively: of two calm ones the livelier fits.
+        """
         there = {(f.kind, f.signals) for f in faults}
-        touched = {n for r in failing for n in self.relations[r].signals}
-        if self.mended.placed and touched & {"position_x", "position_y"}:
-            touched |= {"latitude", "longitude"}
+        misfits = self.misfits(faults)
+        touched, loud = (
+            {n for r in failing if keep(misfits[r]) for n in self.relations[r].signals}
+            for keep in (lambda m: True, lambda m: not m.calm)
+        )
+        for names in (touched, loud):
+            if self.mended.placed and names & {"position_x", "position_y"}:
+                names |= {"latitude", "longitude"}
         odd_step = abs(np.log(self.mended.step / _USUAL_STEP)) > 2 * _SPREAD
-        return [
-            f
-            for f in self.faults
-            if (f.kind, f.signals) not in there and (odd_step if f.kind == TIME else touched & set(f.signals))
-        ]
+
+        def bears(fault: Fault) -> bool:
+            if fault.kind == TIME:
+                return odd_step
+            return bool(set(fault.signals) & (loud if fault.kind == EXCHANGED else touched))
+
+        return [f for f in self.faults if (f.kind, f.signals) not in there and bears(f)]
 
 
 @dataclass(frozen=True)
@@ -276,17 +295,20 @@ class Misfit:
         likelihood: Its logarithm; 0 where nothing can be said.
         at_best: What it would be if all were in common.
         cost: What a slope other than the expected one costs.
+        calm: Whether neither side varies by more than needs no fault.
     """
 
     share: float = 0.0
     likelihood: float = 0.0
     at_best: float = 0.0
     cost: float = 0.0
+    calm: bool = False
 
     @property
     def fails(self) -> bool:
         """Whether it calls for an explanation of the catalogue."""
-        return self.share > _FAILS or self.cost > _FAR
+        alike = self.share < _RELATED or self.share > 2 - _RELATED  # of one sign or the other, however calm
+        return (alike or not self.calm) and (self.share > _FAILS or self.cost > _FAR)
 
 
 def sides(relation: Relation, view: View) -> tuple[Floats, Floats]:
@@ -309,23 +331,34 @@ def _misfit(relation: Relation, view: View) -> Misfit:
         latest = min(_LATEST, int(_LATEST * _SPACING / spacing))
         pairs = [_shifted(measured, computed, lag) for lag in range(-latest, latest + 1)]
         likeness = [float((m - m.mean()) @ (c - c.mean())) if len(m) >= 20 else -np.inf for m, c in pairs]
-        q, free, floor = _shared(relation, *pairs[int(np.argmax(likeness))])
+        q, free, floor = _shared(relation, *pairs[int(np.argmax(likeness))], independent)
     at_best = -independent / 2 * float(np.log(relation.misfit**2 / 2))
     likelihood = -independent / 2 * float(np.log(min((q + floor) / (1 + floor), 2.0)))
     found = max(likelihood - free, 0.0) if likelihood > 0 else likelihood * float(np.exp(-free))
-    return Misfit(q, found, at_best, free)
+    return Misfit(q, found, at_best, free, _calm(relation, measured[both], computed[both]))
+
+
+def _calm(relation: Relation, measured: Floats, computed: Floats) -> bool:
+    """Tell whether neither side of a relation varies by more than needs no fault."""
+    if relation.circular:
+        return False
+    sizes = [float((v**2).mean()) if relation.through_zero else float(v.var()) for v in (measured, computed)]
+    return max(sizes[0], relation.slope[0] ** 2 * sizes[1]) < (_LIVELY * tolerance(relation)) ** 2
 
 
 def _without_arm(relation: Relation, view: View, measured: Floats, computed: Floats) -> tuple[Floats, Floats]:
-    """Return both sides without what a lever arm, which nobody has stated, may make of them."""
-    arm = np.empty(0) if relation.arm is None else relation.arm(view)  # type: ignore[arg-type]
-    if len(arm) != len(measured):
+    """Return both sides without what a lever arm or late positions, which nobody has stated, may make of them."""
+    columns = [c(view) for c in (relation.arm, relation.late) if c is not None]  # type: ignore[arg-type]
+    columns = [c for c in columns if len(c) == len(measured)]
+    if not columns:
         return measured, computed
+    rows = np.isfinite(np.stack([measured, computed, *columns])).all(axis=0)
+    design = np.stack(columns, 1)[rows]
     sides = []
     for side in (measured, computed):
-        rows = np.isfinite(side) & np.isfinite(arm)
-        power = float(arm[rows] @ arm[rows])
-        sides.append(side - arm * (float(side[rows] @ arm[rows]) / power if power > 0 else 0.0))
+        rest = np.full(len(side), np.nan)
+        rest[rows] = without(design, side[rows])
+        sides.append(rest)
     return sides[0], sides[1]
 
 
@@ -336,7 +369,7 @@ def _shifted(measured: Floats, computed: Floats, lag: int) -> tuple[Floats, Floa
     return m[both], c[both]
 
 
-def _shared(relation: Relation, measured: Floats, computed: Floats) -> tuple[float, float, float]:
+def _shared(relation: Relation, measured: Floats, computed: Floats, independent: float) -> tuple[float, float, float]:
     """Return the share not in common, what a slope other than the expected one costs, and the share neglected."""
     if len(measured) < 20:
         return 1.0, 0.0, 1.0
@@ -352,7 +385,8 @@ def _shared(relation: Relation, measured: Floats, computed: Floats) -> tuple[flo
     if min(sizes) == 0:
         return 1.0, 0.0, 1.0
     share = float((away[kept] ** 2).mean() / carried)
-    open_by_noise = -np.log(1 - min(share, 0.99))  # whichever side has it, the slope is within that (Frisch 1934)
+    # whichever side has the noise, the slope is within the least correlation that there may be (Frisch 1934)
+    open_by_noise = -np.log(max(1 - share - _BY_CHANCE / np.sqrt(independent), 0.01))
     cost = (max(abs(np.log(slope / centre)) - open_by_noise, 0.0) / np.log(factor * _NEAR)) ** 2 / 2
     calmest = min(sizes[0], centre**2 * sizes[1])  # a side in another unit is no livelier for it
     floor = relation.misfit**2 / 2 + tolerance(relation) ** 2 / (2 * calmest)

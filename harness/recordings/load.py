@@ -25,7 +25,9 @@ from harness.recordings.derived_signals import DERIVED, Sources
 from harness.recordings.geodesy import tangent_plane
 from harness.recordings.lever_arm import to_reference_point
 from harness.recordings.resample import first_order_lag, onto_grid, updated_on_grid
+from harness.recordings.reversing import COURSE, NEEDS, backwards
 from harness.recordings.span import file_and_span, part_of
+from harness.recordings.turns import continued
 
 _END = 1.0
 """s that may be cut from either end where not every signal is there yet, or still."""
@@ -84,6 +86,7 @@ def recording_of(
     if step is not None:
         mapping = replace(mapping, step=step)
     raws, clock = collect(tables, mapping, file)
+    raws, turns = _with_turns(raws)
     grid = _grid(raws, clock, mapping, file)
     _refuse_delays(raws, grid, file)
     signals = {r.channel.signal: _resampled(r, r.channel.delay, grid) for r in raws}
@@ -91,6 +94,7 @@ def recording_of(
     step = float(grid[1] - grid[0])
     delays = _estimated_delays(raws, signals, mapping, grid, file)
     to_reference_point(signals, mapping, step)
+    _sign_by_course(signals, mapping, step)
     _derive(signals, mapping, step, file)
     covered = _covered(signals, step)
     start = float(grid[covered][0])
@@ -116,6 +120,7 @@ def recording_of(
         "start": start,
         "warnings": [
             *clock.warnings,
+            *(_unknown_turns(gap, start) for gap in turns),
             *_coarse(raws, step, mapping),
             *(w for r in raws for w in _warnings(r, start)),
             *_removed_spikes(raws, start),
@@ -265,6 +270,41 @@ def add_positions(signals: dict[str, Floats]) -> None:
     """Add positions east and north where latitude and longitude are recorded and positions are not, in place."""
     if {"latitude", "longitude"} <= set(signals) and "position_x" not in signals and "position_y" not in signals:
         signals["position_x"], signals["position_y"] = tangent_plane(signals["latitude"], signals["longitude"])
+
+
+def _with_turns(raws: list[Raw]) -> tuple[list[Raw], list[tuple[float, float]]]:
+    """Return channels with the heading continued across gaps, and those across which its turns are unknown."""
+    rate = next(((r.time, r.values) for r in raws if r.channel.signal in ("yaw_rate", "yaw_rate_tractor")), None)
+    found, unknown = [], []
+    for raw in raws:
+        if raw.channel.signal == "heading" and raw.gaps:
+            values, gaps = continued(raw.time, raw.values, raw.gaps, rate)
+            raw, unknown = replace(raw, values=values), gaps
+        found.append(raw)
+    return found, unknown
+
+
+def _unknown_turns(gap: tuple[float, float], start: float) -> str:
+    begin, end = gap
+    return (
+        f"heading: the vehicle may turn by more than half a turn in the gap of {end - begin:.3g} s from t = "
+        f"{begin - start:.2f} s; from there on it is unknown by multiples of a turn: take the parts apart "
+        f"(@{end - start:.1f}s:), or map a yaw rate"
+    )
+
+
+def _sign_by_course(signals: dict[str, Floats], mapping: ChannelMap, step: float) -> None:
+    """Give a speed the sign of the course against the heading where the map wants it, in place.
+
+    Raises:
+        UserError: If positions or heading are not mapped.
+    """
+    for channel in mapping.channels:
+        if channel.reverse == COURSE:
+            if missing := [n for n in NEEDS if n not in signals]:
+                raise UserError(f"{channel.where}.reverse: the course takes {', '.join(missing)}; map them")
+            values = signals[channel.signal]
+            signals[channel.signal] = np.where(backwards(signals, step), -np.abs(values), values)
 
 
 def _derive(signals: dict[str, Floats], mapping: ChannelMap, step: float, file: str) -> None:

@@ -258,8 +258,8 @@ def _robust_errors(design: Floats, left: Floats, lags: int) -> Floats:
 def long_run(values: Floats, lags: int) -> Floats:
     """Return the covariance of the sum of values ``(samples, columns)`` that are correlated over ``lags`` samples.
 
-    It is that of Newey and West (1987): the mean of the products of all sums over ``lags + 1`` samples. Where the values
-    remember longer, as many lags are taken as fit their memory (Andrews 1991), up to an eighth of the samples.
+    It is that of Newey and West (1987): the mean of the products of all sums over ``lags + 1`` samples. Where the
+    values remember longer, as many lags are taken as fit their memory (Andrews 1991), up to an eighth of the samples.
     """
     lags = min(max(lags, _memory(values)), max(lags, len(values) // 8), max(len(values) - 1, 0))
     edges = np.zeros((lags + 1, values.shape[1]))

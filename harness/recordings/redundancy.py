@@ -20,6 +20,10 @@ from harness.recordings.kinematics import earth_to_vehicle
 MOVING = 2.0
 """m/s above which the course over ground is that of the vehicle and not that of the noise."""
 
+_BACKWARDS = 0.1
+"""m/s beyond which a negative speed is one."""
+_UNSIGNED = ("speed", "longitudinal_velocity", "speed_tractor")
+
 
 @dataclass(frozen=True)
 class Relation:
@@ -32,6 +36,7 @@ class Relation:
         compute: The function; takes smoothed signals and their derivatives.
         exact: Whether it holds for any motion in the plane, so that delay and offset are judged as well.
         arm: What a lever arm between the sensors would add per metre; None if nothing. Its signals are not needed.
+        late: What positions would add that are a second later than the heading; None if nothing.
         slope: Slope to be expected, and by which factor it may be off for what the relation neglects.
         or_slope: Another one, if the signal is recorded in one of two ways.
         misfit: Share of the signal that it neglects.
@@ -40,6 +45,7 @@ class Relation:
         through_zero: Whether both sides are zero together, so that there is no offset (a speed).
         circular: Whether both sides are angles, alike if they differ by full turns.
         order: Derivative of the signal that is compared.
+        where: In which samples it holds; empty: in all.
     """
 
     signal: str
@@ -48,6 +54,7 @@ class Relation:
     compute: Callable[[Sources], Floats]
     exact: bool = True
     arm: Callable[[Sources], Floats] | None = None
+    late: Callable[[Sources], Floats] | None = None
     slope: tuple[float, float] = (1.0, 1.0)
     or_slope: tuple[float, float] | None = None
     misfit: float = 0.05
@@ -55,6 +62,7 @@ class Relation:
     through_zero: bool = False
     circular: bool = False
     order: int = 0
+    where: str = ""
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -66,7 +74,7 @@ class Relation:
         """The highest derivative of a signal that is compared."""
         asked = _Asked()
         asked.rate(self.signal, self.order)
-        for side in (self.compute, self.arm):
+        for side in (self.compute, self.arm, self.late):
             if side is not None:
                 side(asked)  # type: ignore[arg-type]
         return asked.highest
@@ -98,9 +106,16 @@ def ground_speed(s: Sources) -> Floats:
     return np.hypot(s.rate("position_x"), s.rate("position_y"))
 
 
+def _signed(speed: str) -> Callable[[Sources], Floats]:
+    """Return the speed over ground, negative where a speed says that the vehicle drives backwards."""
+    return lambda s: np.where(s[speed] < -_BACKWARDS, -1.0, 1.0) * ground_speed(s)
+
+
 def _course(s: Sources) -> Floats:
-    moving = ground_speed(s) > MOVING
-    return np.where(moving, np.arctan2(s.rate("position_y"), s.rate("position_x")), np.nan)
+    """Return the course over ground in rad, that of the rear where a speed is negative."""
+    back = next((s[n] < -_BACKWARDS for n in _UNSIGNED if n in s.signals), False)
+    course = np.arctan2(s.rate("position_y"), s.rate("position_x")) + np.where(back, np.pi, 0.0)
+    return np.where(ground_speed(s) > MOVING, course, np.nan)
 
 
 def _course_rate(s: Sources) -> Floats:
@@ -128,7 +143,7 @@ def _turning(signal: str) -> Callable[[Sources], Floats]:
 
 
 _SIDESLIP_LAG = 0.08
-"""s by which the course turns before or after the heading: about the distance of the CoG to the neutral point over v."""
+"""s by which the course turns before or after the heading: how far the CoG is from the neutral point, over v."""
 _PLACE = ("position_x", "position_y")
 _POSE = (*_PLACE, "heading")
 _SPEEDS = (("", "longitudinal_velocity"), ("", "speed"), ("_tractor", "speed_tractor"), ("_tractor", "speed"))
@@ -146,7 +161,7 @@ def _yaw_rates() -> list[Relation]:
         found += [
             Relation(rate, ("heading",), "rate of the heading", _rate_of("heading")),
             Relation(rate, _PLACE, "rate of the course over ground", _course_rate, exact=False, slope=(1.0, 1.04),
-                     misfit=0.2, lag=_SIDESLIP_LAG),
+                     misfit=0.2, lag=_SIDESLIP_LAG, where=f"faster than {MOVING:g} m/s"),
         ]  # fmt: skip
     found.append(
         Relation("yaw_rate_trailer", ("yaw_rate_tractor",), "yaw rate of the tractor", lambda s: s["yaw_rate_tractor"],
@@ -176,19 +191,20 @@ def _speeds() -> list[Relation]:
                  lambda s: _course_velocity(s)[0], arm=_turning("yaw_rate"), through_zero=True),
         Relation("lateral_velocity", _POSE, "rate of the position across the heading",
                  lambda s: _course_velocity(s)[1], arm=lambda s: s.rate("heading"), exact=False,
-                 slope=(1.0, 1.15), misfit=0.3, lag=np.inf),
-        Relation("speed", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate"), through_zero=True),
-        Relation("speed_tractor", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate_tractor"),
-                 through_zero=True),
-        Relation("longitudinal_velocity", _PLACE, "speed over ground", ground_speed, arm=_turning("yaw_rate"),
-                 through_zero=True),
+                 late=lambda s: ground_speed(s) * s.rate("heading"), slope=(1.0, 1.15), misfit=0.3, lag=np.inf),
+        *(
+            Relation(name, _PLACE, "speed over ground", _signed(name), arm=_turning(rate), through_zero=True)
+            for name, rate in (("speed", "yaw_rate"), ("speed_tractor", "yaw_rate_tractor"),
+                               ("longitudinal_velocity", "yaw_rate"))
+        ),
         Relation("speed", ("longitudinal_velocity",), "longitudinal velocity", lambda s: s["longitudinal_velocity"],
                  through_zero=True, arm=_turning("yaw_rate")),
         Relation("speed_tractor", ("speed",), "speed", lambda s: s["speed"], exact=False, slope=(1.0, 1.03),
                  lag=0.02, through_zero=True),
         Relation("sideslip_angle", ("longitudinal_velocity", "lateral_velocity"), "arctan(v_y / v_x)",
                  lambda s: np.arctan2(s["lateral_velocity"], s["longitudinal_velocity"])),
-        Relation("heading", _PLACE, "course over ground", _course, exact=False, lag=np.inf, circular=True),
+        Relation("heading", _PLACE, "course over ground", _course, exact=False, lag=np.inf, circular=True,
+                 where=f"faster than {MOVING:g} m/s"),
     ]  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings.cause import DELAY, DRIFT, OFFSET, SCALE, Cause
 from harness.recordings.channel_map import ChannelMap, MapFile
 from harness.recordings.faults import EXCHANGED, HEADING, SIGN, TIME, Fault
+from harness.recordings.reversing import COURSE
 
 _UNITS = {
     "rad": ("rad", "deg", "mrad"),
@@ -52,6 +53,7 @@ def mended(
     causes: Sequence[Cause],
     clocks: Mapping[int, str],
     duration: float,
+    unsigned: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return a channel map without the faults.
 
@@ -61,8 +63,11 @@ def mended(
         causes: What is off by a little, once those are mended.
         clocks: Channel of the clock by its number.
         duration: s of the recording, over which a clock drifts.
+        unsigned: Speeds without a sign in a recording of a vehicle that drives backwards.
     """
     found = listed(copy.deepcopy(dict(content)))
+    for name in unsigned:
+        found[name]["reverse"] = COURSE
     for fault in faults:
         _mend(found, fault)
     for cause in causes:

@@ -29,6 +29,8 @@ KINDS = (SCALE, OFFSET, DELAY, DRIFT)
 
 _NEEDS_NONE = 3.0
 """Share of the least deviation that is reported, as its standard deviation where nothing is wrong."""
+_SMALL = 0.1
+"""Share of that variance that any comparison has: what even an exact relation neglects."""
 _CALIBRATION = np.log(2.5)
 """Logarithm of the largest factor that is a calibration; what is further off has another reason."""
 _LOOSE = 2.0
@@ -56,11 +58,13 @@ class Response:
     Attributes:
         value: ``(directions,)``.
         design: How a cause of unit size shows, ``(directions, kinds, channels)``, kinds in the order of ``KINDS``.
-        covariance: Of ``value``, ``(directions, directions)``.
+        noise: Covariance of ``value`` by what the signals and the relation leave open, ``(directions, directions)``.
+        covariance: That with what every channel may be off without a fault.
     """
 
     value: Floats
     design: Floats
+    noise: Floats
     covariance: Floats
 
 
@@ -86,7 +90,8 @@ def response(fit: Agreement, smoothed: Smoothed, channels: Sequence[tuple[str, .
     if fit.relation.circular:
         design = np.zeros((1, len(KINDS), len(channels)))
         design[0, KINDS.index(OFFSET)] = [fit.relation.signal in names for names in channels]
-        return Response(np.array([fit.offset]), design, np.array([[fit.offset_std**2 + _ALIGNED**2]]))
+        covariance = np.array([[fit.offset_std**2 + _ALIGNED**2]])
+        return Response(np.array([fit.offset]), design, covariance, covariance)
     sides = _Sides(fit, smoothed.of(fit.relation, fit.window), channels, drifts)
     return sides.response() if sides.enough else None
 
@@ -201,14 +206,15 @@ class _Sides:
         lags = int(max(MEMORY, fit.window) / (self._every * self._step))
         covariance = long_run(across * without(others, left)[:, None], lags)
         covariance += self._of_both_sides(design, float(noise @ noise))
-        covariance += self._needs_none(design)
-        if relation.exact and free:
-            least = LEAST_OFFSET * float(np.nanstd(fit.measured))
-            covariance += _along(across.T @ without(others, self.ones), least / _NEEDS_NONE)
         covariance += _along(across.T @ whole, float(np.hypot(np.log(factor), fit.unresolved)))
         if self._delayed:
             covariance += _along(across.T @ without(others, fit.signal_share * self.rate), relation.lag)
-        return Response(value, design.reshape(len(value), len(KINDS), len(self.channels)), covariance)
+        needs_none = self._needs_none(design)
+        if relation.exact and free:
+            least = LEAST_OFFSET * float(np.nanstd(fit.measured))
+            needs_none += _along(across.T @ without(others, self.ones), least / _NEEDS_NONE)
+        shaped = design.reshape(len(value), len(KINDS), len(self.channels))
+        return Response(value, shaped, covariance + _SMALL * needs_none, covariance + needs_none)
 
     def _of_both_sides(self, design: Floats, noise: float) -> Floats:
         """Return how uncertain the noise leaves the scales, as nobody knows whose it is: from none to all of it."""

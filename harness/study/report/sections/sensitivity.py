@@ -59,9 +59,13 @@ def in_short(ranking: Ranking) -> list[str]:
         found = ranking.errors[t][best]
         if found is None:
             continue
+        who = f"With {design.estimators[best]}, the error of the {target.words}"
+        first = found.total[found.order[0]]
+        if first.upper - first.lower > 1.0:  # an index is a share: such an interval holds all of them
+            sentences.append(f"{who} is driven by factors that {found.samples} base samples are too few to tell.")
+            continue
         large = [i for i in found.order if found.total[i].value >= DRIVING][:NAMED]
         parts = [f"{design.factors[i].words} (total index {found.total[i].value:.2f})" for i in large]
-        who = f"With {design.estimators[best]}, the error of the {target.words}"
         by = listed(parts) if parts else "no factor more than by others"
         sentences.append(f"{who} is driven by {by}{_undecided(ranking, found)}.")
     return sentences
