@@ -130,8 +130,8 @@ foreign: $(VENV)/dev.stamp ## trace twelve cases of a second plant, which shares
 sensitivity: $(VENV)/dev.stamp ## trace some of them with each number of the criteria halved and doubled (half an hour; CASES, NUMBERS, FIRST, QUALITY; it continues where it stopped; PAGE=1: tables into docs/attribution.md)
 	$(BIN)/python -m bench.attribution.sensitivity$(if $(PAGE), --page) $(if $(CASES),--cases $(CASES)) $(if $(NUMBERS),--numbers $(NUMBERS)) $(if $(FIRST),--first $(FIRST)) $(if $(QUALITY),--quality $(QUALITY))
 
-check-proof: $(VENV)/dev.stamp ## plant faults in recordings and count what harness check names and mends (SEEDS=1000:1010)
-	$(BIN)/python -m bench.recording_faults $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) --out results/check-proof
+check-proof: $(VENV)/dev.stamp ## plant faults in recordings and count what harness check names and mends (SEEDS=1000:1010, FOREIGN=1000:1050)
+	$(BIN)/python -m bench.recording_faults $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FOREIGN),--foreign $(FOREIGN)) $(if $(JOBS),--jobs $(JOBS)) --out results/check-proof
 
 tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune --data hold the true noise (SETS=18, CASES=semitrailer); goes on where it stopped
 	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) $(if $(CASES),--cases $(CASES)) --out results/tuning-proof/variances.jsonl

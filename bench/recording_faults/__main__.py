@@ -1,8 +1,9 @@
 """``make check-proof``: plant faults in recordings, and count what ``harness check`` names and mends.
 
-Simulated drives of a car and a semitrailer (``--seeds``), and the measured drives that are there. Seeds below 1000 are
-those that thresholds were set with; the table of docs/check.md is from others. Every check is kept as soon as it is
-done: the same command goes on where it stopped.
+Foreign drives, whose plant shares nothing with the program (``--foreign``), simulated drives of a car and a semitrailer
+(``--seeds``), and the measured drives that are there. Seeds below 1000 are those that thresholds were set with; the
+tables of docs/check.md are from others. Every check is kept as soon as it is done: the same command goes on where it
+stopped.
 """
 
 from __future__ import annotations
@@ -16,6 +17,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from bench.recording_faults.foreign import PLANTED
+from bench.recording_faults.foreign_run import coverage
+from bench.recording_faults.foreign_run import run as run_foreign
+from bench.recording_faults.foreign_run import table as table_of_foreign
 from bench.recording_faults.run import CLEAN, Scored, run
 
 RECALL, FALSE_ALARMS = 0.95, 0.02
@@ -55,15 +60,25 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit status: 0 if recall and false alarms are as they should be."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="1000:1010", help="first and last (excluded) seed of the simulated drives")
+    parser.add_argument("--foreign", default="1000:1050", help="first and last (excluded) seed of the foreign drives")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--no-measured", action="store_true", help="leave the measured drives out")
     parser.add_argument("--out", type=Path, default=Path("results/check-proof"))
     given = parser.parse_args(arguments)
     first, last = (int(n) for n in given.seeds.split(":"))
     console = Console(soft_wrap=True)
+    first_foreign, last_foreign = (int(n) for n in given.foreign.split(":"))
+    progress = Console(stderr=True)
+    seeds = range(first_foreign, last_foreign)
+    alone = run_foreign(seeds, given.jobs, given.out / "foreign.jsonl")
+    total = len(seeds) * len(PLANTED)
+    scores = list(track(alone, "foreign drives", total=total, console=progress, disable=not total))
+    written = f"{table_of_foreign(scores)}\n\n{coverage(scores)}\n" if scores else ""
+    console.print(written, markup=False)
+    (given.out / "foreign.md").write_text(written, encoding="utf-8")
     found: list[Scored] = []
     batches = run(range(first, last), given.jobs, given.out / "checks.jsonl", not given.no_measured)
-    for each in track(batches, "drives", total=None, console=Console(stderr=True)):
+    for each in track(batches, "drives", total=None, console=progress):
         found += each
     (given.out / "table.md").write_text(table(found) + "\n", encoding="utf-8")
     console.print(table(found), markup=False)

@@ -28,7 +28,8 @@ _GRAVITY = 9.81
 _NOISE = {
     "position_x": (0.01, 0.03), "position_y": (0.01, 0.03), "heading": (5e-4, 3e-3), "speed": (0.01, 0.05),
     "longitudinal_velocity": (0.01, 0.05), "lateral_velocity": (0.01, 0.05), "yaw_rate": (1e-3, 5e-3),
-    "lateral_acceleration": (0.03, 0.15), "longitudinal_acceleration": (0.03, 0.15), "steering_wheel_angle": (1e-3, 5e-3),
+    "lateral_acceleration": (0.03, 0.15), "longitudinal_acceleration": (0.03, 0.15),
+    "steering_wheel_angle": (1e-3, 5e-3),
 }  # fmt: skip
 """Least and largest standard deviation of the noise of a channel, SI units."""
 UNITS = {"rad": "deg", "rad/s": "deg/s", "m/s": "km/h", "m/s^2": "g_0"}

@@ -1,4 +1,4 @@
-"""Score ``harness check`` on foreign drives: what it names of what is planted, what it says beyond, what intervals hold."""
+"""Score ``harness check`` on foreign drives: what it names, what it says beyond that, and what its intervals hold."""
 
 from __future__ import annotations
 

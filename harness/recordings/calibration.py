@@ -164,7 +164,8 @@ def _delays(
 ) -> Iterator[_Option]:
     """Yield that channels are late, and that they are early: by a little, or by what the map takes out too much."""
     yield _Option(DELAY, channels, signals, prior, usual_size(DELAY, signals[0]), 1, clock)
-    yield _Option(DELAY, channels, signals, prior * _EARLY, max(_LOOK_AHEAD, stated), -1, clock)
+    early = 1.0 if stated > 0 else _EARLY
+    yield _Option(DELAY, channels, signals, prior * early, max(_LOOK_AHEAD, stated), -1, clock)
 
 
 def _misread_together(
