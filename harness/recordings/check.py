@@ -22,6 +22,7 @@ from harness.recordings.examine import Examination, Finding, examine
 from harness.recordings.load import recording_of
 from harness.recordings.pair_fit import Agreement
 from harness.recordings.readers import Table
+from harness.recordings.span import Span, file_and_span, part_of
 
 __all__ = ["Findings", "Remedy", "check_recording", "check_tables"]
 
@@ -92,7 +93,7 @@ def check_recording(
     """Read a recording and compare its signals with each other.
 
     Args:
-        file: Recording.
+        file: Recording, or a part of one: ``log.csv@0s:118s``.
         channels: Channel map, if its columns are no signals in SI units.
         parameters: Parameter set or parameter file of a car, for the curves of its axles.
 
@@ -104,7 +105,8 @@ def check_recording(
     if channels is not None:
         load_map(channels)  # names the file in its messages
         content = map_content(channels)
-    return with_axles(check_tables(readers.read_tables(file), str(file), content), parameters)
+    path, span = file_and_span(file)
+    return with_axles(check_tables(readers.read_tables(path), str(path), content, span), parameters)
 
 
 def with_axles(found: Findings, parameters: str | None) -> Findings:
@@ -116,19 +118,22 @@ def with_axles(found: Findings, parameters: str | None) -> Findings:
     return Findings(found.recording, found.examination, found.found, found.remedy, axles)
 
 
-def check_tables(tables: list[Table], file: str, content: Mapping[str, Any] | None = None) -> Findings:
+def check_tables(
+    tables: list[Table], file: str, content: Mapping[str, Any] | None = None, span: Span | None = None
+) -> Findings:
     """Compare the signals of what a reader returned with each other.
 
     Args:
         tables: One per clock.
         file: Where they come from.
         content: Channel map.
+        span: Part that is compared; all of it if None.
 
     Raises:
         UserError: If tables and map do not fit each other.
     """
     given = remedy.content_of(plain_map(tables, file)) if content is None else remedy.listed(content)
-    recording, examination, _ = _examined(tables, file, given)
+    recording, examination, _ = _examined(tables, file, given, span)
     found = list(examination.findings)
     after, last = given, examination
     mended: Remedy | None = None
@@ -138,7 +143,7 @@ def check_tables(tables: list[Table], file: str, content: Mapping[str, Any] | No
             break
         after = better
         try:
-            _, last, estimated = _examined(tables, file, after)
+            _, last, estimated = _examined(tables, file, after, span)
         except UserError:
             break
         mended = Remedy(after, tuple(remedy.lines(given, after)), last.fits)
@@ -154,7 +159,7 @@ def _once(found: list[Finding]) -> list[Finding]:
 
 
 def _examined(
-    tables: list[Table], file: str, content: Mapping[str, Any]
+    tables: list[Table], file: str, content: Mapping[str, Any], span: Span | None
 ) -> tuple[xr.Dataset, Examination, frozenset[str]]:
     """Read a recording and examine it; return the signals as well whose delay was estimated.
 
@@ -169,6 +174,7 @@ def _examined(
         estimated = frozenset()
         recording = recording_of(tables, file, plain, step)
         recording.attrs["warnings"].append(f"{error}; taken as 0")
+    recording = recording if span is None else part_of(recording, span, file)
     place = {c: n for n, table in enumerate(tables) for c in table.columns}
     channels = {c.signal: c for c in load_map(content).channels}
     clocks = {name: place[c.channel] for name, c in channels.items()}

@@ -20,6 +20,7 @@ from harness.recordings.axle_curves import Axle
 from harness.recordings.check import Findings
 from harness.recordings.consistency import DISAGREES, in_report_unit, verdicts
 from harness.recordings.pair_fit import Agreement
+from harness.recordings.span import named
 from harness.reporting.document import (
     Block,
     Bullets,
@@ -42,10 +43,16 @@ RECORD, SIGNALS_FILE = "check.json", "signals.npz"
 
 
 def _overview(recording: xr.Dataset) -> str:
-    """Say in one sentence what was read."""
+    """Say in a few words what was read."""
     time = recording["time"].values
     step = float(time[1] - time[0])
     return f"{len(recording.data_vars)} signals over {time[-1]:.2f} s at {1 / step:.6g} Hz, {len(time)} samples"
+
+
+def _read(recording: xr.Dataset) -> str:
+    """Say which file, or part of one, was read, and by which map: the title of a map is no recording's name."""
+    title = recording.attrs["title"]
+    return f"{named(recording)}: {_overview(recording)}" + (f"; channel map: {title}" if title else "")
 
 
 CONTENT = ("signal", "channel", "unit", "new at", "smallest", "largest", "missing", "longest gap", "delay")
@@ -118,8 +125,7 @@ def answer(findings: Findings) -> list[str]:
 
 def print_findings(findings: Findings, console: Console) -> None:
     """Print what the recording holds, how its signals agree, what is wrong, and the lines that mend the map."""
-    attrs = findings.recording.attrs
-    console.print(Text(f"{attrs['title'] or attrs['file']}: {_overview(findings.recording)}", style="bold"))
+    console.print(Text(_read(findings.recording), style="bold"))
     tables = ((CONTENT, content_rows(findings.recording)), (AGREEMENT, agreement_rows(findings.fits)))
     for header, rows in tables:
         if rows:
@@ -160,14 +166,13 @@ def write_check(findings: Findings, out: Path) -> list[Path]:
     Raises:
         UserError: If the folder cannot be written.
     """
-    attrs = findings.recording.attrs
     sections = [
         Section(lambda: _found(findings), "What was found?"),
         Section(lambda: _agreement(findings), "Do the signals agree?"),
         Section(lambda: _axles(findings), "What do the axles do?"),
         Section(lambda: _content(findings), "What the file holds"),
     ]
-    written = write(Document(f"Check of {attrs['title'] or Path(attrs['file']).name}", sections), out, "check")
+    written = write(Document(f"Check of {Path(named(findings.recording)).name}", sections), out, "check")
     written += write_files(out, {RECORD: json_text(_record(findings)), SIGNALS_FILE: _over_time(findings)})
     if findings.remedy is not None:
         written += write_files(out, {MAP: remedy.map_text(findings.remedy.content)})
@@ -178,7 +183,7 @@ def _record(findings: Findings) -> dict[str, Any]:
     """Return ``check.json``: what was found in words, the signals each of it concerns, and the comparisons."""
     attrs = findings.recording.attrs
     return {
-        "title": str(attrs["title"] or Path(attrs["file"]).name),
+        "title": Path(named(findings.recording)).name,
         "read": _overview(findings.recording),
         "answer": [str(line) for line in answer(findings)],
         "warnings": [str(w) for w in attrs["warnings"]],
@@ -224,7 +229,7 @@ def _over_time(findings: Findings) -> bytes:
 def _found(findings: Findings) -> list[Block]:
     attrs, warnings = findings.recording.attrs, findings.warnings
     first, *rest = answer(findings)
-    read = plain(f"{attrs['file']}: {_overview(findings.recording)}.") + plain(f" {attrs['source']}")
+    read = plain(f"{_read(findings.recording)}. {attrs['source']}")
     blocks: list[Block] = [Prose(read), Prose(plain(first))]
     if warnings:
         blocks.append(Bullets([plain(w) for w in warnings]))

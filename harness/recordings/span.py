@@ -57,6 +57,12 @@ def part_of(recording: xr.Dataset, span: Span, said: str) -> xr.Dataset:
     return part.assign_coords(time=part["time"].copy(data=time[inside] - begun)).assign_attrs(kept)
 
 
+def named(recording: xr.Dataset) -> str:
+    """Return the file of a recording, with the part that was read of it."""
+    file, span = str(recording.attrs["file"]), recording.attrs.get("span")
+    return file if span is None else f"{file}@{span[0]:.6g}s:{span[1]:.6g}s"
+
+
 def refuse_overlaps(fitted: Sequence[xr.Dataset], held_out: Sequence[xr.Dataset]) -> None:
     """Refuse parts of one file that are fitted and held out as well.
 

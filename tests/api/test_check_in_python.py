@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import harness as h
+from harness.common.errors import UserError
 
 CHANNELS = {
     "time": {"channel": "t", "unit": "s"},
@@ -52,6 +53,18 @@ def test_a_reversed_gyro_is_named_and_mended_from_memory_as_from_a_file(log, tmp
     assert clean.passes
     assert "wrong sign" in repr(found)
     assert "comparisons" in found._repr_html_()
+
+
+def test_a_part_of_a_file_is_checked_alone_and_named_by_file_not_by_map(log, tmp_path):
+    log.assign(gyro=np.where(log.t < 40, -log.gyro, log.gyro)).to_csv(tmp_path / "log.csv", index=False)
+    first, second = (h.check(f"{tmp_path / 'log.csv'}@{part}", {**CHANNELS, "title": "b"}) for part in (":40s", "40s:"))
+    assert first.findings == []
+    assert [(f.kind, f.signals) for f in second.findings] == [("sign", ("yaw_rate",))]
+    first.report(tmp_path / "report")
+    record = json.loads((tmp_path / "report" / "check.json").read_text())
+    assert record["title"] == "log.csv@0s:39.99s"
+    with pytest.raises(UserError, match="there is nothing in that span"):
+        h.check(f"{tmp_path / 'log.csv'}@90s:", CHANNELS)
 
 
 def test_a_step_that_fits_no_unit_of_time_is_no_reason_to_refuse(log):
