@@ -1,81 +1,358 @@
-"""What the name of a column says: the signal that it may be, its unit, the body on which it was measured."""
+"""What the name of a column says: its unit, whose motion it is, and which signals it may be.
+
+A name is cut into words (``VehSpd``, ``latacc``, ``Giergeschwindigkeit``), each of which means something: a kind of
+quantity, an axis, something that turns but is not the vehicle. The signal follows from the meanings, and a name whose
+meanings contradict a signal says why it is none.
+"""
 
 from __future__ import annotations
 
+import functools
 import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
-NAMES: tuple[tuple[str, str], ...] = (
-    ("articulation_angle", r"\bartic|hitch (angle|ang)|knickwinkel"),
-    ("steering_wheel_angle", r"steer|swa|lenk|lws|\blrw\b|handwheel|^delta( h| sw)?$"),
-    ("yaw_acceleration", r"yaw (ang(ular)? )?acc|psi pp|yaw ddot"),
-    (
-        "yaw_rate",
-        r"yaw (rate|vel|speed)|yawrate|gier|psi (p|dot)$|^(r|wz|w z|omega z|gyro z|gz)$|(ang(ular)? )?rate z|yaw dot",
-    ),
-    ("roll_rate", r"roll (rate|vel)|^(wx|omega x|gyro x|gx)$|rate x"),
-    ("lateral_acceleration", r"lat(eral)? ?acc|querbeschl|acc(el(eration)?)? ?(y|lat)|^a ?y( ?cg)?$"),
-    (
-        "longitudinal_acceleration",
-        r"long(itudinal)? ?acc|laengsbeschl|längsbeschl|acc(el(eration)?)? ?(x|long)|^a ?x( ?cg)?$",
-    ),
-    ("lateral_velocity", r"lat(eral)? ?(vel|speed)|vel(ocity)? (y|lat)|quer ?gesch|^v ?(y|quer|lat)$"),
-    ("speed", r"speed|geschw|veloc|^v( ?x| veh| fzg)?$|vel (x|long)|kmh|kph"),
-    ("sideslip_angle", r"side ?slip|schwimm|^beta$"),
-    ("heading", r"heading|course|kurs|azimuth|^(psi|yaw)( angle)?$"),
-    ("roll_angle", r"^(roll|phi)( angle)?$|wank"),
-    ("latitude", r"^(gps |gnss )?lat(itude)?$|breitengrad"),
-    ("longitude", r"^(gps |gnss )?(lon|lng|long|longitude)$|laengengrad|längengrad"),
-    ("position_x", r"^(pos(ition)? )?x( pos)?$|east(ing)?$"),
-    ("position_y", r"^(pos(ition)? )?y( pos)?$|north(ing)?$"),
+from harness.models.signals import SIGNALS
+
+AXLE = "the speed of an axle or of wheels"
+"""What may stand for the speed of the vehicle where nothing else does."""
+
+_ATOMS = {
+    written: (kind, unit)
+    for kind, unit, texts in (
+        ("angle", "rad", "rad radian radians"), ("angle", "deg", "deg degree degrees ° grad"),
+        ("angle", "mrad", "mrad"),
+        ("length", "m", "m meter meters metre metres"), ("length", "km", "km"), ("length", "cm", "cm"),
+        ("length", "mm", "mm"), ("length", "ft", "ft feet"), ("length", "mile", "mi mile miles"),
+        ("gravity", "g_0", "g gs gee gees g0 g_0"), ("gravity", "mg_0", "mg"),
+        ("time", "s", "s sec secs second seconds"), ("time", "ms", "ms msec milliseconds"),
+        ("time", "us", "us µs usec microseconds"), ("time", "ns", "ns nsec nanoseconds"), ("time", "min", "min"),
+        ("time", "h", "h hr hour hours"), ("turns", "turn", "rev revs u umdr tr"), ("plain", "rad", "1"),
+    )
+    for written in texts.split()
+}  # fmt: skip
+"""What units are made of, by how it is written: what it measures, and as pint writes it."""
+_SHORT = {
+    **dict.fromkeys(("kph", "kmh", "kmph", "kmhr"), ("km/h", "m/s")), "mph": ("mph", "m/s"), "mps": ("m/s", "m/s"),
+    **dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), ("knot", "m/s")), "fps": ("ft/s", "m/s"),
+    "dps": ("deg/s", "rad/s"), "degs": ("deg/s", "rad/s"), "rps": ("rad/s", "rad/s"), "rads": ("rad/s", "rad/s"),
+    "rpm": ("rpm", ""),
+}  # fmt: skip
+"""Units that have a short form of their own, with the SI unit that they are of."""
+
+
+def _any(words: Iterable[str]) -> str:
+    return "|".join(sorted(map(re.escape, words), key=len, reverse=True))
+
+
+_UNIT = re.compile(
+    rf"(?P<part>{_any(_ATOMS)})(?:\s*(?:[/|*·._ ]|per|p|)\s*"
+    rf"(?P<per>{_any(w for w, (kind, _) in _ATOMS.items() if kind == 'time')})\s*(?:\^|\*\*)?\s*(?P<power>-?[12])?)?"
 )
-"""Signals by what the names of their columns look like, the first that matches."""
+_NO_MOTION = re.compile(
+    r"%|pct|percent|prozent|m?bar|k?pa|psi|[mk]?v|volts?|m?a|amps?|°?[cfk]|celsius|fahrenheit|n ?m|n|k?w|hp|k?hz|l|l/h|"
+    r"kg|cnt|counts?|ppm|lux|db|mah|rpm|1/k?m|-"
+)
+"""Units that are stated and are those of no signal here."""
 
-TIME = re.compile(r"^(t|time|timestamp|zeit|clock|stamp)\b|\btime$|^timestamps?$")
-TRAILER = re.compile(r"trailer|anhänger|anhaenger|auflieger|\btebs")
-"""How names of columns say that something was measured on the trailer of a vehicle combination."""
-
-
-WRITTEN = {
-    "rad/s": r"rad ?/ ?s(ec)?|rad ?s ?-1|radps|rads",
-    "deg/s": r"(deg|°|grad) ?/ ?s(ec)?|degps|dps|deg ?s ?-1|degs",
-    "km/h": r"km ?/ ?h|kmh|kph",
-    "m/s^2": r"m ?/ ?s ?(2|²|\^2|\*\*2)|mps2|ms2|m ?s ?-2",
-    "m/s": r"m ?/ ?s|mps|m ?s ?-1",
-    "g_0": r"g|g0",
-    "deg": r"deg(rees?)?|°|grad",
-    "rad": r"rad(ians?)?",
-    "ms": r"ms|msec|millis(econds)?",
-    "us": r"us|µs|micros(econds)?",
-    "ns": r"ns|nanos(econds)?",
-    "s": r"s|sec(onds)?",
-    "m": r"m|met(er|re)s?",
+_MEANINGS = {
+    # whose motion it is
+    "vehicle": "vehicle veh car fzg fahrzeug ego chassis host ground",
+    "tractor": "tractor zugmaschine",
+    "trailer": "trailer anhänger anhaenger auflieger tebs",
+    "engine": "engine eng motor mot mtr emotor crank crankshaft",
+    "fan": "fan lüfter luefter blower",
+    "wind": "wind air airspeed luft",
+    "shaft": "shaft driveshaft gear gearbox trans transmission getriebe pto clutch kupplung cardan propeller prop pump "
+    "pumpe drum spindle belt compressor retarder",
+    "turbine": "turbine turbo turbocharger rotor",
+    "wheel": "wheel whl tire tyre reifen rad raeder räder",
+    "axle": "axle achse front rear vorn hinten vorne",
+    "corner": "left right links rechts fl fr rl rr lf rf lr vl vr hl hr l1 r1 l2 r2 l3 r3",
+    # what is not the motion itself
+    "wanted": "target desired setpoint request requested req cmd command commanded cruise limit lim soll ziel demand",
+    "about": "std stdev sigma var variance cov covariance error err accuracy quality valid validity status state flag "
+    "offset bias counter checksum crc temp temperature age quat quaternion orientation max min",
+    "effort": "torque moment trq tq current voltage percentage percent pressure force power",
+    # which quantity
+    "speed": "speed spd velocity velo vel geschw geschwindigkeit sog twist",
+    "acceleration": "acceleration accel accelerometer acc beschl beschleunigung gforce gs",
+    "rate": "rate dot punkt",
+    "angle": "angle ang winkel wnkl",
+    "angular": "angular gyro gyr gyroscope omega rotation rotational drehrate",
+    "revolutions": "rpm drehzahl revs revolutions",
+    "position": "position pos displacement",
+    "steering": "steering steer steered lenk lenkung lws swa handwheel lenkrad lrw",
+    "road": "road roadwheel",
+    "yaw": "yaw gier psi",
+    "roll": "roll wank phi",
+    "pitch": "pitch nick",
+    "sideslip": "sideslip schwimm beta",
+    "articulation": "artic articulation hitch knick",
+    "heading": "heading course kurs hdg bearing azimuth cog",
+    # along which axis
+    "lateral": "lateral quer transverse latitude breitengrad lat",
+    "longitudinal": "longitudinal inline längs laengs forward fwd long lon lng longitude laengengrad längengrad",
+    "vertical": "vertical vert",
+    "compass": "north east northing easting nord ost up down",
+    # nothing that matters here
+    "aside": "sensor value signal imu ins gps gnss can bus raw filtered filt actual act meas measured ist data info of "
+    "the over based mean com esp esc abs ecu est estimated linear pose corrected side slip cg",
 }
-"""How units are written in files and names."""
+"""Words by what they mean."""
+
+_WORDS = {word: meaning for meaning, words in _MEANINGS.items() for word in words.split()}
+_LETTERS = {"x": "longitudinal", "y": "lateral", "z": "vertical"}
+_SYMBOLS = {"v": "speed", "a": "acceleration", "g": "acceleration", "w": "angular", "av": "angular", "n": "revolutions"}
+"""Letters that begin a symbol (``v_x``, ``ay``, ``wz``, ``nMot``)."""
+_PLACES = {
+    **dict.fromkeys(("lat", "latitude", "breitengrad"), "latitude"),
+    **dict.fromkeys(("lon", "long", "lng", "longitude", "laengengrad", "längengrad"), "longitude"),
+    **dict.fromkeys(("x", "east", "easting"), "position_x"),
+    **dict.fromkeys(("y", "north", "northing"), "position_y"),
+}
+"""Where the vehicle is, where nothing else is said."""
+_WHOLE = {
+    "r": "yaw_rate", "w": "yaw_rate", "v": "speed", "dpsi": "yaw_rate", "psi p": "yaw_rate",
+    "psi pp": "yaw_acceleration", "side slip": "sideslip_angle", "df": "road_wheel_angle",
+    "delta f": "road_wheel_angle", "delta": "steering_wheel_angle",
+    "delta h": "steering_wheel_angle", "delta sw": "steering_wheel_angle",
+}  # fmt: skip
+"""Symbols that mean a signal as a whole."""
+
+_TURNS = {"rate", "speed", "angular"}
+_RULES: tuple[tuple[set[str], set[str], str], ...] = (
+    ({"steering"}, {*_TURNS, "acceleration"}, "!a rate of the steering"),
+    ({"steering"}, {"corner"}, "!the angle of one wheel"),
+    ({"steering"}, {"road"}, "road_wheel_angle"),
+    ({"steering"}, set(), "steering_wheel_angle"),
+    ({"road", "wheel"}, set(), "road_wheel_angle"),
+    ({"articulation"}, {*_TURNS, "acceleration"}, "!a rate of the articulation"),
+    ({"articulation"}, set(), "articulation_angle"),
+    ({"sideslip"}, {*_TURNS, "acceleration"}, "!a rate of the sideslip"),
+    ({"sideslip"}, set(), "sideslip_angle"),
+    ({"engine"}, set(), "!an engine or a motor, not the vehicle"),
+    ({"fan"}, set(), "!a fan, not the vehicle"),
+    ({"wind"}, set(), "!the air, not the vehicle"),
+    ({"shaft"}, set(), "!a shaft or gear, not the vehicle"),
+    ({"turbine"}, set(), "!a turbine or rotor, not the vehicle"),
+    ({"revolutions"}, set(), "!revolutions, no motion of the vehicle"),
+    ({"wheel"}, {"corner", "angular", "vertical"}, "!one wheel, not the vehicle"),
+    ({"corner"}, _TURNS, "!one wheel or side, not the vehicle"),
+    ({"wheel"}, {"speed"}, AXLE),
+    ({"axle"}, {"speed"}, AXLE),
+    ({"wheel"}, set(), "!a wheel, not the vehicle"),
+    ({"pitch"}, set(), "!a pitch motion, of which there is no signal"),
+    ({"yaw"}, {"acceleration"}, "yaw_acceleration"),
+    ({"yaw"}, _TURNS, "yaw_rate"),
+    ({"roll"}, {"acceleration"}, "!a roll acceleration, of which there is no signal"),
+    ({"roll"}, _TURNS, "roll_rate"),
+    ({"heading", "rate"}, set(), "yaw_rate"),
+    ({"vertical"}, {"angular", "rate"}, "yaw_rate"),
+    ({"longitudinal"}, {"angular", "rate"}, "roll_rate"),
+    ({"lateral"}, {"angular", "rate"}, "!a pitch rate, of which there is no signal"),
+    ({"angular"}, set(), "?yaw_rate"),
+    ({"acceleration"}, {"vertical", "compass"}, "!along no axis of the road plane"),
+    ({"acceleration", "lateral"}, set(), "lateral_acceleration"),
+    ({"acceleration", "longitudinal"}, set(), "longitudinal_acceleration"),
+    ({"acceleration"}, set(), "?longitudinal_acceleration"),
+    ({"speed"}, {"vertical", "compass"}, "!along no axis of the vehicle in the road plane"),
+    ({"speed", "lateral"}, set(), "lateral_velocity"),
+    ({"speed"}, set(), "speed"),
+    ({"position"}, {"vertical"}, "!a height, of which there is no signal"),
+)
+"""Signals by the meanings in a name: all of the first, one of the second if there are any; the first that holds.
+
+Behind ``!`` stands why it is no signal, behind ``?`` what it may be and the words do not quite say.
+"""
+_ABOUT = {"wanted": "what is wanted", "about": "something about a measurement", "effort": "an effort"}
+"""Meanings of words in names of what is no motion."""
+_KINDS = {"m/s": "speed", "m/s^2": "acceleration", "rad/s": "rate"}
+"""What a unit says of the kind of quantity."""
+
+TIME = re.compile(r"^(t|time|timestamp|zeit|clock|stamp|ts|utc)\b|\b(time|stamp|timestamps?)$")
+"""Words of a clock."""
 
 
-def in_words(name: str) -> str:
-    """Return a column's name in small words, without unit, group and module: ``EBS11.YawRate [deg/s]`` is yaw rate."""
-    name = re.sub(r"[\[(].*?[\])]", " ", name)
-    name = re.split(r"[./\\:]", name.strip())[-1] if not re.search(r"\w/\w$", name) else name
-    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    words = re.sub(r"[^a-z0-9äöüß]+", " ", name.lower()).split()
-    while len(words) > 1 and unit_of(words[-1]) is not None and words[-1] != "g":
-        words.pop()
-    return " ".join(words)
+@dataclass(frozen=True)
+class Unit:
+    """A unit that file or name state.
+
+    Attributes:
+        text: As pint reads it.
+        si: SI unit of what it measures; empty for what no signal here is measured in.
+        by: ``"file"`` or ``"name"``.
+    """
+
+    text: str
+    si: str
+    by: str = "name"
 
 
-def unit_of(text: str) -> str | None:
-    """Return a unit by how it is written; ``None`` if it is none of those known."""
-    text = text.strip().lower()
-    return next((unit for unit, pattern in WRITTEN.items() if re.fullmatch(pattern, text)), None)
+@dataclass(frozen=True)
+class Reading:
+    """What a name says.
+
+    Attributes:
+        words: The name in small words, without unit and group.
+        unit: Unit that is stated; None if none is.
+        signal: Signal that it may be; empty if none.
+        sure: How surely: 5 for the name of the signal, 4 where words say it, less for letters and unclear words.
+        why_not: Why it is none, where the name says so.
+        trailer: Whether it was measured on the trailer of a vehicle combination.
+        letter: Whether a letter names the axis, which may be another one than the vehicle's.
+        along: Whether it says that it is along the vehicle.
+        symbol: Whether it is a symbol, as papers and models write it.
+    """
+
+    words: str
+    unit: Unit | None
+    signal: str = ""
+    sure: float = 0.0
+    why_not: str = ""
+    trailer: bool = False
+    letter: bool = False
+    along: bool = False
+    symbol: bool = False
 
 
-def stated_unit(column: str, by_file: str) -> tuple[str, str] | None:
-    """Return the unit that file or name state, and which of them."""
-    found = unit_of(by_file) if by_file else None
-    if found is not None:
-        return found, "unit by the file"
-    for written in (*re.findall(r"[\[(](.*?)[\])]", column), re.split(r"[_ ]", column)[-1] if "_" in column else ""):
-        if (found := unit_of(written)) is not None:
-            return found, "unit by the name"
-    return None
+def unit_of(text: str) -> Unit | None:
+    """Return a unit by how it is written (``deg/s``, ``degps``, ``m_s2``, ``Km_h``, ``1/s``); None if it is none."""
+    text = re.sub(r"[\[\](){}\"' ]+", " ", text).strip()
+    if text == "kN":
+        return Unit(text, "")
+    text = text.lower().translate(str.maketrans("²⁻¹", "2-1")).replace("/s/s", "/s^2")
+    if text in _SHORT:
+        return Unit(*_SHORT[text])
+    match = _UNIT.fullmatch(text)
+    if match is None:
+        return Unit(text, "") if _NO_MOTION.fullmatch(text) else None
+    kind, part = _ATOMS[match["part"]]
+    if match["per"] is None:
+        si = {"angle": "rad", "length": "m", "gravity": "m/s^2", "time": "s"}.get(kind)
+        return None if si is None else Unit(part, si)
+    per, power = _ATOMS[match["per"]][1], (match["power"] or "1").lstrip("-")
+    if kind == "turns" or (kind == "plain" and per == "min"):
+        return Unit("rpm" if per == "min" else f"turn/{per}", "")
+    if kind not in ("angle", "length", "plain") or per == "min":
+        return None
+    over = f"/{per}" if power == "1" else f"/{per}^2"
+    return Unit(part + over, ("m" if kind == "length" else "rad") + ("/s" if power == "1" else "/s^2"))
+
+
+@functools.lru_cache(maxsize=4096)
+def read_name(column: str, by_file: str = "") -> Reading:
+    """Return what the name of a column says, and the unit that file or name state."""
+    bare, unit = _without_unit(column)
+    if by_file.strip() and (stated := unit_of(by_file)) is not None:
+        unit = replace(stated, by="file")
+    *groups, leaf = [_cut(part) for part in re.split(r"[./\\:]+", bare) if part.strip()] or [[]]
+    outcome, sure = _outcome(leaf, groups, unit)
+    if unit is not None and outcome in SIGNALS and unit.si != SIGNALS[outcome].unit:
+        outcome = f"!{unit.text} is no unit of {outcome}"
+    telling = [w for w in leaf if _WORDS.get(w) != "aside"]
+    is_signal = outcome in SIGNALS
+    return Reading(
+        words=" ".join(leaf),
+        unit=unit,
+        signal=outcome if is_signal else "",
+        sure=sure if is_signal else 0.0,
+        why_not="" if is_signal else outcome.removeprefix("!"),
+        trailer=any("trailer" in map(_WORDS.get, part) for part in (leaf, *groups)),
+        letter=any(w in _LETTERS for w in leaf),
+        along="longitudinal" in _meanings(leaf),
+        symbol=" ".join(telling) in _WHOLE or telling[:1] in [[symbol] for symbol in (*_SYMBOLS, "psi", "beta")],
+    )
+
+
+def _outcome(leaf: list[str], groups: list[list[str]], unit: Unit | None) -> tuple[str, float]:
+    """Return the signal that the words of a name and of its groups mean and how surely; or why it is none."""
+    if unit is not None and not unit.si:
+        return f"!{unit.text} is the unit of no signal here", 0.0
+    for word in leaf:
+        if (what := _ABOUT.get(_WORDS.get(word, ""))) and not (word == "force" and "g" in leaf):
+            return f"!“{word}” in its name: {what}, not the motion", 0.0
+    exact = "_".join(leaf).removeprefix("measured_")
+    if exact in SIGNALS and exact not in ("time", "speed"):
+        return exact, 5.0
+    if (whole := " ".join(w for w in leaf if _WORDS.get(w) != "aside" or w in ("side", "slip"))) in _WHOLE:
+        return _WHOLE[whole], 2.5
+    own = _meanings(leaf)
+    unclear = sum(w not in _WORDS and w not in _LETTERS and w not in _SYMBOLS and not w.isdigit() for w in leaf)
+    sure = 4.0 - 0.85 * unclear - any(w in _LETTERS for w in leaf) + 0.5 * ("vehicle" in own) + (exact == "speed")
+    said = own | {_KINDS.get("" if unit is None else unit.si, "aside")} if own - {"aside"} else set()
+    for depth in range(len(groups) + 1):
+        said |= _meanings(groups[-depth]) - set(_ABOUT) if depth else set()
+        outcome = _by_rule(said)
+        if outcome.startswith("?"):
+            return outcome[1:], sure - 3.0
+        if outcome:
+            strange = outcome == "speed" and any(_by_rule(_meanings(g) - {"speed"}).startswith("!") for g in groups)
+            return outcome, sure - 4.5 * (strange and not depth) - 0.2 * (depth > 0)
+    said |= set().union(*map(_meanings, groups))
+    if turning := {"yaw", "heading", "roll"} & own:
+        return "roll_angle" if turning == {"roll"} else "heading", sure
+    places = {_PLACES[w] for w in leaf if w in _PLACES}
+    placed = "position" in said or (not unclear and said <= own | {"aside"})
+    return (places.pop(), sure) if len(places) == 1 and placed else ("", 0.0)
+
+
+def _by_rule(said: set[str]) -> str:
+    return next((out for every, some, out in _RULES if every <= said and (not some or some & said)), "")
+
+
+def _without_unit(column: str) -> tuple[str, Unit | None]:
+    """Return a name without its unit, which stands in brackets or at the end; other brackets stay as words."""
+    unit = None
+    column = re.sub(r"\[([012])\]", lambda place: f" {'xyz'[int(place[1])]}", column)  # of a vector
+    for said in re.findall(r"[\[(]([^\[\]()]+)[\])]", column):
+        if (stated := unit_of(said)) is not None:
+            unit, column = stated, re.sub(rf"[\[(]{re.escape(said)}[\])]", " ", column)
+    column = re.sub(r"[\[\](){}\"]", " ", column)
+    column = re.sub(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", column).strip(" /|_")
+    for gap in re.finditer(r"[ _./|\\]+", column if unit is None else ""):
+        tail = column[gap.end() :].strip().lower()
+        stated = None if tail in ("h", "min") else unit_of(tail)
+        if stated is not None and (stated.si or tail in ("%", "pct", "percent", "rpm")):
+            return column[: gap.start()], stated
+    return column, unit
+
+
+def _cut(part: str) -> list[str]:
+    """Return the words of a part of a name, small; what is written together is cut where all of it is words."""
+    tokens = re.findall(r"\b[lr]\d\b|[a-zäöüß]+|\d+", part.lower().replace("_", " "))
+    return [piece for token in tokens for piece in _pieces(token)]
+
+
+@functools.lru_cache(maxsize=4096)
+def _pieces(token: str) -> tuple[str, ...]:
+    """Return the fewest words that make up a token, a symbol in front or an axis behind; the token if none do."""
+    if token in _WORDS or token in _WHOLE or len(token) < 2:
+        return (token,)
+    if token.endswith("s") and token[:-1] in _WORDS:
+        return (token[:-1],)
+    ways: list[tuple[str, ...]] = []
+    for end in range(1, len(token)):
+        head, tail = token[:end], token[end:]
+        if head in _SYMBOLS and (tail in _LETTERS or tail in _WORDS):
+            ways.append((head, tail))
+        elif head in _WORDS:
+            for rest in (tail, tail.removeprefix("s")):  # the joint of German compounds
+                pieces = _pieces(rest)
+                if all(p in _WORDS or p in _LETTERS or p == "g" for p in pieces):
+                    ways.append((head, *pieces))
+    return min(ways, key=len, default=(token,))
+
+
+def _meanings(words: Iterable[str]) -> set[str]:
+    """Return what words mean; a letter in front may be a symbol, x, y or z an axis."""
+    words = list(words)
+    said = {_WORDS[w] for w in words if w in _WORDS} | {_LETTERS[w] for w in words if w in _LETTERS}
+    telling = [w for w in words if _WORDS.get(w) != "aside"]
+    if len(telling) > 1 and telling[0] in _SYMBOLS:
+        said.add(_SYMBOLS[telling[0]])
+    if words[-1:] == ["g"] and said & {"lateral", "longitudinal", "vertical"}:
+        said.add("acceleration")
+    if "based" in words or ("steering" in said and "road" not in said):
+        said.discard("wheel")
+    return said

@@ -7,8 +7,7 @@ name states, the range of the values, and by what signals have to do with each o
 from __future__ import annotations
 
 import itertools
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,61 +20,36 @@ from harness.common.units import scale
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings import readers
 from harness.recordings.channels import is_measured
-from harness.recordings.column_names import NAMES, TIME, TRAILER, in_words, stated_unit
-
-_TAKEN_TWICE = {"speed": "longitudinal_velocity"}
-_DISTANCES = ("position_x", "position_y")
-
-_UNITS: dict[str, tuple[str, ...]] = {
-    "rad": ("rad", "deg"),
-    "rad/s": ("rad/s", "deg/s"),
-    "rad/s^2": ("rad/s^2", "deg/s^2"),
-    "m/s": ("m/s", "km/h"),
-    "m/s^2": ("m/s^2", "g_0"),
-    "m": ("m",),
-}
-"""Units that a column may have by the SI unit of its signal, SI first."""
-
-_LIMITS = {"rad": 12.5, "rad/s": 3.0, "rad/s^2": 30.0, "m/s": 75.0, "m/s^2": 1e9, "m": 1e9}
-"""Largest magnitude that is taken to be in SI units; a heading may have turned further."""
-
-_ENOUGH = 50
-"""Samples that a comparison of signals needs."""
-
-_AGREES = 0.3
-"""Correlation of steering and yaw rate from which its sign counts."""
-
+from harness.recordings.column_choice import (
+    ALIKE,
+    NOBODY,
+    WHEELBASE,
+    WHEELBASES,
+    Chosen,
+    Guess,
+    Motion,
+    Relation,
+    Witness,
+    choose,
+    compared,
+    in_units,
+    witness,
+)
+from harness.recordings.column_names import AXLE, TIME, Reading, read_name, unit_of
+from harness.recordings.span import Span, file_and_span
 
 _ALIKE = 0.9
 """Correlation of a column with what the motion makes of the others from which it is taken for their signal."""
-
-
-@dataclass(frozen=True)
-class Guess:
-    """One entry of the map.
-
-    Attributes:
-        signal: Signal.
-        column: Column of the file.
-        unit: Unit of the column.
-        values: Its values as recorded ``(samples,)``.
-        stated: Whether file or name state the unit.
-        why: Reasons, in words.
-        sign: -1 where the column counts the other way.
-    """
-
-    signal: str
-    column: str
-    unit: str
-    values: Floats
-    stated: bool
-    why: tuple[str, ...] = ()
-    sign: int = 1
-
-    @property
-    def si(self) -> Floats:
-        """Values in SI units."""
-        return self.sign * self.values * scale(self.unit, SIGNALS[self.signal].unit, self.column)
+_SAYS_NOTHING = "its name says nothing of a signal"
+_ACROSS = {"lateral_acceleration": "longitudinal_acceleration", "longitudinal_acceleration": "lateral_acceleration"}
+_OTHER_AXES = 2.5
+"""What it counts against an acceleration that a letter names the axis of that it is the other one's."""
+_STEERS = 0.3
+"""Correlation of steering and yaw rate from which its sign counts."""
+_AS_FAST = 0.1
+"""Relative difference within which a velocity along x is the speed."""
+_AXES = 0.4
+"""Velocity across over that along from which both are along axes that are fixed to the ground."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +59,14 @@ class Proposal:
     Attributes:
         guesses: Its entries.
         clocks: Columns of time with their units and why.
-        left: Columns that nothing was guessed of.
+        left_out: Columns that are no entry, with the reason of each.
         notes: What else the user should know.
         text: The map, as a file.
     """
 
     guesses: tuple[Guess, ...]
     clocks: tuple[tuple[str, str, str], ...]
-    left: tuple[str, ...]
+    left_out: Mapping[str, str]
     notes: tuple[str, ...]
     text: str = field(default="", repr=False)
 
@@ -102,61 +76,120 @@ class Proposal:
         for g in self.guesses:
             sign = ", reversed" if g.sign < 0 else ""
             lines.append(f"{g.signal}: '{g.column}' in {g.unit}{sign} ({'; '.join(g.why)})")
-        return lines + [f"note: {note}" for note in self.notes]
+        return [*lines, *self.omissions(), *(f"note: {note}" for note in self.notes)]
+
+    def omissions(self) -> list[str]:
+        """Return a line per reason with the columns that are left out for it."""
+        columns: dict[str, list[str]] = {}
+        for column, why in self.left_out.items():
+            columns.setdefault(why, []).append(f"'{column}'")
+        return [f"left out: {', '.join(names)} ({why})" for why, names in columns.items()]
+
+
+@dataclass
+class _Columns:
+    """What the columns of a recording may be.
+
+    Attributes:
+        front: Guesses of the vehicle, or of the tractor.
+        rear: Those of a trailer.
+        unread: Columns whose names say nothing, but their unit.
+        left_out: Columns that can be no entry, with the reason.
+    """
+
+    front: list[Guess]
+    rear: list[Guess]
+    unread: list[Guess]
+    left_out: dict[str, str]
 
 
 def propose(path: Path) -> Proposal:
     """Return a channel map for a recording, guessed from names, units, ranges and how signals belong together.
 
     Args:
-        path: Recording.
+        path: Recording, or a part of one: ``log.csv@0s:118s``.
 
     Raises:
         UserError: If it cannot be read, or no column looks like a signal.
     """
-    tables = [_filled(table) for table in readers.read_tables(path)]
-    clocks: list[tuple[str, str, str]] = []
-    guesses: list[Guess] = []
-    left: list[str] = []
-    for table in tables:
-        own = _clocks(table)
-        clocks += own
-        taken: list[str | None] = [column for column, _, _ in own] or [table.clock]
-        for column, values in table.columns.items():
-            if column not in taken:
-                guess = _guess(column, values, table.units.get(column, ""))
-                left += [column] if guess is None else []
-                guesses += [] if guess is None else [guess]
-    for signal in ("speed", "steering_wheel_angle"):
-        if not any(g.signal == signal for g in guesses):
-            guesses += _by_unit_and_motion(signal, tables, left, guesses)
-            left = [column for column in left if column not in [g.column for g in guesses]]
-    every = guesses
-    guesses, doubled = _one_each([g for g in every if not _on_trailer(g)])
-    behind, more = _one_each([g for g in every if _on_trailer(g)])
-    doubled += more
-    if not guesses and not behind:
-        columns = ", ".join(f"'{c}'" for table in tables for c in table.columns)
-        raise UserError(
-            f"{path}: no column looks like a signal of a vehicle: {columns}; write the map by hand "
-            "(docs/measured-data.md)"
-        )
-    guesses, notes = _settled(guesses, tables)
-    if behind or any(g.signal == "articulation_angle" for g in guesses):
-        speed = [g for g in guesses if g.signal == "speed"]
-        behind, further = _settled([*speed, *behind], tables)
-        both = [*_of_body(guesses, "tractor"), *_of_body([g for g in behind if g.signal != "speed"], "trailer")]
-        guesses = _articulated(both, tables, clocks)
-        notes = list(dict.fromkeys([*notes, *further]))
+    file, span = file_and_span(path)
+    tables = [_filled(table) for table in readers.read_tables(file)]
+    clocks_of = [_clocks(table) for table in tables]
+    if span is not None:
+        tables = [_cut(table, _seconds(table, own), span, path) for table, own in zip(tables, clocks_of, strict=True)]
+    motion = Motion([_seconds(table, own) for table, own in zip(tables, clocks_of, strict=True)])
+    columns = _read(tables, clocks_of, motion)
+    seen = witness(motion, {g.signal: g for g in sorted(columns.front, key=lambda g: g.points)})
+    chosen = choose(columns.front, motion, seen)
+    if further := _by_unit_and_motion(columns.unread, chosen.guesses, motion):
+        chosen = choose([*columns.front, *further], motion, seen)
+    guesses, notes = _settled(chosen, motion, seen)
+    left_out = columns.left_out | chosen.lost
+    if columns.rear or any(g.signal == "articulation_angle" for g in guesses):
+        speed = [replace(g, free=False) for g in guesses if g.signal == "speed"]
+        behind = choose([*speed, *columns.rear], motion, NOBODY)
+        trailing, more = _settled(behind, motion, NOBODY)
+        both = [*_of_body(guesses, "tractor"), *_of_body([g for g in trailing if g.signal != "speed"], "trailer")]
+        guesses, notes = _articulated(both, motion), list(dict.fromkeys([*notes, *more]))
+        left_out |= behind.lost
     else:
-        guesses += [
-            replace(g, signal=_TAKEN_TWICE[g.signal], why=("the same column serves both",))
-            for g in guesses
-            if g.signal in _TAKEN_TWICE and not any(o.signal == _TAKEN_TWICE[g.signal] for o in guesses)
-        ]
-    notes += _further_notes(guesses, clocks, doubled)
-    result = Proposal(tuple(guesses), tuple(clocks), (*left, *doubled), tuple(notes))
-    return replace(result, text=_text(result, path))
+        guesses = _with_longitudinal_velocity(guesses, columns.front, motion)
+    entries = {g.column for g in guesses}
+    left_out = {column: why for column, why in left_out.items() if column not in entries}
+    if not guesses:
+        named = ", ".join(f"'{c}'" for table in tables for c in table.columns)
+        why = "; ".join(f"'{c}': {reason}" for c, reason in left_out.items() if reason != _SAYS_NOTHING)
+        raise UserError(
+            f"{path}: no column looks like a signal of a vehicle: {named}; {f'{why}; ' if why else ''}write the map "
+            "by hand (docs/measured-data.md)"
+        )
+    clocks = tuple(clock for own in clocks_of for clock in own)
+    notes += _further_notes(guesses, clocks, left_out)
+    result = Proposal(tuple(guesses), clocks, left_out, tuple(notes))
+    return replace(result, text=_text(result, file))
+
+
+def _read(
+    tables: Sequence[readers.Table], clocks_of: Sequence[Sequence[tuple[str, str, str]]], motion: Motion
+) -> _Columns:
+    """Return what the columns may be by their names, units and ranges."""
+    columns = _Columns([], [], [], {})
+    for number, (table, own) in enumerate(zip(tables, clocks_of, strict=True)):
+        clocks = {column for column, _, _ in own} if own else {table.clock}
+        for column, values in table.columns.items():
+            if column in clocks or column.startswith(TRUTH):
+                continue
+            reading = read_name(column, table.units.get(column, ""))
+            guesses, why_not = _guesses(column, values, number, reading)
+            if reading.trailer and reading.signal != "speed":
+                columns.rear += [g for g in guesses if f"{g.signal}_trailer" in SIGNALS]
+                why_not = why_not or "measured on the trailer"
+            else:
+                columns.front += guesses
+            if why_not:
+                columns.left_out[column] = why_not
+            if reading.unit is not None and why_not in (AXLE, _SAYS_NOTHING):
+                columns.unread.append(Guess("", column, reading.unit.text, values, number, True, sure=4.0))
+    fixed = _in_fixed_axes(columns.front, motion)
+    columns.front = [g for g in columns.front if g.column not in fixed]
+    columns.left_out |= fixed
+    return columns
+
+
+def _cut(table: readers.Table, seconds: Floats | None, span: Span, said: Path) -> readers.Table:
+    """Return the rows of a table in a span, counted from its first stamp."""
+    if seconds is None:
+        raise UserError(f"{said}: there is no clock, so no part of it can be told; propose a map of the whole file")
+    since = seconds - seconds[np.isfinite(seconds)][0]
+    rows = (since >= span[0]) & (since < span[1])
+    if rows.sum() < 2:
+        raise UserError(f"{said}: the recording runs from 0 to {np.nanmax(since):.2f} s; there is nothing in that span")
+    return replace(table, columns={name: values[rows] for name, values in table.columns.items()})
+
+
+def _seconds(table: readers.Table, clocks: Sequence[tuple[str, str, str]]) -> Floats | None:
+    """Return the instants of a table in s; None where it has no clock."""
+    return table.columns[clocks[0][0]] * scale(clocks[0][1], "s", "time") if clocks else None
 
 
 def _filled(table: readers.Table) -> readers.Table:
@@ -164,7 +197,7 @@ def _filled(table: readers.Table) -> readers.Table:
     columns, rows = {}, np.arange(len(next(iter(table.columns.values()))))
     for name, values in table.columns.items():
         known = np.flatnonzero(is_measured(values))
-        columns[name] = values
+        columns[name] = np.where(is_measured(values), values, np.nan)
         if 1 < len(known) < len(rows):
             columns[name] = np.interp(rows, known, values[known], left=np.nan, right=np.nan)
     return replace(table, columns=columns)
@@ -180,7 +213,7 @@ def _clocks(table: readers.Table) -> list[tuple[str, str, str]]:
         return [native]
     of_structures: dict[str, list[str]] = {}
     for column in table.columns:
-        if TIME.search(in_words(column)):
+        if TIME.search(read_name(column).words):
             of_structures.setdefault(column.rpartition(".")[0], []).append(column)
     found = [c for c in (_clock(table, columns) for columns in of_structures.values()) if c is not None]
     spans = [np.nanquantile(table.columns[column], [0.0, 1.0]) * scale(unit, "s", "time") for column, unit, _ in found]
@@ -196,10 +229,10 @@ def _clock(table: readers.Table, columns: Sequence[str]) -> tuple[str, str, str]
             continue
         if column == table.clock:
             return column, "s", "the format says so"
-        stated, step = stated_unit(column, table.units.get(column, "")), float(np.median(steps))
-        if stated is not None and stated[0] in ("s", "ms", "us", "ns"):
-            return column, stated[0], stated[1]
-        for unit, largest in (("s", 0.5), ("ms", 500.0), ("us", 5e5), ("ns", 5e8)):
+        stated, step = read_name(column, table.units.get(column, "")).unit, float(np.median(steps))
+        if stated is not None and stated.si == "s":
+            return column, stated.text, f"unit by the {stated.by}"
+        for unit, largest in (("s", 1.0), ("ms", 500.0), ("us", 5e5), ("ns", 5e8)):
             if step <= largest:
                 return column, unit, f"rises by {step:g} from row to row, unit by that: {_rate(step, unit)}"
     return None
@@ -210,94 +243,176 @@ def _rate(step: float, unit: str) -> str:
     return f"{1 / seconds:.4g} Hz" if seconds > 0 else "several rows at a time"
 
 
-def _guess(column: str, values: Floats, by_file: str) -> Guess | None:
-    """Return which signal a column may be, by its name, and its unit."""
-    if column.startswith(TRUTH):
-        return None
-    words = in_words(column)
-    exact = "_".join(words.split()).removeprefix("measured_")
-    signal = exact if exact in SIGNALS and exact != "time" else None
-    why = "name of the signal"
-    if signal is None:
-        signal = next((s for s, pattern in NAMES if re.search(pattern, words)), None)
-        why = f"name reads “{words}”"
+def _guesses(column: str, values: Floats, table: int, reading: Reading) -> tuple[list[Guess], str]:
+    """Return which signals a column may be, in each unit that it may have; why it is none, where it is none."""
+    if not reading.signal:
+        return [], reading.why_not or _SAYS_NOTHING
     finite = values[np.isfinite(values)]
-    if signal is None or len(finite) < 2:
-        return None
-    unit = SIGNALS[signal].unit
-    possible = _UNITS.get(unit, (unit,))
-    stated = stated_unit(column, by_file)
-    if stated is not None and stated[0] in possible:
-        return Guess(signal, column, stated[0], values, True, (why, stated[1]))
-    if stated is not None and stated[0] not in ("g_0", "s", "m"):  # a speed in degrees is none
-        return None
-    largest = float(np.abs(finite).max())
-    if signal in ("latitude", "longitude"):
-        return Guess(signal, column, "deg", values, False, (why, "usual unit"))
-    if signal == "heading" and largest > 6.5 and np.abs(np.diff(finite)).max() > 50:
-        return Guess(signal, column, "deg", values, False, (why, f"values to {largest:.4g} that wrap, so degrees"))
-    chosen = possible[0] if largest <= _LIMITS.get(unit, 1e9) or len(possible) == 1 else possible[1]
-    return Guess(signal, column, chosen, values, False, (why, f"unit by its values to {largest:.4g}"))
+    if len(finite) < 2:
+        return [], "it holds no values"
+    signal, unit = reading.signal, reading.unit
+    exact = signal == "_".join(reading.words.split())
+    by = "name of the signal" if exact else f"name reads “{reading.words}”"
+    stated = unit is not None
+    text, why = SIGNALS[signal].unit if unit is None else unit.text, f"unit by the {unit.by}" if unit else ""
+    if unit is None and signal in ("latitude", "longitude"):
+        text, why, stated = "deg", "usual unit", True
+    elif unit is None and signal == "heading":
+        largest = float(np.abs(finite).max())
+        if largest > 6.5 and np.abs(np.diff(finite)).max() > 50:
+            text, why, stated = "deg", f"values to {largest:.4g} that wrap, so degrees", True
+    first = Guess(signal, column, text, values, table, stated, (why,), sure=reading.sure)
+    made = in_units(first, by, reading.symbol)
+    if not made:
+        reached = f"{float(np.quantile(np.abs(finite), 0.995)):.4g} {text if stated else ''}".strip()
+        return [], f"may be {signal} by its name, but its values to {reached} are those of no vehicle"
+    if reading.letter and signal in _ACROSS:
+        other = replace(first, signal=_ACROSS[signal], sure=first.sure - _OTHER_AXES)
+        made += in_units(other, f"{by}, and it moves as the other axis of the vehicle", reading.symbol)
+    if signal == "steering_wheel_angle" and not {"wheel", "lenkrad", "swa", "lws", "lrw"} & set(reading.words.split()):
+        road = replace(first, signal="road_wheel_angle", sure=first.sure - 1.0)
+        made += in_units(road, by, reading.symbol)
+    return made, ""
 
 
-def _by_unit_and_motion(
-    signal: str, tables: Sequence[readers.Table], left: Sequence[str], known: Iterable[Guess]
-) -> list[Guess]:
-    """Return a signal that no name tells: the only column in its unit, or the only one of them that the motion needs.
+def _in_fixed_axes(candidates: Sequence[Guess], motion: Motion) -> dict[str, str]:
+    """Return velocities along x and y that are as large, with the reason: the axes are not the vehicle's."""
+    fixed: dict[str, str] = {}
+    for x, y in itertools.product(candidates, candidates):
+        pair = x.signal == "speed" and y.signal == "lateral_velocity" and x.unit == y.unit
+        if pair and y.column.lower().replace("y", "x") == x.column.lower().replace("y", "x"):
+            along, across = (np.nanmedian(np.abs(motion.of(g))) for g in (x, y))
+            if across > _AXES * along:
+                fixed |= dict.fromkeys((x.column, y.column), "along x and y as fast: axes that are not the vehicle's")
+    return fixed
+
+
+def _by_unit_and_motion(unread: Sequence[Guess], guesses: Mapping[str, Guess], motion: Motion) -> list[Guess]:
+    """Return speed and steering that no name tells: the only column in their unit, or that the motion needs.
 
     The speed times the yaw rate is nearly the lateral acceleration; the steering times the speed nearly in proportion
     to the yaw rate.
     """
-    words = {"speed": "velocity", "steering_wheel_angle": "angle"}
-    found = []
-    for table in tables:
-        for column in (c for c in left if c in table.columns):
-            stated = stated_unit(column, table.units.get(column, ""))
-            if stated is not None and stated[0] in _UNITS[SIGNALS[signal].unit]:
-                found.append(Guess(signal, column, stated[0], table.columns[column], True, (stated[1],)))
-    moves = [g for g in found if _moves_alike(g, {k.signal: k for k in known})]
-    if len(moves) == 1:
-        return [replace(moves[0], why=(f"in a unit of {words[signal]}, and as the others move", *moves[0].why))]
-    if signal == "speed" and len(found) == 1:
-        return [replace(found[0], why=("the only one in a unit of velocity", *found[0].why))]
-    return []
+    made = dict(guesses)
+    for signal, kind in (("speed", "velocity"), ("steering_wheel_angle", "angle")):
+        if signal in made or (signal != "speed" and "road_wheel_angle" in made):
+            continue
+        pool = []
+        for g in (replace(u, signal=signal, why=("unit by the name",)) for u in unread):
+            if (unit := unit_of(g.unit)) is not None and unit.si == SIGNALS[signal].unit:
+                pool += in_units(g, f"in a unit of {kind}")
+        moves = [
+            replace(g, why=(f"{g.why[0]}, and as the others move", *g.why[1:]))
+            for g in pool
+            if _moves_alike(g, made, motion)
+        ]
+        only = [replace(g, why=(f"the only column {g.why[0]}", *g.why[1:])) for g in pool]
+        if len(moves) == 1 or (signal == "speed" and len(only) == 1):
+            made[signal] = moves[0] if len(moves) == 1 else only[0]
+    return [g for signal, g in made.items() if signal not in guesses]
 
 
-def _moves_alike(guess: Guess, known: dict[str, Guess]) -> bool:
-    """Whether a column moves as its signal must beside those that are known."""
-    if guess.signal == "speed":
-        rate, other = known.get("yaw_rate"), known.get("lateral_acceleration")
-    else:
-        rate, other = known.get("speed"), known.get("yaw_rate")
-    if rate is None or other is None or len({len(guess.values), len(rate.values), len(other.values)}) > 1:
+def _moves_alike(g: Guess, guesses: Mapping[str, Guess], motion: Motion) -> bool:
+    """Whether a column moves as its signal must."""
+    names = ("yaw_rate", "lateral_acceleration") if g.signal == "speed" else ("speed", "yaw_rate")
+    if not set(names) <= set(guesses):
         return False
-    return abs(_correlation(guess.si * rate.si, other.si)) > _ALIKE
+    factor, product = (motion.of(guesses[n]) for n in names)
+    values = motion.of(g)
+    return len(values) == len(factor) and abs(compared("", (), product, values * factor).alike) > _ALIKE
 
 
-def _one_each(guesses: Iterable[Guess]) -> tuple[list[Guess], list[str]]:
-    """Return one guess per signal, that with a stated unit first, and the columns that are left."""
-    kept: dict[str, Guess] = {}
-    left: list[str] = []
-    for g in guesses:
-        before = kept.get(g.signal)
-        if before is None or (g.stated and not before.stated):
-            left += [] if before is None else [before.column]
-            kept[g.signal] = g
-        else:
-            left.append(g.column)
-    return list(kept.values()), left
+def _settled(chosen: Chosen, motion: Motion, seen: Witness) -> tuple[list[Guess], list[str]]:
+    """Return guesses with signs as their motions agree and the reasons, and what there is to say about them."""
+    guesses = dict(chosen.guesses)
+    signs, notes = _signs(guesses, chosen.relations, motion, seen)
+    for name, why in signs.items():
+        guesses[name] = replace(guesses[name], sign=-1, why=(*guesses[name].why, why))
+    agreeing = [r for r in chosen.relations if r.agrees]
+    for linked in _linked(agreeing):
+        signals = [s for s in dict.fromkeys(s for r in linked for s in r.signals) if s in guesses]
+        units, turned = sum(guesses[s].free for s in signals), sum(s in signs for s in signals)
+        nothing = units + turned >= len(linked)
+        price = f"{_many(units, 'unit')} and {_many(turned, 'sign')} chosen for {_many(len(linked), 'agreement')}"
+        price += ", which confirms nothing" * nothing
+        for s in signals:
+            agree = "; ".join(f"{r.name}: {abs(r.factor):.2f}" for r in linked if s in r.signals)
+            guesses[s] = replace(guesses[s], why=(*guesses[s].why, f"{agree} ({price})"))
+        if nothing:
+            notes.append(f"{', '.join(signals)}: {price}; look at them")
+    for r in chosen.relations:
+        if not r.agrees and abs(r.alike) >= ALIKE:
+            notes.append(f"{r.name} is {abs(r.factor):.3g}: a column is another signal, or in another unit")
+    for s, g in guesses.items():
+        if beaten := sum(why.startswith(f"'{g.column}' is ") for why in chosen.lost.values()):
+            guesses[s] = replace(g, why=(*g.why, f"best of {beaten + 1} columns"))
+    together = {s for r in agreeing for s in r.signals} | {s for s, g in guesses.items() if _turns(g)}
+    if alone := [s for s, g in guesses.items() if g.free and s not in together]:
+        notes.append(f"{', '.join(alone)}: unit by the values alone, look at it")
+    calm = not any(r.signals[0] == "lateral_acceleration" for r in chosen.relations)
+    if {"speed", "yaw_rate", "lateral_acceleration"} <= set(guesses) and calm:
+        notes.append("the recording hardly turns, so units and signs could not be compared: look at them")
+    return list(guesses.values()), notes
 
 
-def _on_trailer(g: Guess) -> bool:
-    """Whether the name of a column says that it is the trailer's, of a signal that both bodies have."""
-    return TRAILER.search(g.column.lower()) is not None and f"{g.signal}_trailer" in SIGNALS
+def _turns(g: Guess) -> bool:
+    """Whether a steering angle was compared with the yaw rate."""
+    return any(why.startswith(WHEELBASE) for why in g.why)
 
 
-def _settled(guesses: Sequence[Guess], tables: Sequence[readers.Table]) -> tuple[list[Guess], list[str]]:
-    """Return guesses of one body with units and signs as its signals agree, and what there is to say about them."""
-    first = [g for g in guesses if len(g.values) == len(next(iter(tables[0].columns.values())))]
-    found, notes = _consistent({g.signal: g for g in first})
-    return [found.get(g.signal, g) for g in guesses], notes
+def _many(number: int, thing: str) -> str:
+    return f"{number or 'no'} {thing}{'' if number == 1 else 's'}"
+
+
+def _linked(relations: Sequence[Relation]) -> list[list[Relation]]:
+    """Return relations in groups that share signals."""
+    groups: list[list[Relation]] = []
+    for r in relations:
+        shared = [g for g in groups if any(set(r.signals) & set(o.signals) for o in g)]
+        groups = [g for g in groups if g not in shared] + [[r, *(o for g in shared for o in g)]]
+    return groups
+
+
+def _signs(
+    guesses: Mapping[str, Guess], relations: Sequence[Relation], motion: Motion, seen: Witness
+) -> tuple[dict[str, str], list[str]]:
+    """Return which signals count the other way and why, and notes: positions tell it, or two of three, or nothing."""
+    by = {r.signals[0]: r for r in relations if abs(r.alike) >= ALIKE}
+    signs: dict[str, str] = {}
+    along, across, turn = (by.get(s) for s in ("longitudinal_acceleration", "lateral_acceleration", "yaw_rate"))
+    if along is not None and along.factor < 0:
+        signs["longitudinal_acceleration"] = "sign against the rate of the speed"
+    wheel, rate = next((guesses[s] for s in WHEELBASES if s in guesses), None), guesses.get("yaw_rate")
+    steers = np.nan
+    if wheel is not None and rate is not None:
+        steers = compared("", (), motion.of(wheel), motion.of(rate)).alike
+    if seen.signed and turn is not None:
+        if turn.factor < 0:
+            signs["yaw_rate"] = "sign against the course over ground"
+    elif across is not None and "yaw_rate" in across.signals and across.factor < 0 and steers < -_STEERS:
+        signs["yaw_rate"] = "sign against the other and the steering"
+    turned = -1 if "yaw_rate" in signs else 1
+    if across is not None and across.factor * (turned if rate is not None else seen.signed) < 0:
+        signs["lateral_acceleration"] = "sign against the yaw rate"
+    if wheel is not None and steers * turned < -_STEERS:
+        signs[wheel.signal] = "sign against the yaw rate"
+    unknown = "" if seen.signed else "; which of them is right nothing here says"
+    return signs, [f"{name} is reversed: {why}{unknown}" for name, why in signs.items()]
+
+
+def _with_longitudinal_velocity(guesses: list[Guess], candidates: Sequence[Guess], motion: Motion) -> list[Guess]:
+    """Return guesses with a longitudinal velocity: a column along x that moves as the speed, or the speed itself."""
+    speed = next((g for g in guesses if g.signal == "speed"), None)
+    if speed is None or any(g.signal == "longitudinal_velocity" for g in guesses):
+        return guesses
+    entries = {g.column for g in guesses}
+    for g in candidates:
+        if g.signal == "speed" and g.column not in entries and read_name(g.column).along:
+            both = compared("", (), motion.of(g), motion.of(speed))
+            if abs(both.alike) > _ALIKE and abs(both.factor - 1.0) < _AS_FAST:
+                why = (*g.why, f"over the speed: {both.factor:.2f}")
+                return [*guesses, replace(g, signal="longitudinal_velocity", why=why)]
+    return [*guesses, replace(speed, signal="longitudinal_velocity", why=("the same column serves both",))]
 
 
 def _of_body(guesses: Sequence[Guess], body: str) -> list[Guess]:
@@ -306,115 +421,37 @@ def _of_body(guesses: Sequence[Guess], body: str) -> list[Guess]:
     return [replace(g, signal=name) if name in SIGNALS and g.signal != "speed" else g for g, name in named]
 
 
-def _articulated(
-    guesses: Sequence[Guess], tables: Sequence[readers.Table], clocks: Sequence[tuple[str, str, str]]
-) -> list[Guess]:
-    """Settle unit and sign of the articulation angle: in a second it changes by what the yaw rates differ."""
-    known = {g.signal: g for g in guesses}
+def _articulated(guesses: Sequence[Guess], motion: Motion) -> list[Guess]:
+    """Settle unit and sign of the articulation angle: it changes by what the yaw rates differ."""
+    by_signal = {g.signal: g for g in guesses}
     names = ("articulation_angle", "yaw_rate_tractor", "yaw_rate_trailer")
-    if not set(names) <= set(known) or not clocks:
+    if not set(names) <= set(by_signal):
         return list(guesses)
-    angle, front, rear = (known[n] for n in names)
-    time = next(t.columns[clocks[0][0]] for t in tables if clocks[0][0] in t.columns) * scale(clocks[0][1], "s", "time")
-    if len({len(values) for values in (time, angle.values, front.values, rear.values)}) > 1:
+    angle, front, rear = (by_signal[n] for n in names)
+    turned = motion.of(rear) - motion.of(front)
+    pairs = [
+        (g, compared("its rate over that by the yaw rates", names, motion.rate(motion.of(g)), turned))
+        for g in in_units(replace(angle, why=angle.why[1:]), angle.why[0])
+    ]
+    pairs = [(g, r) for g, r in pairs if abs(r.alike) > _ALIKE]
+    if not pairs:
         return list(guesses)
-    step = float(np.nanmedian(np.diff(time)))
-    second = max(1, round(1.0 / step))
-    turned = np.cumsum(np.nan_to_num(rear.si - front.si)) * step
-    units = (angle.unit,) if angle.stated else _UNITS["rad"]
-    choices = [replace(angle, unit=unit) for unit in units]
-    changes = [(g.si[second:] - g.si[:-second], turned[second:] - turned[:-second]) for g in choices]
-    if not abs(_correlation(*changes[0])) > _ALIKE:
-        return list(guesses)
-    ratios = [float(np.nanstd(change) / np.std(by)) for change, by in changes]
-    best = int(np.argmin(np.abs(np.log(ratios))))
-    sign = -1 if _correlation(*changes[best]) < 0 else 1
-    reason = f"its change in a second over that by the yaw rates: {sign * ratios[best]:.2f}"
-    settled = replace(choices[best], sign=sign, why=(angle.why[0], reason))
+    best, rates = min(pairs, key=lambda pair: abs(np.log(abs(pair[1].factor))))
+    settled = replace(best, sign=-1 if rates.factor < 0 else 1, why=(angle.why[0], f"{rates.name}: {rates.factor:.2f}"))
     return [settled if g is angle else g for g in guesses]
 
 
-def _consistent(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
-    """Settle units and signs that are not stated by ``a_y = v r`` and by the steering."""
-    if not {"speed", "yaw_rate", "lateral_acceleration"} <= set(known):
-        alike, said = _steered_alike(known)
-        return alike, ["units that are not stated go by the range of the values alone: look at them", *said]
-    found = dict(known)
-    notes: list[str] = []
-    names = ("speed", "yaw_rate", "lateral_acceleration")
-    choices: list[Sequence[Guess]] = [
-        [known[n]] if known[n].stated else [replace(known[n], unit=u) for u in _UNITS[SIGNALS[n].unit]] for n in names
-    ]
-    ratios = [(_ratio(*combination), combination) for combination in itertools.product(*choices)]
-    usable = [(k, c) for k, c in ratios if np.isfinite(k) and k != 0]
-    if not usable:
-        return known, ["the recording hardly turns, so units and signs could not be compared: look at them"]
-    k, best = min(usable, key=lambda item: abs(np.log(abs(item[0]))))
-    if not 0.5 < abs(k) < 2:
-        notes.append(
-            f"lateral acceleration is {abs(k):.3g} times speed times yaw rate: one of the three is another signal"
-        )
-        return found, notes
-    for g in best:
-        found[g.signal] = replace(g, why=(*g.why, f"lateral acceleration over speed times yaw rate: {abs(k):.2f}"))
-    if k > 0:
-        return _steered_alike(found)
-    agree = _steering_over_yaw(found)
-    turned = "yaw_rate" if agree < -_AGREES else "lateral_acceleration"
-    reason = "against the other and the steering" if abs(agree) > _AGREES else "against the yaw rate"
-    found[turned] = replace(found[turned], sign=-1, why=(*found[turned].why, f"sign {reason}"))
-    notes.append(f"{turned} is reversed, because it counts {reason}; which of them is right nothing here says")
-    return found, notes
-
-
-def _steered_alike(known: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
-    """Settle the sign of the steering by the yaw rate."""
-    if not _steering_over_yaw(known) < -_AGREES:
-        return known, []
-    steering = known["steering_wheel_angle"]
-    turned = replace(steering, sign=-1, why=(*steering.why, "sign against the yaw rate"))
-    return {**known, turned.signal: turned}, [
-        "steering_wheel_angle is reversed, because it counts against the yaw rate"
-    ]
-
-
-def _steering_over_yaw(known: dict[str, Guess]) -> float:
-    """Return the correlation of the steering with the yaw rate, NaN where one of them is not known."""
-    steering, rate = known.get("steering_wheel_angle"), known.get("yaw_rate")
-    return np.nan if steering is None or rate is None else _correlation(steering.si, rate.si)
-
-
-def _ratio(speed: Guess, rate: Guess, acceleration: Guess) -> float:
-    """Return the slope of lateral acceleration over speed times yaw rate, where the vehicle turns."""
-    product, measured = speed.si * rate.si, acceleration.si
-    there = np.isfinite(product) & np.isfinite(measured)
-    if there.sum() < _ENOUGH or product[there].std() == 0:
-        return np.nan
-    product, measured = product[there] - product[there].mean(), measured[there] - measured[there].mean()
-    if abs(_correlation(product, measured)) < 0.5:
-        return np.nan
-    return float(np.copysign(measured.std() / product.std(), product @ measured))
-
-
-def _correlation(one: Floats, other: Floats) -> float:
-    if len(one) != len(other):
-        return np.nan
-    there = np.isfinite(one) & np.isfinite(other)
-    if there.sum() < _ENOUGH or one[there].std() == 0 or other[there].std() == 0:
-        return np.nan
-    return float(np.corrcoef(one[there], other[there])[0, 1])
-
-
 def _further_notes(
-    guesses: Sequence[Guess], clocks: Sequence[tuple[str, str, str]], doubled: Sequence[str]
+    guesses: Sequence[Guess], clocks: Sequence[tuple[str, str, str]], left_out: Mapping[str, str]
 ) -> list[str]:
     notes = []
     if not clocks:
         notes.append('no column of time was found; state one, or [recording] rate = "100 Hz"')
-    if doubled:
-        notes.append(f"left out, because another column is that signal: {', '.join(doubled)}")
+    wheels = [c for c, why in left_out.items() if why == AXLE or "one wheel" in why]
+    if wheels and not any(g.signal == "speed" for g in guesses):
+        notes.append(f"no speed of the vehicle; that of a wheel that is not driven may serve: {', '.join(wheels)}")
     steering = next((g for g in guesses if g.signal == "steering_wheel_angle"), None)
-    if steering is not None and np.nanmax(np.abs(steering.si)) < 0.7:
+    if steering is not None and not _turns(steering) and np.nanmax(np.abs(steering.si)) < 0.7:
         notes.append(
             f"'{steering.column}' stays below {np.degrees(np.nanmax(np.abs(steering.si))):.0f} deg: if it is the angle "
             "of the road wheels, name it road_wheel_angle"
@@ -428,7 +465,10 @@ def _further_notes(
 
 def _text(found: Proposal, path: Path) -> str:
     """Return the map as a file, with the reasons as comments."""
-    content: dict[str, object] = {"title": path.name, "source": "whose recording, and may it be passed on?"}
+    content: dict[str, object] = {
+        "title": f"Channels of {path.name}",
+        "source": "whose recording, and may it be passed on?",
+    }
     comments: dict[tuple[str, ...], str] = {}
     if found.clocks:
         times = [{"channel": column, "unit": unit} for column, unit, _ in found.clocks]
@@ -438,6 +478,5 @@ def _text(found: Proposal, path: Path) -> str:
         content[g.signal] = entry | ({"sign": -1} if g.sign < 0 else {})
         comments[g.signal,] = "; ".join(g.why)
     head = ["Proposed by harness new channels: a guess, look at every entry (docs/measured-data.md).", *found.notes]
-    if found.left:
-        head.append(f"Columns left out: {', '.join(found.left)}.")
+    head += found.omissions()
     return "".join(f"# {line}\n" for line in head) + "\n" + toml_text(content, comments=comments)

@@ -101,7 +101,7 @@ def test_a_stated_unit_counts_and_every_reason_is_given(recording, tmp_path):
     assert guessed(path)["speed"] == ("Speed[km/h]", "km/h", 1)
     assert guessed(path)["yaw_rate"][1] == "deg/s"
     assert guessed(path)["heading"][1] == "deg"
-    assert found.left == ("Temp",)
+    assert list(found.left_out) == ["Temp"]
     said = "\n".join(found.said())
     assert "unit by the name" in said
     assert "ISO 8855" in said
@@ -121,7 +121,8 @@ def test_the_proposal_reads_the_recording(recording, tmp_path):
 def test_a_signal_twice_is_said(recording):
     found = propose(recording(t=TIME, gyro_z=RATE, **{"yaw_rate_deg/s": np.degrees(RATE)}))
     assert {g.column for g in found.guesses} == {"yaw_rate_deg/s"}
-    assert any("left out, because another column is that signal: gyro_z" in note for note in found.notes)
+    assert found.left_out == {"gyro_z": "'yaw_rate_deg/s' is yaw_rate: its name says more"}
+    assert any("best of 2 columns" in g.why for g in found.guesses)
 
 
 def test_a_recording_without_turns_or_clock_is_said(recording):
@@ -134,7 +135,7 @@ def test_what_does_not_belong_together_is_said(recording):
     found = propose(
         recording(**{"t": TIME, "speed__[m/s]": SPEED, "yaw_rate__[rad/s]": RATE, "ay__[m/s2]": 5 * SPEED * RATE})
     )
-    assert any("lateral acceleration is 5 times speed times yaw rate" in note for note in found.notes)
+    assert any("lateral acceleration over speed times yaw rate is 5: a column is another" in n for n in found.notes)
 
 
 def test_a_file_without_signals_is_refused(recording):

@@ -22,7 +22,7 @@ VDC2.YawRate = r rad/s
 VDC2.LatAcceleration = ay m/s2; VDC2.LongAcceleration = ax m/s2
 # J1939, engine first, only the bus
 Timestamp = t s; EngineSpeed = engine rpm; FanSpeed = fan rpm; WheelBasedVehicleSpeed = v km/h;
-FrontAxleSpeed = vx km/h; TransInputShaftSpeed = shaft rpm
+FrontAxleSpeed = vx km/h; TransInputShaftSpeed = shaft rpm; YawRate (rad/s) = r rad/s
 # Miles per hour and Gs
 Time (s) = t s; Speed (MPH) = v mph; Steering Angle (deg) = swa deg; Yaw Rate (deg/s) = r deg/s; Lateral Gs = ay g;
 Inline Gs = ax g
@@ -131,7 +131,7 @@ yaw_rate_offset = noise deg/s; yaw_rate_raw = r deg/s; lat_accel_std = noise m/s
 # Nothing but wheels and inputs
 time = t s; rpm = engine rpm; throttle = percent 1; brake_pressure = torque N*m; wheel_speed_fl = wfl km/h;
 wheel_speed_rl = wrl km/h
-wheel_speed_rr = wrr km/h; gear = gear 1; steering_torque = torque N*m
+wheel_speed_rr = wrr km/h; gear = gear 1; lat_g = ay g; steering_torque = torque N*m
 """
 
 HELD_OUT = r"""
@@ -361,7 +361,7 @@ class Log:
                 return f"wrong: {g.signal} is reversed"
         if guesses or not fits:
             return "right"
-        return "left out" if all(found.left.get(name) for name in fits) else "wrong: left out without a reason"
+        return "left out" if all(found.left_out.get(name) for name in fits) else "wrong: left out without a reason"
 
 
 def logs(table: str) -> list[Log]:
