@@ -282,6 +282,73 @@ Time = t s; MM5_10_TX1.YAW_RATE = r deg/s; MM5_10_TX1.AY = ay g; MM5_10_TX2.AX =
 LWS_STANDARD.LWS_ANGLE = swa deg; LWS_STANDARD.LWS_SPEED = swr deg/s; ABS.WSS_FL = wfl km/h; ABS.VEH_SPEED = v km/h
 """
 
+FRESH = r"""
+# Honda by opendbc
+time = t s; CAR_SPEED.CAR_SPEED = v km/h; STEERING_SENSORS.STEER_ANGLE = swa deg;
+STEERING_SENSORS.STEER_ANGLE_RATE = swr deg/s
+VEHICLE_DYNAMICS.LAT_ACCEL = ay m/s2; VEHICLE_DYNAMICS.LONG_ACCEL = ax m/s2; POWERTRAIN_DATA.ENGINE_RPM = engine rpm;
+WHEEL_SPEEDS.WHEEL_SPEED_RL = wrl km/h
+# BMW by opendbc
+t = t s; Speed.VehicleSpeed = v km/h; Speed.YawRate = r deg/s; Speed.AccY = ay m/s2; Speed.AccX = ax m/s2;
+SteeringWheelAngle.SteeringPosition = swa deg
+SteeringWheelAngle.SteeringSpeed = swr deg/s; EngineAndBrake.EngineTorque = torque N*m;
+WheelSpeeds.Wheel_FL = wfl km/h
+# Inertial unit of Racelogic
+Time (s) = t s; Speed [km/h] = v km/h; Yaw rate [°/s] = r deg/s; X_Accel [g] = ax g; Y_Accel [g] = ay g;
+Z_Accel [g] = az g; Pitch rate [°/s] = q deg/s
+Roll rate [°/s] = p deg/s; Turbine speed [rpm] = turbine rpm
+# SBG
+timestamp [us] = t us; imu.gyroZ (deg/s) = r deg/s; imu.gyroX (deg/s) = p deg/s; imu.accelX (m/s2) = ax m/s2;
+imu.accelY (m/s2) = ay m/s2
+ekf.yaw (deg) = psi deg; ekf.velocityNorth (m/s) = vN m/s; ekf.velocityEast (m/s) = vE m/s;
+odometer.velocity (m/s) = v m/s
+# Marine-style receiver
+UTC time [s] = t s; Latitude [deg] = lat deg; Longitude [deg] = lon deg; Horizontal speed [m/s] = v m/s;
+Track over ground [deg] = course deg
+Vertical speed [m/s] = climb m/s; Wind speed [kts] = wind knot
+# Ego and others
+t_ms = t ms; ego_velocity_mps = v m/s; ego_yawrate_rps = r rad/s; ego_accel_lon_mps2 = ax m/s2;
+ego_accel_lat_mps2 = ay m/s2; target_velocity_mps = cruise m/s
+lead_vehicle_speed_mps = cruise m/s; steering_wheel_angle_rad = swa rad
+# Tracks from above @ 25
+time = t s; xVelocity = vE m/s; yVelocity = vN m/s; lonVelocity = vx m/s; latVelocity = vy m/s;
+lonAcceleration = ax m/s2; latAcceleration = ay m/s2
+heading = course deg; xCenter = E m; yCenter = N m
+# Audi bus
+timestamp = t us; vehicle_speed = v km/h; steering_angle_calculated = swa deg; acceleration_x = ax m/s2;
+acceleration_y = ay m/s2; acceleration_z = az m/s2
+angular_velocity_omega_z = r deg/s; angular_velocity_omega_x = p deg/s; accelerator_pedal = percent 1
+# Drive by wire in ROS
+stamp = t s; vehicle/steering_report.speed = v m/s; vehicle/steering_report.steering_wheel_angle = swa rad;
+vehicle/imu/data_raw.angular_velocity.z = r rad/s
+vehicle/imu/data_raw.linear_acceleration.x = ax m/s2; vehicle/imu/data_raw.linear_acceleration.y = ay m/s2;
+vehicle/wheel_speed_report.front_left = nfl rad/s
+# Fleet management of a truck @ 10
+Time = t s; FMS_EEC1_EngineSpeed [rpm] = engine rpm; FMS_CCVS_WheelBasedSpeed [km/h] = v km/h;
+EBS22.TrailerYawRate = rt rad/s; VDC2.YawRate = r rad/s
+VDC2.LatAccel = ay m/s2; VDC2.SteerWhlAngle = swa rad; TCO1.OutputShaftSpeed = shaft rpm
+# Racing game
+m_sessionTime = t s; m_speed = v m/s; m_gForceLateral = ay g; m_gForceLongitudinal = ax g; m_engineRPM = engine rpm;
+m_steer = swpercent 1
+m_wheelSpeed[0] = wrl m/s
+# Paper in TeX
+t (s) = t s; V_x (km/h) = vx km/h; \dot{\psi} (deg/s) = r deg/s; a_y (m/s^2) = ay m/s2; \delta_{SW} (deg) = swa deg;
+\beta (deg) = beta deg
+\omega_{rl} (rad/s) = nrl rad/s
+# Self-made logger
+millis = t ms; gx (dps) = p deg/s; gy (dps) = q deg/s; gz (dps) = r deg/s; ax (g) = ax g; ay (g) = ay g; az (g) = az g;
+gps_speed_kmh = v km/h
+motor_rpm = motor rpm
+# Test bench
+TIME [s] = t s; N_ENGINE [rpm] = engine rpm; V_VEHICLE [km/h] = v km/h; A_LONG [m/s²] = ax m/s2;
+ALPHA_PEDAL [%] = percent 1; N_FAN [rpm] = fan rpm
+T_OIL [°C] = temp 1
+# Lenkversuch
+Zeit [s] = t s; Lenkradwinkel [°] = swa deg; Lenkradgeschwindigkeit [°/s] = swr deg/s; v_GPS [km/h] = v km/h;
+ay_S [m/s²] = ay m/s2; psip [°/s] = r deg/s
+Gierbeschleunigung [°/s²] = racc rad/s^2; M_H [Nm] = torque N*m
+"""
+
 _FACTORS = {
     "s": 1.0, "us": 1e6, "ms": 1e3, "m": 1.0, "1": 1.0, "N*m": 1.0, "1/km": 1e3, "rad": 1.0, "deg": 180 / np.pi,
     "m/s": 1.0, "km/h": 3.6, "mph": 1 / 0.44704, "ft/s": 1 / 0.3048, "knot": 3600 / 1852,
