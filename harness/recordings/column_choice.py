@@ -52,10 +52,14 @@ _STATED = 0.7
 """What a stated unit counts."""
 _WORST = -3.5
 """Least that unusual values count."""
-_CONTRADICTED = -2.0
-"""Least that a comparison counts: names and stated units are firm, and which of the columns is wrong it does not say."""
+_CONTRADICTED = -3.0
+"""What a comparison counts whose sides are not alike at all."""
+_OFF = -2.0
+"""Least that one counts whose sides differ by a factor: which of the columns is wrong it does not say."""
 ALIKE = 0.5
 """Correlation from which two motions are compared at all."""
+_FREE = 0.7
+"""What each unit that had to be chosen takes from an agreement."""
 _WINDOW = 1.0
 """s over which motions are averaged before they are compared."""
 _ROWS = 25
@@ -156,7 +160,7 @@ class Relation:
         if abs(self.alike) < ALIKE:
             return _CONTRADICTED * (1.0 - abs(self.alike) / ALIKE)
         off = 0.5 * (np.log(abs(self.factor)) / _TOLERANCE) ** 2
-        return float(max(4.0 * self.alike**2 - off - self.free - (self.factor < 0), _CONTRADICTED))
+        return float(max(4.0 * self.alike**2 - off - _FREE * self.free - (self.factor < 0), _OFF))
 
 
 def in_units(guess: Guess, by: str, symbol: bool = False) -> list[Guess]:

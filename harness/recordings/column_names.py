@@ -41,6 +41,9 @@ _SHORT = {
 """Units that have a short form of their own, with the SI unit that they are of."""
 
 
+_ACCENTS = str.maketrans("éèêàâîôûçÉ", "eeeaaioucE")
+
+
 def _any(words: Iterable[str]) -> str:
     return "|".join(sorted(map(re.escape, words), key=len, reverse=True))
 
@@ -57,7 +60,7 @@ _NO_MOTION = re.compile(
 
 _MEANINGS = {
     # whose motion it is
-    "vehicle": "vehicle veh car fzg fahrzeug ego chassis host ground",
+    "vehicle": "vehicle veh car fzg fahrzeug ego chassis host ground machine",
     "tractor": "tractor zugmaschine",
     "trailer": "trailer anhänger anhaenger auflieger tebs",
     "engine": "engine eng motor mot mtr emotor crank crankshaft",
@@ -66,7 +69,8 @@ _MEANINGS = {
     "shaft": "shaft driveshaft gear gearbox trans transmission getriebe pto clutch kupplung cardan propeller prop pump "
     "pumpe drum spindle belt compressor retarder",
     "turbine": "turbine turbo turbocharger rotor",
-    "wheel": "wheel whl tire tyre reifen rad raeder räder",
+    "wheel": "wheel whl wss rad raeder räder",
+    "tyre": "tire tyre reifen",
     "axle": "axle achse front rear vorn hinten vorne",
     "corner": "left right links rechts fl fr rl rr lf rf lr vl vr hl hr l1 r1 l2 r2 l3 r3",
     # what is not the motion itself
@@ -75,29 +79,30 @@ _MEANINGS = {
     "offset bias counter checksum crc temp temperature age quat quaternion orientation max min",
     "effort": "torque moment trq tq current voltage percentage percent pressure force power",
     # which quantity
-    "speed": "speed spd velocity velo vel geschw geschwindigkeit sog twist",
+    "speed": "speed spd velocity velo vel geschw geschwindigkeit vitesse sog twist",
     "acceleration": "acceleration accel accelerometer acc beschl beschleunigung gforce gs",
     "rate": "rate dot punkt",
     "angle": "angle ang winkel wnkl",
     "angular": "angular gyro gyr gyroscope omega rotation rotational drehrate",
     "revolutions": "rpm drehzahl revs revolutions",
     "position": "position pos displacement",
-    "steering": "steering steer steered lenk lenkung lws swa handwheel lenkrad lrw",
+    "steering": "steering steer steered lenk lenkung lws sas swa str handwheel lenkrad lrw volant",
     "road": "road roadwheel",
-    "yaw": "yaw gier psi",
+    "yaw": "yaw gier psi lacet",
     "roll": "roll wank phi",
     "pitch": "pitch nick",
     "sideslip": "sideslip schwimm beta",
     "articulation": "artic articulation hitch knick",
     "heading": "heading course kurs hdg bearing azimuth cog",
     # along which axis
-    "lateral": "lateral quer transverse latitude breitengrad lat",
-    "longitudinal": "longitudinal inline längs laengs forward fwd long lon lng longitude laengengrad längengrad",
+    "lateral": "lateral quer transverse transversal transversale latitude breitengrad lat",
+    "longitudinal": "longitudinal longitudinale lineal inline längs laengs forward fwd long lon lng longitude "
+    "laengengrad längengrad",
     "vertical": "vertical vert",
     "compass": "north east northing easting nord ost up down",
     # nothing that matters here
     "aside": "sensor value signal imu ins gps gnss can bus raw filtered filt actual act meas measured ist data info of "
-    "the over based mean com esp esc abs ecu est estimated linear pose corrected side slip cg",
+    "the over based mean com esp esc abs ecu est estimated linear pose corrected side slip cg tacho tachograph",
 }
 """Words by what they mean."""
 
@@ -124,7 +129,7 @@ _TURNS = {"rate", "speed", "angular"}
 _RULES: tuple[tuple[set[str], set[str], str], ...] = (
     ({"steering"}, {*_TURNS, "acceleration"}, "!a rate of the steering"),
     ({"steering"}, {"corner"}, "!the angle of one wheel"),
-    ({"steering"}, {"road"}, "road_wheel_angle"),
+    ({"steering"}, {"road", "tyre"}, "road_wheel_angle"),
     ({"steering"}, set(), "steering_wheel_angle"),
     ({"road", "wheel"}, set(), "road_wheel_angle"),
     ({"articulation"}, {*_TURNS, "acceleration"}, "!a rate of the articulation"),
@@ -137,6 +142,7 @@ _RULES: tuple[tuple[set[str], set[str], str], ...] = (
     ({"shaft"}, set(), "!a shaft or gear, not the vehicle"),
     ({"turbine"}, set(), "!a turbine or rotor, not the vehicle"),
     ({"revolutions"}, set(), "!revolutions, no motion of the vehicle"),
+    ({"tyre"}, set(), "!one wheel, not the vehicle"),
     ({"wheel"}, {"corner", "angular", "vertical"}, "!one wheel, not the vehicle"),
     ({"corner"}, _TURNS, "!one wheel or side, not the vehicle"),
     ({"wheel"}, {"speed"}, AXLE),
@@ -202,6 +208,7 @@ class Reading:
         trailer: Whether it was measured on the trailer of a vehicle combination.
         letter: Whether a letter names the axis, which may be another one than the vehicle's.
         along: Whether it says that it is along the vehicle.
+        bare: Whether no word says that it is an angle.
         symbol: Whether it is a symbol, as papers and models write it.
     """
 
@@ -213,6 +220,7 @@ class Reading:
     trailer: bool = False
     letter: bool = False
     along: bool = False
+    bare: bool = False
     symbol: bool = False
 
 
@@ -261,6 +269,7 @@ def read_name(column: str, by_file: str = "") -> Reading:
         trailer=any("trailer" in map(_WORDS.get, part) for part in (leaf, *groups)),
         letter=any(w in _LETTERS for w in leaf),
         along="longitudinal" in _meanings(leaf),
+        bare=not {"heading", "angle"} & _meanings(leaf),
         symbol=" ".join(telling) in _WHOLE or telling[:1] in [[symbol] for symbol in (*_SYMBOLS, "psi", "beta")],
     )
 
@@ -278,6 +287,8 @@ def _outcome(leaf: list[str], groups: list[list[str]], unit: Unit | None) -> tup
     if (whole := " ".join(w for w in leaf if _WORDS.get(w) != "aside" or w in ("side", "slip"))) in _WHOLE:
         return _WHOLE[whole], 2.5
     own = _meanings(leaf)
+    if unit is not None and unit.si == "rad" and leaf[0] in _SYMBOLS and leaf[0] not in _WORDS:
+        own -= {_SYMBOLS[leaf[0]]}  # an angle is not what the symbol says
     unclear = sum(w not in _WORDS and w not in _LETTERS and w not in _SYMBOLS and not w.isdigit() for w in leaf)
     sure = 4.0 - 0.85 * unclear - any(w in _LETTERS for w in leaf) + 0.5 * ("vehicle" in own) + (exact == "speed")
     said = own | {_KINDS.get("" if unit is None else unit.si, "aside")} if own - {"aside"} else set()
@@ -308,7 +319,7 @@ def _without_unit(column: str) -> tuple[str, Unit | None]:
     for said in re.findall(r"[\[(]([^\[\]()]+)[\])]", column):
         if (stated := unit_of(said)) is not None:
             unit, column = stated, re.sub(rf"[\[(]{re.escape(said)}[\])]", " ", column)
-    column = re.sub(r"[\[\](){}\"]", " ", column)
+    column = re.sub(r"[\[\](){}\"]", " ", column.replace("CoG", "cog"))
     column = re.sub(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", column).strip(" /|_")
     for gap in re.finditer(r"[ _./|\\]+", column if unit is None else ""):
         tail = column[gap.end() :].strip().lower()
@@ -320,6 +331,7 @@ def _without_unit(column: str) -> tuple[str, Unit | None]:
 
 def _cut(part: str) -> list[str]:
     """Return the words of a part of a name, small; what is written together is cut where all of it is words."""
+    part = part.translate(_ACCENTS)
     tokens = re.findall(r"\b[lr]\d\b|[a-zäöüß]+|\d+", part.lower().replace("_", " "))
     return [piece for token in tokens for piece in _pieces(token)]
 
@@ -329,8 +341,9 @@ def _pieces(token: str) -> tuple[str, ...]:
     """Return the fewest words that make up a token, a symbol in front or an axis behind; the token if none do."""
     if token in _WORDS or token in _WHOLE or len(token) < 2:
         return (token,)
-    if token.endswith("s") and token[:-1] in _WORDS:
-        return (token[:-1],)
+    for plural, single in (("ies", "y"), ("s", "")):
+        if token.endswith(plural) and token.removesuffix(plural) + single in _WORDS:
+            return (token.removesuffix(plural) + single,)
     ways: list[tuple[str, ...]] = []
     for end in range(1, len(token)):
         head, tail = token[:end], token[end:]
@@ -351,6 +364,8 @@ def _meanings(words: Iterable[str]) -> set[str]:
     telling = [w for w in words if _WORDS.get(w) != "aside"]
     if len(telling) > 1 and telling[0] in _SYMBOLS:
         said.add(_SYMBOLS[telling[0]])
+    if said & {"vehicle", "yaw", "lateral", "longitudinal"}:
+        said |= {_SYMBOLS[w] for w in words if w in ("v", "a", "w")}
     if words[-1:] == ["g"] and said & {"lateral", "longitudinal", "vertical"}:
         said.add("acceleration")
     if "based" in words or ("steering" in said and "road" not in said):

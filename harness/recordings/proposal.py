@@ -42,8 +42,10 @@ _ALIKE = 0.9
 """Correlation of a column with what the motion makes of the others from which it is taken for their signal."""
 _SAYS_NOTHING = "its name says nothing of a signal"
 _ACROSS = {"lateral_acceleration": "longitudinal_acceleration", "longitudinal_acceleration": "lateral_acceleration"}
-_OTHER_AXES = 2.5
+_OTHER_AXES = 1.5
 """What it counts against an acceleration that a letter names the axis of that it is the other one's."""
+_RATE = 1.5
+"""What it counts against a yaw that it is the yaw rate."""
 _STEERS = 0.3
 """Correlation of steering and yaw rate from which its sign counts."""
 _AS_FAST = 0.1
@@ -251,6 +253,7 @@ def _guesses(column: str, values: Floats, table: int, reading: Reading) -> tuple
     if len(finite) < 2:
         return [], "it holds no values"
     signal, unit = reading.signal, reading.unit
+    signal = "speed" if signal == "longitudinal_velocity" else signal
     exact = signal == "_".join(reading.words.split())
     by = "name of the signal" if exact else f"name reads “{reading.words}”"
     stated = unit is not None
@@ -269,6 +272,8 @@ def _guesses(column: str, values: Floats, table: int, reading: Reading) -> tuple
     if reading.letter and signal in _ACROSS:
         other = replace(first, signal=_ACROSS[signal], sure=first.sure - _OTHER_AXES)
         made += in_units(other, f"{by}, and it moves as the other axis of the vehicle", reading.symbol)
+    if signal == "heading" and unit is None and reading.bare:
+        made += in_units(replace(first, signal="yaw_rate", unit="rad/s", sure=first.sure - _RATE), by, reading.symbol)
     if signal == "steering_wheel_angle" and not {"wheel", "lenkrad", "swa", "lws", "lrw"} & set(reading.words.split()):
         road = replace(first, signal="road_wheel_angle", sure=first.sure - 1.0)
         made += in_units(road, by, reading.symbol)
@@ -278,11 +283,11 @@ def _guesses(column: str, values: Floats, table: int, reading: Reading) -> tuple
 def _in_fixed_axes(candidates: Sequence[Guess], motion: Motion) -> dict[str, str]:
     """Return velocities along x and y that are as large, with the reason: the axes are not the vehicle's."""
     fixed: dict[str, str] = {}
-    for x, y in itertools.product(candidates, candidates):
-        pair = x.signal == "speed" and y.signal == "lateral_velocity" and x.unit == y.unit
-        if pair and y.column.lower().replace("y", "x") == x.column.lower().replace("y", "x"):
-            along, across = (np.nanmedian(np.abs(motion.of(g))) for g in (x, y))
-            if across > _AXES * along:
+    speeds, across = ([g for g in candidates if g.signal == s] for s in ("speed", "lateral_velocity"))
+    for x, y in itertools.product(speeds, across):
+        if x.unit == y.unit and y.column.lower().replace("y", "x") == x.column.lower().replace("y", "x"):
+            forward, sideways = (np.nanmedian(np.abs(motion.of(g))) for g in (x, y))
+            if sideways > _AXES * forward:
                 fixed |= dict.fromkeys((x.column, y.column), "along x and y as fast: axes that are not the vehicle's")
     return fixed
 
@@ -343,6 +348,8 @@ def _settled(chosen: Chosen, motion: Motion, seen: Witness) -> tuple[list[Guess]
     for r in chosen.relations:
         if not r.agrees and abs(r.alike) >= ALIKE:
             notes.append(f"{r.name} is {abs(r.factor):.3g}: a column is another signal, or in another unit")
+        elif not r.agrees:
+            notes.append(f"{r.name}: they hardly move alike (correlation {r.alike:.2f})")
     for s, g in guesses.items():
         if beaten := sum(why.startswith(f"'{g.column}' is ") for why in chosen.lost.values()):
             guesses[s] = replace(g, why=(*g.why, f"best of {beaten + 1} columns"))

@@ -1,11 +1,15 @@
 """A channel map proposed from names, units and values: it says why, and reads the recording back."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from harness.common.errors import UserError
+from harness.recordings.column_names import read_name, unit_of
 from harness.recordings.load import load_recording
 from harness.recordings.proposal import propose
+from support.headers import DEVELOPED, FRESH, HELD_OUT, judged
 
 TIME = np.arange(0, 60, 0.02)
 RATE = 0.3 * np.sin(0.5 * TIME)
@@ -199,3 +203,120 @@ def test_every_structure_has_its_clock_and_a_time_of_day_is_none(tmp_path, epoch
         {"can": {"time": TIME, "speed": SPEED}, "imu": {"time": epoch + late, "yaw_rate": 0.3 * np.sin(0.5 * late)}},
     )
     assert [column for column, _, _ in propose(path).clocks] == clocks
+
+
+@pytest.mark.parametrize(("table", "right"), [(DEVELOPED, 0.95), (HELD_OUT, 0.9), (FRESH, 0.9)])
+def test_headers_of_loggers_buses_and_papers_are_read_right_or_left_out_with_a_reason(table, right, tmp_path):
+    fared = judged(table, tmp_path, seeds=(1, 2))
+    assert [line for line in fared if "wrong" in line] == []
+    assert sum(line.endswith("right") for line in fared) / len(fared) >= right
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"),
+    [
+        *((w, "km/h") for w in ("km/h", "Km_h", "kph", "KMH", "[km|h]")),
+        *((w, "mph") for w in ("MPH", "(mph)", "mi/h")),
+        *((w, "knot") for w in ("kts", "knots", "kn")),
+        *((w, "g_0") for w in ("G", "Gs", "[g]", "(G)")),
+        *((w, "deg/s") for w in ("deg/s", "degps", "deg_s", "°/s", "Deg/Sec", "dps", "deg s-1")),
+        *((w, "rad/s") for w in ("rad_s", "rad/sec", "1/s", "radps", "rad s^-1")),
+        *((w, "m/s^2") for w in ("m_s2", "mps2", "m/s²", "m/s^2", "m s-2", "m/s/s")),
+        ("mrad/s", "mrad/s"),
+        ("ft/s", "ft/s"),
+        ("1/min", "rpm"),
+    ],
+)
+def test_units_are_read_however_they_are_written(written, unit):
+    read = unit_of(written)
+    assert read.text in (unit, "mile/h" if unit == "mph" else unit)
+    assert unit_of("kN").si == ""
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["EEC1.EngineSpeed", "FanSpeed", "WindSpeed", "nMot", "TurbineSpeed", "rotor_speed", "OutputShaftSpeed",
+     "whlspd_fl", "Raddrehzahl", "vehicle_speed_limit", "target_speed", "steering_rate",
+     "gps_speed_accuracy", "deltaFL"],
+)  # fmt: skip
+def test_what_is_not_the_motion_of_the_vehicle_is_no_signal(name):
+    assert read_name(name).signal == ""
+
+
+def test_an_engine_that_agrees_with_enough_free_units_is_not_the_vehicle(recording):
+    engine = 24 * SPEED * 3.6
+    columns = {"t": TIME, "EEC1.EngineSpeed": engine, "CCVS1.WheelBasedVehicleSpeed": 3.6 * SPEED}
+    path = recording(**columns, **{"VDC2.YawRate": RATE, "VDC2.LatAcceleration": noisy(SPEED * RATE, 0.1)})
+    proposed = propose(path)
+    assert guessed(path)["speed"] == ("CCVS1.WheelBasedVehicleSpeed", "km/h", 1)
+    assert "an engine" in proposed.left_out["EEC1.EngineSpeed"]
+    assert "3 units and no signs chosen for 1 agreement, which confirms nothing" in proposed.text
+    stated = {"v [km/h]": 3.6 * SPEED, "r [rad/s]": RATE, "ay [g]": noisy(SPEED * RATE, 0.1) / 9.81}
+    text = propose(recording(t=TIME, **{name.replace(" ", "__"): values for name, values in stated.items()})).text
+    assert "no units and no signs chosen for 1 agreement" in text
+    assert "confirms nothing" not in text
+
+
+def test_values_that_no_vehicle_reaches_exclude_a_column(recording):
+    proposed = propose(recording(t=TIME, **{"Speed__(km/h)": 2600 + 0 * TIME}, yaw_rate=RATE))
+    assert "speed" not in {g.signal for g in proposed.guesses}
+    assert "2600 km/h are those of no vehicle" in proposed.left_out["Speed (km/h)"]
+
+
+def test_of_several_columns_that_wins_which_moves_as_the_others(recording):
+    slow = np.full_like(TIME, 15.0) + noisy(0 * TIME, 3.0, 5)
+    columns = {"speed_a": slow, "speed_b": SPEED + 0 * TIME, "gyro_z": RATE, "ax": np.gradient(SPEED, TIME)}
+    proposed = propose(recording(t=TIME, **columns, ay=noisy((SPEED * RATE), 0.1)))
+    assert {g.signal: g.column for g in proposed.guesses}["speed"] == "speed_b"
+    assert "agrees better with the others' motion" in proposed.left_out["speed_a"]
+
+
+def test_a_telephone_that_lies_across_has_its_axes_by_the_motion(recording):
+    columns = {"Accel X": noisy(SPEED * RATE, 0.1), "Accel Y": noisy(np.gradient(SPEED, TIME), 0.02, 3)}
+    columns = {"speed (m/s)": SPEED, "gyro_z (rad/s)": RATE} | columns
+    found = guessed(recording(t=TIME, **{name.replace(" ", "__"): values for name, values in columns.items()}))
+    assert (found["lateral_acceleration"][0], found["longitudinal_acceleration"][0]) == ("Accel X", "Accel Y")
+
+
+def test_velocities_in_fixed_axes_are_not_the_vehicles(recording):
+    heading = np.cumsum(RATE) * 0.02 + 0.7
+    velocities = {"pos.vx": SPEED * np.cos(heading), "pos.vy": SPEED * np.sin(heading)}
+    proposed = propose(recording(t=TIME, yaw_rate=RATE, **velocities))
+    assert {g.signal for g in proposed.guesses} == {"yaw_rate"}
+    assert "not the vehicle's" in proposed.left_out["pos.vx"]
+
+
+def test_positions_tell_which_of_two_counts_the_other_way(recording):
+    heading = np.cumsum(RATE) * 0.02
+    x, y = (np.cumsum(SPEED * f(heading)) * 0.02 for f in (np.cos, np.sin))
+    columns = {"x": x, "y": y, "speed": SPEED, "yaw_rate": -RATE, "lateral_acceleration": noisy(SPEED * RATE, 0.1)}
+    proposed = propose(recording(t=TIME, **columns))
+    assert [g.signal for g in proposed.guesses if g.sign < 0] == ["yaw_rate"]
+    assert any("sign against the course over ground" in why for g in proposed.guesses for why in g.why)
+
+
+def test_an_angle_of_road_wheels_is_told_from_one_of_a_steering_wheel(recording):
+    columns = {"speed": SPEED, "yaw_rate": RATE, "ay": noisy(SPEED * RATE, 0.1)}
+    assert "road_wheel_angle" in guessed(recording(t=TIME, **columns, steer_ang=STEER / 16))
+    assert "steering_wheel_angle" in guessed(recording(t=TIME, **columns, steer_ang=STEER))
+
+
+def test_one_hertz_and_a_part_of_a_file(recording):
+    path = recording(t=np.arange(400.0), speed=np.repeat([15.0, 25.0], 200) + np.tile([0.0, 1.0], 200))
+    assert [unit for _, unit, _ in propose(path).clocks] == ["s"]
+    part = propose(f"{path}@0s:100s")
+    assert max(g.values.max() for g in part.guesses) == 16.0
+    with pytest.raises(UserError, match="there is nothing in that span"):
+        propose(f"{path}@500s:")
+
+
+@pytest.mark.parametrize("name", ["genesis_g80/path1_6_20.mat", "revs_250lm"])
+def test_measured_cars_are_read_with_road_wheel_angles_and_accelerations(name):
+    path = Path(__file__).parents[3] / "shared" / "measured" / name
+    if not path.exists():
+        pytest.skip(f"the recording {name} is not part of the project")
+    units = {signal: unit for signal, (_, unit, _) in guessed(path).items()}
+    assert units.items() >= {
+        "speed": "m/s", "yaw_rate": "rad/s", "road_wheel_angle": "rad", "lateral_velocity": "m/s",
+        "lateral_acceleration": "m/s^2", "longitudinal_acceleration": "m/s^2",
+    }.items()  # fmt: skip

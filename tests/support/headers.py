@@ -8,12 +8,13 @@ while that is built.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from harness.recordings.proposal import Proposal
+from harness.recordings.proposal import Proposal, propose
 
 DEVELOPED = r"""
 # J1939 with an engine
@@ -429,6 +430,16 @@ class Log:
         if guesses or not fits:
             return "right"
         return "left out" if all(found.left_out.get(name) for name in fits) else "wrong: left out without a reason"
+
+
+def judged(table: str, folder: Path, seeds: Sequence[int]) -> list[str]:
+    """Return how each signal of each log fared, for drives of several seeds."""
+    return [
+        f"{log.title}, {asked}: {fared}"
+        for log in logs(table)
+        for seed in seeds
+        for asked, fared in log.judged(propose(log.write(folder / "log.csv", seed))).items()
+    ]
 
 
 def logs(table: str) -> list[Log]:
