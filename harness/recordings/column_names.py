@@ -118,13 +118,15 @@ _PLACES = {
 }
 """Where the vehicle is, where nothing else is said."""
 _WHOLE = {
-    "r": "yaw_rate", "w": "yaw_rate", "v": "speed", "dpsi": "yaw_rate", "psi p": "yaw_rate",
+    "r": "yaw_rate", "w": "yaw_rate", "v": "speed", "dpsi": "yaw_rate", "psi p": "yaw_rate", "psip": "yaw_rate",
     "psi pp": "yaw_acceleration", "side slip": "sideslip_angle", "df": "road_wheel_angle",
     "delta f": "road_wheel_angle", "delta": "steering_wheel_angle",
     "delta h": "steering_wheel_angle", "delta sw": "steering_wheel_angle",
 }  # fmt: skip
 """Symbols that mean a signal as a whole."""
 
+_HANDWHEEL = {"swa", "lrw", "lws", "sas", "lenkrad", "handwheel", "volant"}
+"""Words for a steering wheel, which nothing but its angle is recorded of."""
 _TURNS = {"rate", "speed", "angular"}
 _RULES: tuple[tuple[set[str], set[str], str], ...] = (
     ({"steering"}, {*_TURNS, "acceleration"}, "!a rate of the steering"),
@@ -209,6 +211,7 @@ class Reading:
         letter: Whether a letter names the axis, which may be another one than the vehicle's.
         along: Whether it says that it is along the vehicle.
         bare: Whether no word says that it is an angle.
+        handwheel: Whether it names a steering wheel.
         symbol: Whether it is a symbol, as papers and models write it.
     """
 
@@ -221,6 +224,7 @@ class Reading:
     letter: bool = False
     along: bool = False
     bare: bool = False
+    handwheel: bool = False
     symbol: bool = False
 
 
@@ -269,6 +273,7 @@ def read_name(column: str, by_file: str = "") -> Reading:
         trailer=any("trailer" in map(_WORDS.get, part) for part in (leaf, *groups)),
         letter=any(w in _LETTERS for w in leaf),
         along="longitudinal" in _meanings(leaf),
+        handwheel=bool({"wheel", "whl", *_HANDWHEEL} & set(leaf)),
         bare=not {"heading", "angle"} & _meanings(leaf),
         symbol=" ".join(telling) in _WHOLE or telling[:1] in [[symbol] for symbol in (*_SYMBOLS, "psi", "beta")],
     )
@@ -297,6 +302,12 @@ def _outcome(leaf: list[str], groups: list[list[str]], unit: Unit | None) -> tup
         outcome = _by_rule(said)
         if outcome.startswith("?"):
             return outcome[1:], sure - 3.0
+        if (
+            outcome == "steering_wheel_angle"
+            and unit is None
+            and not any(_WORDS.get(w) in ("angle", "wheel") or w in _HANDWHEEL for w in leaf)
+        ):
+            return outcome, sure - 2.5  # it may be a share of the largest angle
         if outcome:
             strange = outcome == "speed" and any(_by_rule(_meanings(g) - {"speed"}).startswith("!") for g in groups)
             return outcome, sure - 4.5 * (strange and not depth) - 0.2 * (depth > 0)
@@ -361,7 +372,7 @@ def _meanings(words: Iterable[str]) -> set[str]:
     """Return what words mean; a letter in front may be a symbol, x, y or z an axis."""
     words = list(words)
     said = {_WORDS[w] for w in words if w in _WORDS} | {_LETTERS[w] for w in words if w in _LETTERS}
-    telling = [w for w in words if _WORDS.get(w) != "aside"]
+    telling = [w for w in words if _WORDS.get(w) != "aside" and (len(w) > 1 or w in {*_SYMBOLS, *_LETTERS})]
     if len(telling) > 1 and telling[0] in _SYMBOLS:
         said.add(_SYMBOLS[telling[0]])
     if said & {"vehicle", "yaw", "lateral", "longitudinal"}:

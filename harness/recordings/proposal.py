@@ -16,27 +16,14 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import toml_text
-from harness.common.units import scale
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings import readers
-from harness.recordings.channels import is_measured
-from harness.recordings.column_choice import (
-    ALIKE,
-    NOBODY,
-    WHEELBASE,
-    WHEELBASES,
-    Chosen,
-    Guess,
-    Motion,
-    Relation,
-    Witness,
-    choose,
-    compared,
-    in_units,
-    witness,
-)
-from harness.recordings.column_names import AXLE, TIME, Reading, read_name, unit_of
-from harness.recordings.span import Span, file_and_span
+from harness.recordings.clock_columns import clocks_of, cut, filled, seconds_of
+from harness.recordings.column_choice import WHEELBASE, WHEELBASES, Chosen, choose
+from harness.recordings.column_guess import Guess, in_units
+from harness.recordings.column_motion import ALIKE, NOBODY, Motion, Relation, Witness, compared, witness
+from harness.recordings.column_names import AXLE, Reading, read_name, unit_of
+from harness.recordings.span import file_and_span
 
 _ALIKE = 0.9
 """Correlation of a column with what the motion makes of the others from which it is taken for their signal."""
@@ -115,12 +102,12 @@ def propose(path: Path) -> Proposal:
         UserError: If it cannot be read, or no column looks like a signal.
     """
     file, span = file_and_span(path)
-    tables = [_filled(table) for table in readers.read_tables(file)]
-    clocks_of = [_clocks(table) for table in tables]
+    tables = [filled(table) for table in readers.read_tables(file)]
+    own_clocks = [clocks_of(table) for table in tables]
     if span is not None:
-        tables = [_cut(table, _seconds(table, own), span, path) for table, own in zip(tables, clocks_of, strict=True)]
-    motion = Motion([_seconds(table, own) for table, own in zip(tables, clocks_of, strict=True)])
-    columns = _read(tables, clocks_of, motion)
+        tables = [cut(table, seconds_of(table, own), span, path) for table, own in zip(tables, own_clocks, strict=True)]
+    motion = Motion([seconds_of(table, own) for table, own in zip(tables, own_clocks, strict=True)])
+    columns = _read(tables, own_clocks, motion)
     seen = witness(motion, {g.signal: g for g in sorted(columns.front, key=lambda g: g.points)})
     chosen = choose(columns.front, motion, seen)
     if further := _by_unit_and_motion(columns.unread, chosen.guesses, motion):
@@ -145,18 +132,18 @@ def propose(path: Path) -> Proposal:
             f"{path}: no column looks like a signal of a vehicle: {named}; {f'{why}; ' if why else ''}write the map "
             "by hand (docs/measured-data.md)"
         )
-    clocks = tuple(clock for own in clocks_of for clock in own)
+    clocks = tuple(clock for own in own_clocks for clock in own)
     notes += _further_notes(guesses, clocks, left_out)
     result = Proposal(tuple(guesses), clocks, left_out, tuple(notes))
     return replace(result, text=_text(result, file))
 
 
 def _read(
-    tables: Sequence[readers.Table], clocks_of: Sequence[Sequence[tuple[str, str, str]]], motion: Motion
+    tables: Sequence[readers.Table], own_clocks: Sequence[Sequence[tuple[str, str, str]]], motion: Motion
 ) -> _Columns:
     """Return what the columns may be by their names, units and ranges."""
     columns = _Columns([], [], [], {})
-    for number, (table, own) in enumerate(zip(tables, clocks_of, strict=True)):
+    for number, (table, own) in enumerate(zip(tables, own_clocks, strict=True)):
         clocks = {column for column, _, _ in own} if own else {table.clock}
         for column, values in table.columns.items():
             if column in clocks or column.startswith(TRUTH):
@@ -176,73 +163,6 @@ def _read(
     columns.front = [g for g in columns.front if g.column not in fixed]
     columns.left_out |= fixed
     return columns
-
-
-def _cut(table: readers.Table, seconds: Floats | None, span: Span, said: Path) -> readers.Table:
-    """Return the rows of a table in a span, counted from its first stamp."""
-    if seconds is None:
-        raise UserError(f"{said}: there is no clock, so no part of it can be told; propose a map of the whole file")
-    since = seconds - seconds[np.isfinite(seconds)][0]
-    rows = (since >= span[0]) & (since < span[1])
-    if rows.sum() < 2:
-        raise UserError(f"{said}: the recording runs from 0 to {np.nanmax(since):.2f} s; there is nothing in that span")
-    return replace(table, columns={name: values[rows] for name, values in table.columns.items()})
-
-
-def _seconds(table: readers.Table, clocks: Sequence[tuple[str, str, str]]) -> Floats | None:
-    """Return the instants of a table in s; None where it has no clock."""
-    return table.columns[clocks[0][0]] * scale(clocks[0][1], "s", "time") if clocks else None
-
-
-def _filled(table: readers.Table) -> readers.Table:
-    """Return a table with values joined over the rows of other messages, so that columns can be compared row by row."""
-    columns, rows = {}, np.arange(len(next(iter(table.columns.values()))))
-    for name, values in table.columns.items():
-        known = np.flatnonzero(is_measured(values))
-        columns[name] = np.where(is_measured(values), values, np.nan)
-        if 1 < len(known) < len(rows):
-            columns[name] = np.interp(rows, known, values[known], left=np.nan, right=np.nan)
-    return replace(table, columns=columns)
-
-
-def _clocks(table: readers.Table) -> list[tuple[str, str, str]]:
-    """Return the clock of a table; where its vectors are those of several structures, that of each which has one.
-
-    Clocks of one recording run at the same time; a time of day beside it is none.
-    """
-    native = None if table.clock not in table.columns else _clock(table, [str(table.clock)])
-    if native is not None:
-        return [native]
-    of_structures: dict[str, list[str]] = {}
-    for column in table.columns:
-        if TIME.search(read_name(column).words):
-            of_structures.setdefault(column.rpartition(".")[0], []).append(column)
-    found = [c for c in (_clock(table, columns) for columns in of_structures.values()) if c is not None]
-    spans = [np.nanquantile(table.columns[column], [0.0, 1.0]) * scale(unit, "s", "time") for column, unit, _ in found]
-    return [c for c, (begin, end) in zip(found, spans, strict=True) if begin <= spans[0][1] and end >= spans[0][0]]
-
-
-def _clock(table: readers.Table, columns: Sequence[str]) -> tuple[str, str, str] | None:
-    """Return the first of some columns that rises as a clock does, its unit and why."""
-    for column in columns:
-        steps = np.diff(table.columns[column])
-        steps = steps[np.isfinite(steps)]
-        if len(steps) < 2 or (steps < 0).mean() > 0.01:
-            continue
-        if column == table.clock:
-            return column, "s", "the format says so"
-        stated, step = read_name(column, table.units.get(column, "")).unit, float(np.median(steps))
-        if stated is not None and stated.si == "s":
-            return column, stated.text, f"unit by the {stated.by}"
-        for unit, largest in (("s", 1.0), ("ms", 500.0), ("us", 5e5), ("ns", 5e8)):
-            if step <= largest:
-                return column, unit, f"rises by {step:g} from row to row, unit by that: {_rate(step, unit)}"
-    return None
-
-
-def _rate(step: float, unit: str) -> str:
-    seconds = step * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
-    return f"{1 / seconds:.4g} Hz" if seconds > 0 else "several rows at a time"
 
 
 def _guesses(column: str, values: Floats, table: int, reading: Reading) -> tuple[list[Guess], str]:
@@ -274,7 +194,7 @@ def _guesses(column: str, values: Floats, table: int, reading: Reading) -> tuple
         made += in_units(other, f"{by}, and it moves as the other axis of the vehicle", reading.symbol)
     if signal == "heading" and unit is None and reading.bare:
         made += in_units(replace(first, signal="yaw_rate", unit="rad/s", sure=first.sure - _RATE), by, reading.symbol)
-    if signal == "steering_wheel_angle" and not {"wheel", "lenkrad", "swa", "lws", "lrw"} & set(reading.words.split()):
+    if signal == "steering_wheel_angle" and not reading.handwheel:
         road = replace(first, signal="road_wheel_angle", sure=first.sure - 1.0)
         made += in_units(road, by, reading.symbol)
     return made, ""

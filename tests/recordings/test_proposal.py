@@ -9,7 +9,8 @@ from harness.common.errors import UserError
 from harness.recordings.column_names import read_name, unit_of
 from harness.recordings.load import load_recording
 from harness.recordings.proposal import propose
-from support.headers import DEVELOPED, FRESH, HELD_OUT, judged
+from support.header_tables import DEVELOPED, FRESH, HELD_OUT
+from support.headers import judged
 
 TIME = np.arange(0, 60, 0.02)
 RATE = 0.3 * np.sin(0.5 * TIME)
