@@ -238,7 +238,7 @@ def test_units_are_read_however_they_are_written(written, unit):
     "name",
     ["EEC1.EngineSpeed", "FanSpeed", "WindSpeed", "nMot", "TurbineSpeed", "rotor_speed", "OutputShaftSpeed",
      "whlspd_fl", "Raddrehzahl", "vehicle_speed_limit", "target_speed", "steering_rate",
-     "gps_speed_accuracy", "deltaFL"],
+     "gps_speed_accuracy", "deltaFL", "lat_accel_std"],
 )  # fmt: skip
 def test_what_is_not_the_motion_of_the_vehicle_is_no_signal(name):
     assert read_name(name).signal == ""
@@ -321,3 +321,17 @@ def test_measured_cars_are_read_with_road_wheel_angles_and_accelerations(name):
         "speed": "m/s", "yaw_rate": "rad/s", "road_wheel_angle": "rad", "lateral_velocity": "m/s",
         "lateral_acceleration": "m/s^2", "longitudinal_acceleration": "m/s^2",
     }.items()  # fmt: skip
+
+
+def test_columns_of_several_clocks_are_compared(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    slow = TIME[::5]
+    product = np.interp(slow, TIME, noisy(SPEED * RATE, 0.1))
+    bus, unit = (
+        {"time": slow, "VehSpd": 3.6 * SPEED[::5], "LatAcc": product},
+        {"time": TIME, "YawRate": np.degrees(RATE)},
+    )
+    scipy_io.savemat(tmp_path / "a.mat", {"can": bus, "imu": unit})
+    found = guessed(tmp_path / "a.mat")
+    assert (found["speed"][1], found["yaw_rate"][1], found["lateral_acceleration"][1]) == ("km/h", "deg/s", "m/s^2")
+    assert "lateral acceleration over speed times yaw rate: 1.0" in propose(tmp_path / "a.mat").text
