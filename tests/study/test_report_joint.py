@@ -142,6 +142,13 @@ def test_an_order_that_the_samples_do_not_tell_is_said_to_be_open(analysis):
     assert "128 base samples are too few to decide whether" in told
 
 
+def test_indices_that_the_samples_do_not_tell_are_not_stated(analysis):
+    ranking = Ranking(analysis.findings[0].design, seed=0)
+    ranking.outcomes[1] = np.random.default_rng(4).standard_cauchy(ranking.outcomes[1].shape) ** 2
+    told = sensitivity.in_short(ranking)[1]
+    assert told.endswith("is driven by factors that 128 base samples are too few to tell.")
+
+
 def points_of(ranking):
     """Values of the factors at the points of the design, each with unit variance."""
     values = np.stack([f.values[0] for f in ranking.design.factors])
