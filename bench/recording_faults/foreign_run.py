@@ -14,7 +14,7 @@ from bench.recording_faults.foreign import PLANTED, STYLES, Fault, draw
 from harness.recordings.check import check_tables
 from harness.recordings.examine import Finding
 
-NAMED, SILENT, WRONG = "named", "not stated", "misnamed"
+NAMED, RIVAL, SILENT, WRONG = "named", "a rival", "not stated", "misnamed"
 _INTERVAL = 1.96
 """Standard errors of an interval of 95 %."""
 
@@ -26,7 +26,8 @@ class ForeignScore:
     Attributes:
         seed, planted, style: Which drive.
         words: Rates, clocks, and what was planted.
-        outcomes: Of every fault ``NAMED``, ``SILENT`` or ``WRONG``: its signals were said to have another one.
+        outcomes: Of every fault ``NAMED``; ``RIVAL``, stated as what may be in place of what is named; ``SILENT``; or
+            ``WRONG``, its signals were said to have another one.
         false: What was said beyond what was planted.
         away: How many standard errors every stated value is from what was planted.
         said: All findings.
@@ -56,9 +57,11 @@ def score(task: tuple[int, str]) -> ForeignScore:
     explained: list[Finding] = []
     for fault in drive.faults:
         by = [f for f in found if _names(fault, f)]
+        by_rival = [f for f in found if f.kind == fault.kind and set(fault.signals) in map(set, f.rivals)]
         about = [f for f in found if set(f.signals) & set(fault.signals) and f not in explained]
-        outcomes.append(NAMED if by else WRONG if about and not _others(about, drive.faults, fault) else SILENT)
-        explained += by[:1]
+        wrong = about and not _others(about, drive.faults, fault)
+        outcomes.append(NAMED if by else RIVAL if by_rival else WRONG if wrong else SILENT)
+        explained += by[:1] or by_rival[:1]
         away += [abs(f.value - fault.size) / f.std for f in by[:1] if np.isfinite(f.std)]
     false = tuple(str(f) for f in found if f not in explained)
     said = tuple(map(str, found))
@@ -106,16 +109,24 @@ def _kept(path: Path) -> list[ForeignScore]:
 def table(scores: Sequence[ForeignScore]) -> str:
     """Return the table of docs/check.md: a row per style and what was planted."""
     rows = [
-        "| driven | planted | drives | all named | not stated | misnamed | a false finding |",
-        "|---|---|--:|--:|--:|--:|--:|",
+        "| driven | planted | drives | all named | named or a rival | not stated | misnamed | a false finding |",
+        "|---|---|--:|--:|--:|--:|--:|--:|",
     ]
     for style in STYLES:
         for planted in PLANTED:
             of = [s for s in scores if s.style == style and s.planted == planted]
             named = sum(bool(s.outcomes) and set(s.outcomes) == {NAMED} for s in of)
+            either = sum(bool(s.outcomes) and set(s.outcomes) <= {NAMED, RIVAL} for s in of)
             silent = sum(SILENT in s.outcomes and WRONG not in s.outcomes for s in of)
-            counts = [len(of), named, silent, sum(WRONG in s.outcomes for s in of), sum(bool(s.false) for s in of)]
-            cells = [str(n) for n in counts] if planted != "nothing" else [str(len(of)), "", "", "", str(counts[-1])]
+            counts = [
+                len(of),
+                named,
+                either,
+                silent,
+                sum(WRONG in s.outcomes for s in of),
+                sum(bool(s.false) for s in of),
+            ]
+            cells = [str(n) for n in counts] if planted != "nothing" else [str(len(of)), *[""] * 4, str(counts[-1])]
             rows.append(f"| {style} | {planted} | {' | '.join(cells)} |")
     return "\n".join(rows)
 

@@ -154,9 +154,11 @@ def _options(channels: Sequence[tuple[str, ...]], smoothed: Smoothed) -> Iterato
     first = next((c for m, c in enumerate(clock_of) if trusted[m]), clock_of[0])
     for clock in sorted(set(clock_of)) if len(set(clock_of)) > 1 else ():
         inside = tuple(m for m, c in enumerate(clock_of) if c == clock)
-        yield from _delays(inside, signals(inside), _OFTEN, 0.0, clock)
+        others = (n for n in smoothed.origins if n in smoothed.signals and smoothed.origin(n).clock == clock)
+        names = tuple(dict.fromkeys((*signals(inside), *others)))
+        yield from _delays(inside, names, _OFTEN, 0.0, clock)
         if clock != first:  # clocks drift against each other only
-            yield _Option(DRIFT, inside, signals(inside), _OFTEN, usual_size(DRIFT, ""), 0, clock)
+            yield _Option(DRIFT, inside, names, _OFTEN, usual_size(DRIFT, ""), 0, clock)
 
 
 def _delays(
@@ -358,4 +360,4 @@ def _matters(cause: Cause, fits: Sequence[Agreement]) -> bool:
         least = max([LEAST_OFFSET * min(varied, default=0.0), *own])
     else:
         least = LEAST_DELAY * (2 if cause.kind == DRIFT else 1)
-    return abs(cause.value) > max(_NEARLY * least, _NEARLY * SURE * cause.doubt)
+    return abs(cause.value) > max(_NEARLY * least, _NEARLY * SURE * max(cause.doubt, cause.std))

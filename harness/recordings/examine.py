@@ -46,6 +46,7 @@ class Finding:
         words: What is wrong, with the probability where there are others.
         evidence: The comparisons that say so.
         mends: Whether lines of the map mend it: not what is unsure, or changes nothing for the better.
+        rivals: The signals of what may be in its place; empty: nothing.
         value, std: Of a scale (factor minus 1), offset (SI units), delay or drift (s), with its standard error; NaN for
             all else.
     """
@@ -55,6 +56,7 @@ class Finding:
     words: str
     evidence: str
     mends: bool = True
+    rivals: tuple[tuple[str, ...], ...] = ()
     value: float = np.nan
     std: float = np.nan
 
@@ -214,7 +216,10 @@ def _findings(
     for cause in small:
         words = _off(cause) + _doubt(cause) + ("" if cause in worth else "; not mended")
         evidence = _evidence(after, cause.signals)
-        found.append(Finding(cause.kind, cause.signals, words, evidence, cause in worth, cause.value, cause.std))
+        rivals = tuple(tuple(n for c in rival for n in c.signals) for rival in cause.rivals)
+        found.append(
+            Finding(cause.kind, cause.signals, words, evidence, cause in worth, rivals, cause.value, cause.std)
+        )
     explained = {n for f in found for n in f.signals}
     for fit in after:
         if fit.verdict == DISAGREES and not explained & set(fit.relation.signals):

@@ -156,7 +156,7 @@ def test_foreign_drives_are_scored():
     assert scores[0].false == scores[1].false == ()
     assert scores[1].outcomes == (NAMED,), scores[1].said
     assert "1 of 1 stated intervals" in coverage(scores)
-    assert "| lively | one device | 1 | 1 | 0 | 0 | 0 |" in table(scores)
+    assert "| lively | one device | 1 | 1 | 1 | 0 | 0 | 0 |" in table(scores)
 
 
 def test_foreign_drives_hold_what_is_planted():
