@@ -17,10 +17,10 @@ import sys
 import time
 from pathlib import Path
 
-import zarr
 from rich.console import Console
 
 from bench.short_runs import against_dask, measure
+from harness.common import stores
 from harness.config import load_study
 from harness.study import checksums
 from harness.study.design import units
@@ -77,7 +77,7 @@ def make(folder: Path, runs: int) -> Path:
     evaluator = StudyEvaluator(study)
     store = Store(study, lambda: evaluator, folder)
     root, design = folder / STORE, study.designs[0]
-    about = dict(zarr.open_group(str(root), path=checksums.GROUP, mode="r")[design.name].attrs)
+    about = dict(stores.group(root, checksums.GROUP)[design.name].attrs)
     done: list[list[Path]] = []
     for unit in units(study, design):
         place = place_of(study, unit)

@@ -112,3 +112,55 @@ def test_what_the_package_holds_is_linked_and_not_copied(link, target):
 
 def test_a_reader_takes_in_the_package_at_one_glance():
     assert len([p for p in (ROOT / "harness").iterdir() if p.name != "__pycache__"]) <= 20
+
+
+WRITERS = {"harness/common/places.py", "harness/common/lock.py"}
+"""Where files are opened to be written: whole or not at all, and through no link."""
+OF_PATHS = {"savefig", "to_csv", "to_parquet", "to_netcdf", "savez", "savez_compressed"}
+"""What writes to a path or to a stream, which is that of ``places.unfinished`` or memory."""
+
+
+def writes(call: ast.Call) -> bool:
+    """Return whether a call may open a file to write it."""
+    name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+    first, *further = [getattr(a, "value", getattr(a, "id", "")) for a in call.args] or [None]
+    if name in OF_PATHS:
+        return first not in (None, "stream", "buffer", "file")
+    if name == "open":
+        modes = [first, *further, *(getattr(k.value, "value", "") for k in call.keywords if k.arg == "mode")]
+        return any(isinstance(m, str) and set(m) <= set("rwxabt+") and set(m) & set("wxa+") for m in modes)
+    return name in ("write_text", "write_bytes", "touch", "symlink_to", "mkstemp", "NamedTemporaryFile")
+
+
+def calls(path: Path) -> Iterator[ast.Call]:
+    return (n for n in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))) if isinstance(n, ast.Call))
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("p.write_text('a')", True),
+        ("p.open('wb')", True),
+        ("open(p, 'ab+')", True),
+        ("open(p, mode='x')", True),
+        ("open(p, 'rb')", False),
+        ("fig.savefig(folder / 'a.svg')", True),
+        ("fig.savefig(stream, format='svg')", False),
+        ("data.to_netcdf()", False),
+        ("np.savez(path, a=1)", True),
+    ],
+)
+def test_what_writes_a_file_is_seen(text, found):
+    assert writes(ast.parse(text).body[0].value) is found
+
+
+def test_files_are_written_in_one_place():
+    wrong = [f"{p}:{c.lineno}" for p in files("harness") if str(p) not in WRITERS for c in calls(p) if writes(c)]
+    assert wrong == []
+
+
+def test_stores_are_opened_in_one_place():
+    opening = {"open_group", "open_array", "open_zarr", "open_dataset", "open_datatree", "to_zarr"}
+    attributes = ((p, c.func, c.lineno) for p in files("harness") for c in calls(p) if isinstance(c.func, ast.Attribute))
+    found = {str(p) for p, f, _ in attributes if f.attr in opening or getattr(f.value, "id", "") == "zarr"}
+    assert found == {"harness/common/stores.py"}

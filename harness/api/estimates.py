@@ -213,13 +213,14 @@ class Estimates:
         Raises:
             UserError: If the folder cannot be written to.
         """
+        from harness.common.places import inside
         from harness.recorded.report import document
         from harness.recorded.run import inputs_in_words
         from harness.recorded.write import write_estimates, write_numbers
         from harness.reporting.document import write
 
         folder = Path(folder)
-        files = write_estimates(folder / "estimates", self._found.runs, form)
+        files = write_estimates(inside(folder, "estimates"), self._found.runs, form)
         numbers = write_numbers(folder, self._found.summaries, self.answer, inputs_in_words(self._found.runs))
         return [*write(document(self._found, command), folder), numbers, *files]
 

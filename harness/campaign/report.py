@@ -15,6 +15,7 @@ from harness.campaign.answer import answer
 from harness.campaign.claims import ANGLE, FORCE, MEDIANS, Finding, findings
 from harness.campaign.evidence import Evidence, Verdict
 from harness.campaign.results import Results
+from harness.common.files import write_files
 from harness.models.quantities import words
 from harness.realtime import report as realtime
 from harness.reporting.document import Block, Document, Heading, Linked, Prose, Section, Sheet, plain, write
@@ -58,9 +59,8 @@ def write_campaign(results: Path, out: Path) -> list[Path]:
         Section(lambda: _made(campaign), "How it was made"),
     ]
     title = "Which estimator can be trusted, within which envelope, and what drives its error?"
-    written, record = write(Document(title, sections), Path(out)), Path(out) / RECORD
-    record.write_text(json.dumps({"title": title, "findings": _recorded(found)}, indent=1) + "\n", encoding="utf-8")
-    return [*written, record]
+    record = json.dumps({"title": title, "findings": _recorded(found)}, indent=1) + "\n"
+    return [*write(Document(title, sections), Path(out)), *write_files(Path(out), {RECORD: record})]
 
 
 def _recorded(found: Sequence[Finding]) -> list[dict[str, Any]]:

@@ -26,6 +26,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.warned import Warned
+from harness.common import places
 from harness.common.components import outside_packages
 from harness.common.errors import ModelError, UserError, WorkError
 
@@ -188,8 +189,7 @@ def write_crash(error: Exception, beside: Path | None) -> Path | None:
     for folder in (out, Path(), Path(tempfile.gettempdir())):
         if folder is not None:
             try:
-                folder.mkdir(parents=True, exist_ok=True)
-                (folder / name).write_text("\n".join(lines), encoding="utf-8", errors="backslashreplace")
+                places.write(folder / name, "\n".join(lines).encode(errors="backslashreplace"))
             except (OSError, ValueError):
                 continue
             return folder / name

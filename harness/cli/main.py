@@ -320,10 +320,7 @@ def schema(
     if out is None:
         typer.echo(json.dumps(study_schema(), indent=2))
         return
-    try:
-        write_schema(out)
-    except OSError as error:
-        raise UserError(f"{out}: cannot be written: {error.strerror}") from None
+    write_schema(out)
     Console().print(Text(str(out)), soft_wrap=True)
 
 

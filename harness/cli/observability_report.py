@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from harness.common import places
 from harness.common.errors import ModelError, UserError
 from harness.config import ModelSpec
 from harness.config.bounds import loading_parameters, quantity
@@ -77,7 +78,8 @@ def report(spec: ModelSpec, unknown_inputs: Sequence[str], out: Path, profile: P
     dataset = structural_observability(model, spec.values, drive)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        plot(dataset).savefig(out / "observability.svg")
+        with places.unfinished(out / "observability.svg") as stream:
+            plot(dataset).savefig(stream, format="svg")
     except OSError as error:
         raise UserError(f"cannot write the figure to {out}: {error.strerror}; choose another folder") from error
     _print(dataset, out / "observability.svg")

@@ -15,6 +15,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.text import Text
 
+from harness.common import places
 from harness.common.errors import ModelError, UserError
 
 T = TypeVar("T")
@@ -46,6 +47,7 @@ class Failures:
         self._file = None if folder is None else folder / FILE
         self._console = console
         self.sentences: list[str] = []
+        self._trails: list[str] = []
         if self._file is not None:
             try:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
@@ -81,9 +83,9 @@ class Failures:
         if sentence in self.sentences:  # the record is written more than once
             return
         self.sentences.append(sentence)
+        self._trails.append(f"{sentence}\n\n{trail}\n")
         try:
-            with self._file.open("a", encoding="utf-8", errors="backslashreplace") as file:
-                file.write(f"{sentence}\n\n{trail}\n")
+            places.write(self._file, "".join(self._trails).encode(errors="backslashreplace"))
         except OSError as problem:
             raise UserError(f"{self._file}: cannot be written: {problem.strerror or problem}") from None
         console = self._console or Console(stderr=True)

@@ -27,7 +27,7 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
         contents: Text or bytes by file name.
 
     Raises:
-        UserError: If the folder cannot be written to.
+        UserError: If the folder cannot be written to, or a pipe or a device is in the place of a file.
     """
     written = []
     refuse_url(folder)
@@ -38,9 +38,11 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
             return [folder / name for name in contents]
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            unfinished = folder / f"{name}.part"  # one name, so that a process that is killed leaves one at most
-            unfinished.write_bytes(_as_bytes(content))
-            written.append(unfinished.replace(folder / name))
+            refuse_special(folder / name)
+            # one name, so that a process that is killed leaves one at most
+            with places.unfinished(folder / name, f"{name}.part") as stream:
+                stream.write(_as_bytes(content))
+            written.append(folder / name)
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return written
@@ -48,6 +50,16 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
 
 def _as_bytes(content: str | bytes) -> bytes:
     return content.encode("utf-8") if isinstance(content, str) else content
+
+
+def refuse_special(file: Path) -> None:
+    """Refuse what is no file: a pipe gives nothing and takes none, some devices give without end.
+
+    Raises:
+        UserError: If it is a pipe, a device or a link to one.
+    """
+    if file.exists() and not (file.is_file() or file.is_dir()):
+        raise UserError(f"{file}: is no file but a pipe or a device; name a file")
 
 
 def refuse_url(place: Path) -> None:
@@ -102,8 +114,7 @@ def read_text(path: Path) -> str:
     Raises:
         UserError: If it is absent (with the closest names beside it), no plain file, not UTF-8, or cannot be read.
     """
-    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe gives nothing, some devices give without end
-        raise UserError(f"{path}: is no file but a pipe or a device; write what it gives to a file")
+    refuse_special(path)
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:

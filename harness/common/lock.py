@@ -18,6 +18,7 @@ from pathlib import Path
 from harness.common import lease, places
 from harness.common.errors import UserError
 from harness.common.files import refuse_url
+from harness.common.places import refuse_links
 
 try:
     import fcntl
@@ -63,7 +64,7 @@ def locked(folder: Path, work: str, say: Callable[[str], None] = lambda _: None)
         The lock.
 
     Raises:
-        UserError: If another process holds the folder, or it cannot be written to.
+        UserError: If another process holds the folder, it cannot be written to, or the lock in it is a link.
     """
     now = datetime.now().astimezone().isoformat(timespec="seconds")
     words = f"{work}, process {os.getpid()} on {platform.node()} since {now}"
@@ -97,10 +98,9 @@ def holder(folder: Path) -> str | None:
     """Return who holds a folder, ``None`` for nobody."""
     if places.is_url(folder):
         return lease.holder(folder / FILE)
-    if not (folder / FILE).is_file():
-        return None
+    refuse_links(folder, [FILE])
     try:
-        with (folder / FILE).open("rb+", buffering=0) as file:
+        with io.FileIO(folder / FILE, "r+", opener=_follow_none) as file:
             return None if _acquire(file) else _words(folder)
     except OSError:
         return None
@@ -109,7 +109,8 @@ def holder(folder: Path) -> str | None:
 def _opened(folder: Path) -> tuple[io.FileIO, bool]:
     """Return the file of the lock, locked if the file system has locks."""
     while True:
-        file = (folder / FILE).open("ab+", buffering=0)
+        refuse_links(folder, [FILE])
+        file = io.FileIO(folder / FILE, "a+", opener=_follow_none)
         try:
             if not _acquire(file):
                 file.close()
@@ -125,6 +126,10 @@ def _opened(folder: Path) -> tuple[io.FileIO, bool]:
         if _is(file, folder / FILE):
             return file, True
         file.close()  # its last holder has removed it meanwhile
+
+
+def _follow_none(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
 def _acquire(file: io.FileIO) -> bool:

@@ -2,7 +2,8 @@
 
 A folder behind a URL is a path of universal_pathlib, which does what pathlib does over any file system of fsspec, so
 one code reads and writes both. What differs is here: what is whole or not at all (a file system moves a finished file
-into place, an object store shows an object once it is whole), what is faster asked for at once, and what Zarr takes.
+into place, an object store shows an object once it is whole), what is faster asked for at once, and what a folder must
+not hold.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ import contextlib
 import os
 import re
 import shutil
+import stat
 import tempfile
 import uuid
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import urlsplit
 
 from harness.common.errors import ModelError, UserError, WorkError
@@ -76,14 +78,34 @@ def is_url(folder: Path) -> bool:
     return not isinstance(folder, Path)
 
 
-def zarr_store(folder: Path) -> Any:
-    """Return what Zarr and xarray open for a store in this folder."""
-    if not is_url(folder):
-        return str(folder)
-    from zarr.storage import FsspecStore
+def refuse_links(folder: Path, names: Iterable[str]) -> None:
+    """Refuse what would lead out of a folder, or never answer, in place of a file or folder in it.
 
-    remote: Any = folder
-    return FsspecStore.from_url(str(remote), storage_options=dict(remote.storage_options))
+    Args:
+        folder: Itself it may be a link, as whoever names it likes.
+        names: Of files, within it; those of their folders are looked at as well. They need not be there.
+
+    Raises:
+        UserError: If one is a link, a pipe or a device, or lies outside.
+    """
+    seen: set[str] = set()
+    for name in names:
+        path = str(folder)
+        for part in name.split("/"):
+            if part == "..":
+                raise UserError(f"{folder}: names a file outside of it, {name}; do not use it")
+            path = f"{path}/{part}"
+            if path in seen:
+                continue
+            seen.add(path)
+            try:
+                mode = os.lstat(path).st_mode
+            except _ABSENT:
+                break
+            if stat.S_ISLNK(mode):
+                raise UserError(f"{path}: is a link, and no result holds any; put there what it leads to, or remove it")
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                raise UserError(f"{path}: is no file but a pipe or a device; remove it")
 
 
 def times(folder: Path) -> dict[str, float]:
@@ -116,8 +138,13 @@ def names(folder: Path) -> list[str]:
 
 
 def contents(folder: Path, wanted: Sequence[str]) -> list[bytes | None]:
-    """Return the contents of files below a folder, ``None`` for those that are not there; far away all at once."""
+    """Return the contents of files below a folder, ``None`` for those that are not there; far away all at once.
+
+    Raises:
+        UserError: If the folder, or a file or folder in it, is a link, a pipe or a device.
+    """
     if not is_url(folder):
+        refuse_links(folder.parent, (f"{folder.name}/{name}" for name in wanted))
         return [_content(f"{folder}/{name}") for name in wanted]
     paths = [f"{_within(folder)}/{name}" for name in wanted]
     found = _remote(folder).cat_ranges(paths, None, None, on_error="return") if paths else []
@@ -144,16 +171,45 @@ def write(file: Path, content: bytes | None) -> None:
     if is_url(file):
         file.write_bytes(content)  # an object is there when it is whole
         return
-    unfinished = file.with_name(f"{file.name}.{uuid.uuid4().hex}{_UNFINISHED}")
     try:
-        try:
-            unfinished.write_bytes(content)
-        except FileNotFoundError:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            unfinished.write_bytes(content)
-        os.replace(unfinished, file)
+        with unfinished(file) as stream:
+            stream.write(content)
+    except FileNotFoundError:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished(file) as stream:
+            stream.write(content)
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Return a folder within that of a result, to be filled.
+
+    Raises:
+        UserError: If it is a link, and so outside.
+    """
+    refuse_links(folder, [name])
+    return folder / name
+
+
+@contextlib.contextmanager
+def unfinished(file: Path, name: str | None = None) -> Iterator[BinaryIO]:
+    """Give a new file to be filled that becomes this one when the block ends; a half filled one is never seen.
+
+    Everything that is written into a folder is written so, or as ``whole``: what stands there already, be it a link,
+    is replaced and never written through.
+
+    Args:
+        file: What it becomes.
+        name: What it is called meanwhile, in place of a name that no other writer has.
+    """
+    path = file.with_name(name or f"{file.name}.{uuid.uuid4().hex}{_UNFINISHED}")
+    if name is not None:
+        path.unlink(missing_ok=True)
+    try:
+        with open(path, "xb") as stream:  # which follows no link
+            yield stream
+        os.replace(path, file)
     except BaseException:
-        unfinished.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
         raise
 
 
@@ -185,24 +241,27 @@ def whole(folder: Path, last: Sequence[str]) -> Iterator[Path]:
         last: Names of files, those that are written last behind a URL: without them the folder counts as absent.
     """
     if not is_url(folder):
-        unfinished = folder.with_name(folder.name + ".new")
-        shutil.rmtree(unfinished, ignore_errors=True)
-        yield unfinished
-        unfinished.rename(folder)
+        filled = folder.with_name(folder.name + ".new")
+        remove(filled)
+        yield filled
+        remove(folder)
+        filled.rename(folder)
         return
     with tempfile.TemporaryDirectory() as here:
-        unfinished = Path(here) / folder.name
-        yield unfinished
-        for name in sorted(names(unfinished), key=lambda name: (last.index(name) if name in last else -1, name)):
-            write(folder / name, (unfinished / name).read_bytes())
+        filled = Path(here) / folder.name
+        yield filled
+        for name in sorted(names(filled), key=lambda name: (last.index(name) if name in last else -1, name)):
+            write(folder / name, (filled / name).read_bytes())
 
 
 def remove(folder: Path) -> None:
-    """Delete a folder with all that is in it."""
+    """Delete a folder with all that is in it, if it is there; of a link or a file in its place that alone."""
     if is_url(folder):
         _remote(folder).rm(_within(folder), recursive=True)
-    else:
+    elif folder.is_dir() and not folder.is_symlink():
         shutil.rmtree(folder)
+    else:
+        folder.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -217,12 +276,18 @@ def reached(folder: Path) -> Iterator[None]:
     except (UserError, ModelError, WorkError):
         raise
     except Exception as error:
-        package = type(error).__module__.partition(".")[0]
-        if not is_url(folder) or not (isinstance(error, OSError) or package in _REMOTE):
+        if not is_url(folder) or not is_of_place(folder, error):
             raise
         raise WorkError(
             f"{folder}: {_words(error)}; what is finished is kept, and the same command continues from there"
         ) from error
+
+
+def is_of_place(folder: Path, error: Exception) -> bool:
+    """Return whether an error is of the way to a place or of its machine, and not of what a file there holds."""
+    if is_url(folder):
+        return isinstance(error, OSError) or type(error).__module__.partition(".")[0] in _REMOTE
+    return isinstance(error, OSError) and error.errno is not None and not isinstance(error, _ABSENT)
 
 
 def _words(error: Exception) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.files import refuse_special
 from harness.common.thinning import kept
 
 BINS = 1500
@@ -45,6 +46,7 @@ def unpacked(path: Path) -> dict[str, dict[str, Floats]]:
         UserError: If the file cannot be read.
     """
     found: dict[str, dict[str, Floats]] = {}
+    refuse_special(path)
     try:
         with np.load(path, allow_pickle=False) as file:
             names = {key.partition("/")[0]: str(file[key]) for key in file.files if key.endswith("/name")}

@@ -20,6 +20,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
+from harness.common.files import write_files
 from harness.common.units import separators
 from harness.config.problems import LIST, TABLE, TEXT
 
@@ -391,5 +392,4 @@ def study_schema() -> dict[str, Any]:
 
 def write_schema(path: Path) -> Path:
     """Write the JSON schema of a study file and return its path."""
-    path.write_text(json.dumps(study_schema(), indent=2) + "\n", encoding="utf-8")
-    return path
+    return write_files(path.parent, {path.name: json.dumps(study_schema(), indent=2) + "\n"})[0]

@@ -10,6 +10,7 @@ import xarray as xr
 from rich.console import Console
 
 from harness.common.files import json_text, write_files
+from harness.common.places import inside
 from harness.common.stages import showing
 from harness.config import ModelSpec
 from harness.diagnosis.report import parameter_changes
@@ -50,7 +51,7 @@ def trace_study(
     if study.raw.changed is not None:
         answers += [
             study.raw.changed.question,
-            _changed(study, found.amended, drives, folder / "changed", jobs, console),
+            _changed(study, found.amended, drives, inside(folder, "changed"), jobs, console),
         ]
     return answers
 

@@ -13,6 +13,7 @@ from rich.text import Text
 from threadpoolctl import threadpool_limits
 
 from harness.common.failures import Failures
+from harness.common.places import inside
 from harness.config import ModelSpec
 from harness.diagnosis.criteria import ROUNDS
 from harness.diagnosis.fitting.kept_fits import KeptFits
@@ -93,7 +94,7 @@ def run_trace(task: Task, folder: Path, console: Console, augmented: AugmentedMo
     failures = Failures(folder, console)
     for note in notes:
         console.print(Text(f"warning: {note}", style="yellow"), soft_wrap=True)
-    kept = KeptFits(folder / UNFINISHED)
+    kept = KeptFits(inside(folder, UNFINISHED))
     # Drives share the cores. Threads of the linear algebra would wait for each other: twice the time of a score test.
     try:
         with threadpool_limits(1), progress(console) as say:

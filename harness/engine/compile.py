@@ -40,10 +40,8 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
-import os
 import re
 import sys
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,6 +55,7 @@ import sympy
 from numba.core.dispatcher import Dispatcher
 from numba.extending import _Intrinsic
 
+from harness.common import places
 from harness.common.arrays import batches
 from harness.common.cache import cache_folder, kept
 from harness.common.errors import ModelError, UserError
@@ -140,10 +139,7 @@ def _imported(name: str, source: str) -> ModuleType:
     path = folder / f"{name}.py"
     if not path.exists():
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=folder, suffix=".tmp", delete=False) as file:
-                file.write(source)
-            os.replace(file.name, path)  # atomic, so another process never imports half a file
+            places.write(path, source.encode())  # whole, so another process never imports half a file
         except OSError as error:
             raise UserError(
                 f"cannot write compiled models to {folder}: {error.strerror}; set HARNESS_CACHE to a folder you own"

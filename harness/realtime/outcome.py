@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-import zarr
 
+from harness.common import places, stores
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import Study
@@ -104,15 +103,12 @@ def write(outcome: xr.Dataset, folder: Path) -> Path:
     Raises:
         UserError: If the folder cannot be written.
     """
-    path, unfinished = folder / STORE, folder / (STORE + ".new")
+    path = folder / STORE
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for old in (unfinished, path):
-            if old.exists():
-                shutil.rmtree(old)
-        outcome.to_zarr(unfinished, mode="w", consolidated=False, zarr_format=3)
-        zarr.open_group(str(unfinished), mode="r+").attrs[checksums.GROUP] = checksums.of_files(unfinished)
-        unfinished.rename(path)
+        with places.whole(path, ["zarr.json"]) as filled:
+            stores.write(outcome, filled)
+            stores.group(filled, mode="r+").attrs[checksums.GROUP] = checksums.of_files(filled)
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return path
@@ -125,13 +121,13 @@ def read(folder: Path) -> xr.Dataset:
         UserError: If files of it are missing or damaged.
     """
     path = folder / STORE
-    attributes: dict[str, Any] = dict(zarr.open_group(str(path), mode="r").attrs)
+    attributes: dict[str, Any] = dict(stores.group(path).attrs)
     lost = checksums.changed_files(path, attributes.get(checksums.GROUP, {}))
     if lost:
         raise UserError(
             f"{path}: {checksums.described(lost)}; measure again: 'harness realtime' with the study "
             f"'{attributes.get('study_name')}' and '--out {folder}'"
         )
-    times = xr.open_zarr(path, consolidated=False, chunks=None).load()
+    times = stores.dataset(path).load()
     times.attrs.pop(checksums.GROUP, None)
     return times

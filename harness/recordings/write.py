@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness.common import places
 from harness.common.errors import UserError
+from harness.common.files import refuse_special
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,12 +19,13 @@ def check_target(path: Path) -> None:
     """Refuse a file that could not be written, before the work starts.
 
     Raises:
-        UserError: If the suffix is unknown or the folder does not exist.
+        UserError: If the suffix is unknown, the folder does not exist, or it is a pipe or a device.
     """
     if path.suffix not in SUFFIXES:
         raise UserError(f"{path}: the suffix says the format; use one of {', '.join(SUFFIXES)}")
     if not path.parent.is_dir():
         raise UserError(f"{path}: there is no folder {path.parent}; make it first")
+    refuse_special(path)
 
 
 def write_recording(recording: xr.Dataset, path: Path) -> None:
@@ -38,13 +41,12 @@ def write_recording(recording: xr.Dataset, path: Path) -> None:
     """
     check_target(path)
     try:
-        if path.suffix == ".nc":
-            recording.to_netcdf(path)
-            return
-        columns = recording.to_dataframe().reset_index()
-        if path.suffix == ".csv":
-            columns.to_csv(path, index=False)
-        else:
-            columns.to_parquet(path, index=False)
+        with places.unfinished(path) as stream:
+            if path.suffix == ".nc":
+                stream.write(recording.to_netcdf())
+            elif path.suffix == ".csv":
+                recording.to_dataframe().reset_index().to_csv(stream, index=False)
+            else:
+                recording.to_dataframe().reset_index().to_parquet(stream, index=False)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror or error}") from None

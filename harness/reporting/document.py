@@ -267,10 +267,7 @@ def _compiled(document: Document) -> tuple[bytes, bytes]:
     fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
     with tempfile.TemporaryDirectory(prefix="report-") as folder:
         root = Path(folder)
-        (root / "report.typ").write_text(text, encoding="utf-8")
-        (root / "template.typ").write_text((here / "template.typ").read_text(encoding="utf-8"), encoding="utf-8")
-        for name, svg in files.items():
-            (root / name).write_bytes(svg)
+        write_files(root, {"report.typ": text, "template.typ": (here / "template.typ").read_bytes(), **files})
         for_screen, for_paper = (
             typst.Compiler(
                 root / "report.typ",

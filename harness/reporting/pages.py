@@ -15,6 +15,8 @@ from pathlib import Path
 
 import typst
 
+from harness.common.files import write_files
+
 SMALLEST = 0.8
 """Share of its size to which a figure is drawn smaller: its letters of 9 points are of 7 then."""
 
@@ -111,7 +113,7 @@ def lay_out(compiler: typst.Compiler, folder: Path) -> None:
     rooms: dict[int, Room] = {}
     while True:
         given = {number: asdict(r) for number, r in rooms.items() if r != Room()}
-        (folder / "rooms.json").write_text(json.dumps(given), encoding="utf-8")
+        write_files(folder, {"rooms.json": json.dumps(given)})
         placed = [Placed(**told) for told in json.loads(compiler.query("<placed>", field="value"))]
         floating = [p for p in placed if p.floats]
         for one in placed:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.common import sources
+from harness.common import places, sources
 from harness.common.errors import UserError
 from harness.common.files import told_as_damaged
 from harness.models.roles import DRIVES, PARAMETERS, SENSORS, TYRES, VEHICLES
@@ -130,7 +130,8 @@ def save(folder: Path, name: str, command: str, arrays: Mapping[str, Any]) -> Pa
     }
     path = folder / LONG[name].file
     try:
-        np.savez(path, allow_pickle=False, **{STAMP: np.array(json.dumps(stamp))}, **arrays)
+        with places.unfinished(path) as stream:
+            np.savez(stream, allow_pickle=False, **{STAMP: np.array(json.dumps(stamp))}, **arrays)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

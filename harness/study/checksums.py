@@ -17,10 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
-from harness.common import places
-from harness.common.places import zarr_store
+from harness.common import places, stores
 from harness.study.scores import STATUS
 
 GROUP = "checksums"
@@ -92,7 +90,7 @@ def declare(root: Path, design: str, dims: Mapping[str, Sequence[str]], units: t
         units: How many there are: bands, chunks along the samples, chunks along the repeats, drives.
     """
     bands, samples, repeats, drives = units
-    sums, own = zarr.open_group(zarr_store(root), mode="r+").require_group(GROUP), f"{design}/zarr.json"
+    sums, own = stores.group(root, mode="r+").require_group(GROUP), f"{design}/zarr.json"
     sums.create_array(
         design,
         shape=(bands, samples * repeats, drives, len(dims)),
@@ -165,7 +163,7 @@ def faults(root: Path) -> list[Fault]:
     Raises:
         ValueError, KeyError, OSError: If the root of the store cannot be read.
     """
-    attributes: dict[str, Any] = dict(zarr.open_group(zarr_store(root), mode="r").attrs)
+    attributes: dict[str, Any] = dict(stores.group(root).attrs)
     if not is_verifiable(attributes):
         return []
     found: list[Fault] = []
@@ -193,7 +191,7 @@ def names(designs: Any) -> list[str]:
 def _opened(root: Path, path: str) -> Any:
     """Return a node of the store; ``None`` where it cannot be read."""
     try:
-        return zarr.open(zarr_store(root), path=path, mode="r")
+        return stores.node(root, path)
     except (ValueError, KeyError, OSError):
         return None
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
 from numpy.typing import NDArray
 
+from harness.common import stores
 from harness.config import DesignSpec, ModelSpec, Study
 from harness.config.bounds import loading_parameters
 from harness.config.self_contained import self_contained
@@ -42,11 +42,11 @@ def create(study: Study, evaluator: StudyEvaluator, path: Path, attributes: Mapp
         path: The store, which is not there yet, on a file system.
         attributes: Of its root.
     """
-    root: Any = zarr.open_group(str(path), mode="w", zarr_format=3)
+    root: Any = stores.group(path, mode="w")
     root.attrs.update(dict(attributes))
     for design in study.designs:
         known = _known(study, design, evaluator)
-        known.to_zarr(path, group=design.name, mode="w", consolidated=False, zarr_format=3)
+        stores.write(known, path, design.name)
         of_group: Any = root[design.name].attrs
         of_group.pop("coordinates", None)  # xarray's word on coordinates of the scores, which have it themselves
         dims = _declare_scores(study, design, evaluator, root, known)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
+from harness.common import stores
 from harness.common.errors import UserError
 from harness.common.lock import holder
-from harness.common.places import reached, zarr_store
+from harness.common.places import reached
 from harness.study import checksums, sealed_root
 from harness.study.checksums import Fault
 from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, STATUS
@@ -88,7 +88,7 @@ def _progress(folder: Path) -> Progress:
         name = sealed_root.study_name(path)
         if any(fault.file == "zarr.json" for fault in lost):
             raise UserError(f"{path}: {lost[0]}; 'harness run' with the study '{name}' and '--out {folder}' mends it")
-        root: Any = zarr.open_group(zarr_store(path), mode="r", use_consolidated=False)
+        root: Any = stores.group(path)
         designs = checksums.names(root.attrs["designs"])
     bad = {fault.unit for fault in lost if fault.unit is not None}
     writer = holder(folder)

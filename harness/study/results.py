@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-import zarr
 from numpy.typing import NDArray
 
+from harness.common import stores
 from harness.common.errors import UserError
 from harness.common.files import told_as_damaged
-from harness.common.places import reached, zarr_store
+from harness.common.places import reached
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
 from harness.study import bound_file, sealed_root
@@ -325,7 +325,7 @@ class StudyResults:
 
 
 def _design(path: Path, name: str) -> Design:
-    data = xr.open_dataset(zarr_store(path), engine="zarr", group=name, consolidated=False, cache=False)
+    data = stores.dataset(path, name)
     if data.nbytes <= _HELD:
         data = data.load()
     units = data.get("target_unit")
@@ -369,22 +369,15 @@ def _read(directory: Path) -> StudyResults:
                 f"{path}: {described(lost)}; 'harness run' with the study '{sealed_root.study_name(path)}' and "
                 f"'--out {directory}' computes what is lost again, and nothing else"
             )
-        root = zarr.open_group(zarr_store(path), mode="r")
+        root = stores.group(path)
         attributes = {key: _decode(value) for key, value in dict(root.attrs).items()}
         names = attributes.get("designs", [])
         if not names:
             raise KeyError("designs")
         has_runs = HISTORY in set(root.group_keys())
         designs = [_design(path, str(name)) for name in names]
-        kept = (
-            sorted(zarr.open_group(zarr_store(path), mode="r", path="history").group_keys(), key=int)
-            if has_runs
-            else []
-        )
-        histories = [
-            xr.open_zarr(zarr_store(path), group=f"history/{index}", chunks=None, consolidated=False).load()
-            for index in kept
-        ]
+        kept = sorted(stores.group(path, HISTORY).group_keys(), key=int) if has_runs else []
+        histories = [stores.dataset(path, f"{HISTORY}/{index}").load() for index in kept]
     attributes["study"] = root.attrs.get("study", "")
     hashed = str(attributes.get("study_hash", ""))
     at_best = bound_file.read(directory, hashed), bound_file.read(directory, hashed, "smoothed")

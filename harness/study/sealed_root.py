@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import zarr
-
-from harness.common import places
-from harness.common.errors import UserError
-from harness.common.places import zarr_store
+from harness.common import places, stores
+from harness.common.errors import UserError, WorkError
 from harness.study import checksums
 from harness.study.checksums import GROUP, Fault
 
@@ -34,11 +32,14 @@ def told_as_no_store(root: Path) -> Iterator[None]:
 
     Raises:
         UserError: If it cannot be read.
+        OSError: If the machine fails; behind a URL whatever a place there raises.
     """
     try:
         yield
-    except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last by a chunk that cannot be decoded
-        if isinstance(error, OSError) and places.is_url(root):
+    except (UserError, WorkError, MemoryError):
+        raise
+    except Exception as error:  # damaged or foreign content ends in errors of every kind
+        if places.is_of_place(root, error):
             raise
         why = "" if isinstance(error, FileNotFoundError) else f" ({type(error).__name__}: {error})"
         raise UserError(
@@ -48,19 +49,21 @@ def told_as_no_store(root: Path) -> Iterator[None]:
 
 def is_there(root: Path) -> bool:
     """Return whether there is a store, or behind a URL one that was written to its end."""
-    return any((root / name).exists() for name in LAST) if places.is_url(root) else root.exists()
+    if places.is_url(root):
+        return any((root / name).exists() for name in LAST)
+    return os.path.lexists(root)  # a link, even one that leads nowhere, is in its place
 
 
 def seal(root: Path) -> None:
     """Copy the attributes of the root to the group of the checksums; afterwards each protects the other."""
-    attributes = dict(zarr.open_group(zarr_store(root), mode="r", use_consolidated=False).attrs)
-    sums: Any = zarr.open_group(zarr_store(root), path=GROUP, mode="r+")
+    attributes = dict(stores.group(root).attrs)
+    sums: Any = stores.group(root, GROUP, "r+")
     sums.attrs.update({_COPY: attributes, _HASH: _hash(attributes)})
 
 
 def _fault(root: Path) -> Fault | None:
     """Return what is wrong with the root or its copy; ``None`` where they agree, and in stores that have no copy."""
-    copy, own = _attributes(root / GROUP), _attributes(root)
+    copy, own = _attributes(root, GROUP), _attributes(root)
     if copy is None and (own is None or not checksums.is_verifiable(own)):
         return None  # of an earlier harness, or no store at all
     if copy is None:
@@ -89,8 +92,8 @@ def faults(root: Path) -> list[Fault]:
 
 def study_name(root: Path) -> str:
     """Return the name of the study that a store is of, from the copy where the root is damaged."""
-    for group in (root / GROUP, root):
-        attributes = _attributes(group) or {}
+    for group in (GROUP, ""):
+        attributes = _attributes(root, group) or {}
         if found := attributes.get(_COPY, attributes).get("study_name"):
             return str(found)
     return "unknown"
@@ -105,7 +108,7 @@ def restore(root: Path) -> Fault | None:
     if found is None:
         return None
     if found.file == "zarr.json":
-        attributes = (_attributes(root / GROUP) or {})[_COPY]
+        attributes = (_attributes(root, GROUP) or {})[_COPY]
         group = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
         places.write(root / "zarr.json", json.dumps(group, indent=2).encode())
     elif _attributes(root) is not None:
@@ -115,14 +118,14 @@ def restore(root: Path) -> Fault | None:
     return found
 
 
-def _attributes(group: Path) -> dict[str, Any] | None:
-    content = _content(group)
+def _attributes(root: Path, group: str = "") -> dict[str, Any] | None:
+    content = _content(root, group)
     found = content.get("attributes") if content is not None else None
     return found if isinstance(found, dict) else None
 
 
-def _content(group: Path) -> dict[str, Any] | None:
-    return _parsed(places.contents(group, ["zarr.json"])[0])
+def _content(root: Path, group: str = "") -> dict[str, Any] | None:
+    return _parsed(places.contents(root, [f"{group}/zarr.json" if group else "zarr.json"])[0])
 
 
 def _parsed(metadata: bytes | None) -> dict[str, Any] | None:

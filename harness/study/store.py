@@ -14,18 +14,15 @@ from __future__ import annotations
 import contextlib
 import json
 import tempfile
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
 from numpy.typing import NDArray
 
-from harness.common import places
+from harness.common import places, stores
 from harness.common.errors import UserError
-from harness.common.places import zarr_store
 from harness.config import Study
 from harness.study import checksums, sealed_root
 from harness.study.checksums import HISTORY, Fault
@@ -65,12 +62,13 @@ class Store:
         self._attributes = root_attributes(study)
         self.mended: list[Fault] = []
         if sealed_root.is_there(self.path):
-            mended = sealed_root.restore(self.path) if mend else None
-            self._check_same_study()
-            self._renew_words()
-            if mend:
-                self._mend(evaluator)
-                self.mended += [mended] if mended else []
+            with sealed_root.told_as_no_store(self.path):
+                mended = sealed_root.restore(self.path) if mend else None
+                self._check_same_study()
+                self._renew_words()
+                if mend:
+                    self._mend(evaluator)
+                    self.mended += [mended] if mended else []
         else:
             try:
                 if not places.is_url(folder):
@@ -79,8 +77,8 @@ class Store:
                 raise UserError(f"cannot create the result folder {folder}: {error.strerror}") from error
             with places.whole(self.path, sealed_root.LAST) as unfinished:  # half of a store would look like a whole one
                 self._create(evaluator(), unfinished)
-        groups: list[Any] = [zarr.open_group(zarr_store(self.path), path=d.name, mode="r+") for d in study.designs]
-        sums: Any = zarr.open_group(zarr_store(self.path), path=checksums.GROUP, mode="r+")
+        groups: list[Any] = [stores.group(self.path, d.name, "r+") for d in study.designs]
+        sums: Any = stores.group(self.path, checksums.GROUP, "r+")
         self._sums: list[dict[str, Any]] = [dict(sums[d.name].attrs) for d in study.designs]
         self._encoders = [
             {name: ChunkEncoder(group[name]) for name in about["arrays"]}
@@ -104,26 +102,22 @@ class Store:
     @property
     def has_histories(self) -> bool:
         """Whether every run to be drawn over time is there."""
-        root = zarr.open_group(zarr_store(self.path), mode="r", use_consolidated=False)
+        root = stores.group(self.path)
         return HISTORY in root and root[HISTORY].attrs.get("runs") == len(self.study.history)
 
     def write_histories(self, histories: Sequence[xr.Dataset]) -> None:
         """Write the runs to be drawn over time, each to a group ``history/<index>``; their number comes last."""
-        root = zarr.open_group(zarr_store(self.path), mode="r+", use_consolidated=False)
+        root = stores.group(self.path, mode="r+")
         group = root.create_group(HISTORY, overwrite=True)
         for index, history in enumerate(histories):
             history = history.assign_coords({n: as_text(history[n].values) for n in ("estimator", "target")})
             history.attrs["rmse"] = json.dumps(history.attrs["rmse"])
-            name = f"{HISTORY}/{index}"
-            history.to_zarr(zarr_store(self.path), group=name, mode="w", consolidated=False, zarr_format=3)
+            stores.write(history, self.path, f"{HISTORY}/{index}")
         group.attrs.update({"files": checksums.of_files(self.path, HISTORY), "runs": len(histories)})
 
     def consolidate(self) -> None:
         """Copy the metadata of all groups into those of the root; the same bits however often it is done."""
-        with warnings.catch_warnings():
-            # Version 3 of the format leaves these copies to the libraries; whoever ignores them reads the same.
-            warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
-            zarr.consolidate_metadata(zarr_store(self.path), zarr_format=3)
+        stores.consolidate(self.path)
 
     def _mend(self, evaluator: Callable[[], StudyEvaluator]) -> None:
         """Put back what an empty store has, and make the units pending that have lost something else."""
@@ -157,7 +151,7 @@ class Store:
 
     def _forget(self, evaluator: StudyEvaluator, place: checksums.Place) -> None:
         """Delete the chunks of a unit: its checksums first, then its status."""
-        sums: Any = zarr.open_group(zarr_store(self.path), path=checksums.GROUP, mode="r")
+        sums: Any = stores.group(self.path, checksums.GROUP)
         files = checksums.chunk_files(sums[place[0]].attrs, place)
         names = [d.name for d in self.study.designs]
         if evaluator.windows.count(names.index(place[0]), place[3]) is None:
@@ -167,7 +161,7 @@ class Store:
 
     def _check_same_study(self) -> None:
         try:
-            found = dict(zarr.open_group(zarr_store(self.path), mode="r").attrs)
+            found = dict(stores.group(self.path).attrs)
         except (FileNotFoundError, ValueError, KeyError) as error:
             raise UserError(f"{self.path} is not a result of this harness; choose another folder with --out") from error
         if wrong := differences(found, self._attributes, self.study):
@@ -180,7 +174,7 @@ class Store:
         """Take over what the study now says that decides no score: title, comments, limits."""
         new = {key: value for key, value in words(self.study).items() if self._attributes.get(key) != value}
         if new:
-            zarr.open_group(zarr_store(self.path), mode="r+").attrs.update(new)
+            stores.group(self.path, mode="r+").attrs.update(new)
             self._attributes |= new
             sealed_root.seal(self.path)
 
@@ -207,7 +201,7 @@ def discard(folder: Path) -> str:
     if not sealed_root.is_there(path):
         return f"{folder} holds no result to throw away"
     try:
-        attributes = dict(zarr.open_group(zarr_store(path), mode="r").attrs)
+        attributes = dict(stores.group(path).attrs)
         name = str(attributes["study_name"])
     except (FileNotFoundError, ValueError, KeyError) as error:
         raise UserError(f"{path} is not a result of this harness, so that --restart leaves it alone") from error

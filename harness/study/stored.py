@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
-from harness.common import locations
+from harness.common import locations, stores
 from harness.common.errors import UserError
 from harness.common.files import BUNDLED_STUDIES, parse_toml
-from harness.common.places import is_url, zarr_store
+from harness.common.places import is_url
 from harness.config import Study, build_study
 from harness.models.drive_options import options_of
 from harness.models.quantities import listed
@@ -94,7 +93,7 @@ def attributes_of(folder: Path) -> dict[str, Any]:
     """
     path = store_of(folder)
     with told_as_no_store(path):
-        return dict(zarr.open_group(zarr_store(path), mode="r", use_consolidated=False).attrs)
+        return dict(stores.group(path).attrs)
 
 
 @dataclass(frozen=True)
@@ -120,9 +119,8 @@ def stored_scores(folder: Path, study: Study, run: Replayed) -> dict[str, np.nda
     """
     place: Place = run.place
     at, chosen = (place.band, place.sample, place.drive, place.repeat), list(run.estimators)
-    store = zarr_store(store_of(folder))
     try:
-        group: Any = zarr.open_group(store, path=study.designs[place.design].name, mode="r")
+        group: Any = stores.group(store_of(folder), study.designs[place.design].name)
         return {name: np.asarray(group[name][at])[chosen] for name in run.scores if name != OVER_TIME}
     except (KeyError, ValueError, OSError, RuntimeError) as error:  # the last where a chunk cannot be unpacked
         why = f"{type(error).__name__}: {error}"

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 from numpy.typing import NDArray
 
-from harness.common import places
+from harness.common import places, stores
 from harness.common.errors import UserError
-from harness.common.places import reached, zarr_store
+from harness.common.places import reached
 from harness.config import Study
 from harness.config.specs import Device
 from harness.study import sealed_root
@@ -88,7 +87,7 @@ def _verify(folder: Path, find: Callable[[], Study], sample: int, seed: int | No
     path = store_of(folder)
     with sealed_root.told_as_no_store(path):
         lost = sealed_root.faults(path)
-        attributes = dict(zarr.open_group(zarr_store(path), mode="r").attrs) if not lost else {}
+        attributes = dict(stores.group(path).attrs) if not lost else {}
     files = len(places.names(path))
     if lost or not sample:
         return Verification(files, lost, 0, [], [], 0, "")
@@ -139,7 +138,7 @@ def _first_difference(
     path: Path, study: Study, evaluate: Callable[[Unit], dict[str, NDArray[np.generic]]], unit: Unit
 ) -> str:
     """Return the first array in which a unit computed again differs from the store; empty if none does."""
-    group: Any = zarr.open_group(zarr_store(path), path=study.designs[unit.design].name, mode="r")
+    group: Any = stores.group(path, study.designs[unit.design].name)
     for name, values in evaluate(unit).items():
         drive = () if name == OVER_TIME else (unit.drive,)
         stored = np.asarray(group[name][unit.band, unit.samples, *drive, unit.repeats])

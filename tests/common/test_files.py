@@ -8,6 +8,7 @@ import pytest
 
 from harness.common.errors import UserError
 from harness.common.files import read_toml, refuse_url, renewed, toml_text, write_files
+from harness.recordings.write import check_target
 
 CONTENT = {
     "name": 'a "quoted" name, with µ and \\',
@@ -76,3 +77,29 @@ def test_a_page_keeps_what_is_around_the_marks():
     for page in ("a\nb\n", "<!-- e -->\n<!-- b -->\n"):
         with pytest.raises(UserError, match="lines of their own"):
             renewed(page, "new", "<!-- b -->", "<!-- e -->")
+
+
+@pytest.mark.parametrize("taken", ["report.html", "report.html.part"])
+@pytest.mark.parametrize("link", [os.symlink, os.link])
+@pytest.mark.parametrize("name", ["file", "new"])
+def test_nothing_is_written_through_a_link(tmp_path, taken, link, name):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "file").write_text("precious")
+    (tmp_path / "out").mkdir()
+    if link is os.symlink or name == "file":
+        link(tmp_path / "elsewhere" / name, tmp_path / "out" / taken)
+    write_files(tmp_path / "out", {"report.html": "ours"})
+    assert [(p.name, p.read_text(), p.is_symlink()) for p in (tmp_path / "out").iterdir()] == [
+        ("report.html", "ours", False)
+    ]
+    assert [(p.name, p.read_text()) for p in (tmp_path / "elsewhere").iterdir()] == [("file", "precious")]
+
+
+def test_a_pipe_is_not_written_to(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "pipe.csv")
+    for name in ("pipe.csv", "link.csv"):
+        with pytest.raises(UserError, match="is no file but a pipe or a device; name a file"):
+            write_files(tmp_path, {name: "ours"})
+        with pytest.raises(UserError, match="is no file but a pipe or a device; name a file"):
+            check_target(tmp_path / name)

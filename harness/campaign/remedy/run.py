@@ -19,6 +19,7 @@ from harness.campaign.remedy.judge import Outcome, best, harm, judged
 from harness.campaign.remedy.promise import Promise, promises
 from harness.common.errors import ModelError, UserError
 from harness.common.lock import locked
+from harness.common.places import inside
 from harness.common.stages import showing
 from harness.config import Study
 from harness.engine.simd.lanes import LANES
@@ -241,7 +242,7 @@ def _attempt(
     remedy: Remedy,
 ) -> Outcome:
     """Run one remedy, or go on with it, and return what came of it."""
-    folder = out / remedy.slug
+    folder = inside(out, remedy.slug)
     tuning = _tuned(study, estimator, out, jobs, restart, console, remedy) if remedy.tuned else None
     changed = choices.applied(study, remedy, estimator, tuning)
     run_study(changed, folder, jobs, console, agree=agree, restart=restart)

@@ -15,7 +15,7 @@ from threading import Lock
 
 import numpy as np
 
-from harness.common import sources
+from harness.common import places, sources
 from harness.common.errors import UserError
 from harness.common.files import told_as_damaged
 from harness.diagnosis.fitting.fit import Fitted, Fitting, Point
@@ -87,11 +87,9 @@ class KeptFits:
         numbers = np.array([found.log_likelihood, found.objective, found.ended])
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            unfinished = file.with_suffix(".part")
-            with unfinished.open("wb") as stream:
-                point = found.point
+            point = found.point
+            with places.unfinished(file, file.with_suffix(".part").name) as stream:
                 np.savez(stream, point.values, point.process, point.measurement, numbers)
-            unfinished.replace(file)
         except OSError as error:
             raise UserError(f"{file.parent}: cannot be written: {error.strerror or error}") from None
 

@@ -6,7 +6,6 @@ the noise variances that were fitted with it: those of a model that lacks someth
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from harness.common import statistics
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import read_toml
+from harness.common.places import inside, remove
 from harness.config import ModelSpec, Study, build_study, load_study
 from harness.config.schema import as_table
 from harness.simulation.drives import profile_of
@@ -151,8 +151,8 @@ def study_gain(
     found: dict[str, Design] = {}
     for name, each in studies.items():
         say(f"{study.name}: believing the {name} model")
-        out = folder / "worth" / name
-        shutil.rmtree(out / STORE, ignore_errors=True)  # of an earlier trace into the same folder
+        out = inside(folder, f"worth/{name}")
+        remove(out / STORE)  # of an earlier trace into the same folder
         run_study(each, out, jobs, Console(quiet=True))
         found[name] = read(out).designs[0]
     return StudyGain(path, study.title or study.name, found["nominal"], found["amended"], study.seed, times)

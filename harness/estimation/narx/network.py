@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.common import locations
+from harness.common import locations, places
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import told_as_damaged
@@ -180,14 +180,15 @@ def save(network: Network, path: Path) -> Path:
     arrays: dict[str, Any] = {f"layer_{i}": w for i, w in enumerate(network.layers)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(
-            path,
-            allow_pickle=False,
-            description=np.array(json.dumps(described, indent=1)),
-            input_range=network.input_range,
-            output_range=network.output_range,
-            **arrays,
-        )
+        with places.unfinished(path) as stream:
+            np.savez(
+                stream,
+                allow_pickle=False,
+                description=np.array(json.dumps(described, indent=1)),
+                input_range=network.input_range,
+                output_range=network.output_range,
+                **arrays,
+            )
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error.strerror}") from None
     return path

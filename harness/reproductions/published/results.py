@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-import zarr
 from numpy.typing import NDArray
 
 from harness import estimation
 from harness.campaign.box import Box
 from harness.campaign.box import read as read_box
 from harness.campaign.results import REALTIME, Results
+from harness.common import stores
 from harness.common.errors import UserError
 from harness.config import Study, build_study, load_study
 from harness.estimation.narx import data as training_data
@@ -163,7 +163,7 @@ class Stored(Results):
         path = folder / (outcome.STORE if name == REALTIME else STORE)
         if not path.is_dir():
             return Origin(name, command, "", "missing")
-        attributes = dict(zarr.open_group(str(path), mode="r").attrs)
+        attributes = dict(stores.group(path).attrs)
         of = str(attributes.get("study_name", name)) if name == REALTIME else name
         state = state_of(attributes, load_study(self.studies / f"{of}.toml"))
         if name != REALTIME:
@@ -212,7 +212,7 @@ def _day(path: Path) -> str:
 def _run(study: Study, folder: Path) -> StudyResults:
     """Run a study into a folder and return its result; what is there by other code or of another text is removed."""
     if (folder / STORE).is_dir():
-        attributes = dict(zarr.open_group(str(folder / STORE), mode="r").attrs)
+        attributes = dict(stores.group(folder / STORE).attrs)
         if state_of(attributes, study) != "current" or attributes.get("versions") != code_state(study)["versions"]:
             shutil.rmtree(folder)
     if not (folder / STORE).is_dir() or any(d.count(PENDING) for d in read(folder).designs):

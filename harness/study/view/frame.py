@@ -14,6 +14,7 @@ from bokeh.models import CustomJS, Div, TextInput
 from jinja2 import Environment
 
 from harness.common.errors import UserError
+from harness.common.files import read_text
 from harness.study.view import tables
 
 _ADDRESS = """
@@ -124,8 +125,8 @@ def read_record(path: Path) -> dict[str, Any]:
         UserError: If it cannot be read.
     """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        found = json.loads(read_text(path))
+    except ValueError as error:
         raise UserError(f"{path}: cannot be read ({type(error).__name__}: {error})") from error
     if not isinstance(found, dict):
         raise UserError(f"{path}: no record that the harness wrote")
