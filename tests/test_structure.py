@@ -161,6 +161,8 @@ def test_files_are_written_in_one_place():
 
 def test_stores_are_opened_in_one_place():
     opening = {"open_group", "open_array", "open_zarr", "open_dataset", "open_datatree", "to_zarr"}
-    attributes = ((p, c.func, c.lineno) for p in files("harness") for c in calls(p) if isinstance(c.func, ast.Attribute))
+    attributes = (
+        (p, c.func, c.lineno) for p in files("harness") for c in calls(p) if isinstance(c.func, ast.Attribute)
+    )
     found = {str(p) for p, f, _ in attributes if f.attr in opening or getattr(f.value, "id", "") == "zarr"}
     assert found == {"harness/common/stores.py"}

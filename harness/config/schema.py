@@ -20,6 +20,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
+from harness.common.errors import UserError
 from harness.common.files import write_files
 from harness.common.units import separators
 from harness.config.problems import LIST, TABLE, TEXT
@@ -391,5 +392,11 @@ def study_schema() -> dict[str, Any]:
 
 
 def write_schema(path: Path) -> Path:
-    """Write the JSON schema of a study file and return its path."""
+    """Write the JSON schema of a study file and return its path.
+
+    Raises:
+        UserError: If its folder is not there, or cannot be written to.
+    """
+    if not path.parent.is_dir():
+        raise UserError(f"{path}: there is no folder {path.parent}; make it first")
     return write_files(path.parent, {path.name: json.dumps(study_schema(), indent=2) + "\n"})[0]

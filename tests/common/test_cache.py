@@ -1,8 +1,12 @@
 """What is kept from one process to the next is believed only as it was written."""
 
+import os
+
 import pytest
 
 from harness.common import cache, units
+from harness.common.errors import UserError
+from harness.engine.compile import load_source
 
 
 @pytest.fixture
@@ -37,6 +41,63 @@ def test_a_folder_that_cannot_be_written_keeps_nothing(folder):
     folder.write_text("a file in its place")
     assert cache.kept("things", "one", lambda: b"1") == b"1"
     assert cache.kept("things", "one", lambda: b"2") == b"2"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="modes that say who may write")
+class TestOthers:
+    """What is in the cache is run, so nobody else may write to it."""
+
+    @pytest.fixture(autouse=True)
+    def never_asked(self):
+        cache._refuse_others.cache_clear()
+        yield
+        cache._refuse_others.cache_clear()
+
+    @pytest.fixture
+    def filled(self, folder):
+        (folder / "__pycache__").mkdir(parents=True)
+        (folder / "model_0123456789abcdef.py").write_text("x = 1")
+        (folder / "__pycache__" / "model_0123456789abcdef.f-1.py311.nbi").write_bytes(b"x")
+        for path in (folder, *folder.rglob("*")):
+            path.chmod(0o755 if path.is_dir() else 0o644)
+        return folder
+
+    def test_it_is_made_for_its_user_alone(self, folder):
+        cache.kept("things", "one", lambda: b"1")
+        assert folder.stat().st_mode & 0o077 == 0
+
+    @pytest.mark.parametrize("mode", [0o777, 0o1777, 0o775])
+    @pytest.mark.parametrize("of", ["", "__pycache__"])
+    def test_a_folder_that_others_may_write_to_is_refused(self, filled, of, mode):
+        assert cache.cache_folder() == filled
+        cache._refuse_others.cache_clear()
+        (filled / of).chmod(mode)
+        with pytest.raises(UserError, match=f"others may write to it, .* close it: 'chmod 700 {filled}'"):
+            cache.cache_folder()
+        filled.chmod(0o700)  # as the message says
+        assert cache.cache_folder() == filled
+
+    @pytest.mark.parametrize("file", ["model_0123456789abcdef.py", "__pycache__/model_0123456789abcdef.f-1.py311.nbi"])
+    def test_so_is_one_file(self, filled, file):
+        (filled / file).chmod(0o664)
+        with pytest.raises(UserError, match="others may write to it"):
+            load_source("model", "x = 1")
+
+    @pytest.mark.parametrize("of", ["", "__pycache__", "model_0123456789abcdef.py"])
+    def test_what_belongs_to_another_user_is_refused(self, filled, of, monkeypatch):
+        if os.geteuid() == 0:
+            os.chown(filled / of, 4242, -1)
+        else:
+            monkeypatch.setattr(os, "geteuid", lambda: 4242)
+        with pytest.raises(UserError, match="belongs to another user, .* set HARNESS_CACHE to a folder of your own"):
+            cache.cache_folder()
+
+    def test_the_cache_of_numba_is_looked_at_too(self, folder, tmp_path, monkeypatch):
+        (tmp_path / "numba").mkdir()
+        (tmp_path / "numba").chmod(0o777)
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+        with pytest.raises(UserError, match="or set NUMBA_CACHE_DIR to a folder of your own"):
+            cache.cache_folder()
 
 
 def test_units_are_read_without_what_was_kept_of_them(folder):

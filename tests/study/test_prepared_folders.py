@@ -138,9 +138,7 @@ def older_format(path, mark):
 
 
 @pytest.mark.parametrize("command", [*READING, "run", "restart"])
-def test_a_store_of_another_format_is_refused_and_nothing_in_it_is_run(
-    study, tmp_path, monkeypatch, command, console
-):
+def test_a_store_of_another_format_is_refused_and_nothing_in_it_is_run(study, tmp_path, monkeypatch, command, console):
     monkeypatch.setattr("numcodecs.pickles.ALLOW_UNSAFE_PICKLE_DECODE", True, raising=False)  # as earlier ones do
     older_format(tmp_path / "result" / STORE, tmp_path / "mark")
     with pytest.raises(UserError, match="not a store that a study wrote|is not a result of this harness"):
