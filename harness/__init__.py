@@ -7,6 +7,14 @@ first asked for, so that ``import harness`` costs next to nothing.
 from __future__ import annotations
 
 import importlib
+import os
+import sys
+
+# ``python -m`` looks into the working directory first, where whoever filled it may have named a file as a package that
+# is imported here is named. Where this package lies there itself, what lies beside it is as good.
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
+    del sys.path[0]
+
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:

@@ -97,6 +97,7 @@ def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Cli
 
             processes = workers or os.cpu_count()
             stack.enter_context(dask.config.set(_QUIET))
+            stack.enter_context(_not_from_here())
             cluster = stack.enter_context(
                 distributed.LocalCluster(
                     n_workers=processes,
@@ -121,6 +122,19 @@ def connected(scheduler: str | None, workers: int | None = None) -> Iterator[Cli
                 f"--scheduler {scheduler}: it has no worker after {CONNECT:g} s; start some: dask worker {scheduler}"
             ) from None
         yield client
+
+
+@contextlib.contextmanager
+def _not_from_here() -> Iterator[None]:
+    """Let processes that are started meanwhile import nothing from the working directory."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        del os.environ["PYTHONSAFEPATH"]
+        if before is not None:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 def check_workers(client: Client, study: Study, folder: Path, console: Console) -> None:

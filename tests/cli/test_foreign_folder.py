@@ -1,8 +1,12 @@
-"""The harness at work in a folder with other people's ``models`` and ``tests``: modules, or packages as of Django."""
+"""The harness at work in a folder with other people's ``models`` and ``tests``: modules, or packages as of Django.
+
+Others are named as what the harness imports, be it a package that it depends on or one of Python's own.
+"""
 
 import os
 import subprocess
 import sys
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -12,13 +16,15 @@ from harness.cli.main import app
 from support.probe_study import STUDY
 
 ROOT = Path(__file__).parents[2]
+NAMES = {"models", "tests", "support", "bench", "typing", "resource", "multiprocessing", "socket"}
+NAMES |= {name for name in packages_distributions() if name.isidentifier()} - {"harness"}
 HOSTILE = "raise SystemExit('{} of the user was imported')\n"
 
 
 @pytest.fixture
 def harness(tmp_path):
     """Run ``python -m harness`` in a folder whose modules must not be touched; return what it prints."""
-    for name in ("models", "tests", "support", "bench"):
+    for name in NAMES:
         (tmp_path / f"{name}.py").write_text(HOSTILE.format(name))
 
     def run(*arguments):
@@ -52,9 +58,10 @@ def test_studies_of_the_package_are_found_by_name_and_those_of_the_user_come_fir
     assert "joint-loading" in listed
 
 
-def test_a_study_is_run_with_its_report(harness, tmp_path):
+@pytest.mark.parametrize("workers", [("--jobs", 1), ("--dask", "local", "--jobs", 1)], ids=["thread", "process"])
+def test_a_study_is_run_with_its_report(harness, tmp_path, workers):
     (tmp_path / "probe.toml").write_text(STUDY)
-    assert "report.html" in harness("run", "probe.toml", "--jobs", 1)
+    assert "report.html" in harness("run", "probe.toml", *workers)
     assert (tmp_path / "results" / "probe" / "report.html").is_file()
 
 

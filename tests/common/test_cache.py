@@ -72,7 +72,7 @@ class TestOthers:
         assert cache.cache_folder() == filled
         cache._refuse_others.cache_clear()
         (filled / of).chmod(mode)
-        with pytest.raises(UserError, match=f"others may write to it, .* close it: 'chmod 700 {filled}'"):
+        with pytest.raises(UserError, match=rf"others may write to it, .* close it: 'chmod 700 {filled}'"):
             cache.cache_folder()
         filled.chmod(0o700)  # as the message says
         assert cache.cache_folder() == filled
@@ -89,7 +89,7 @@ class TestOthers:
             os.chown(filled / of, 4242, -1)
         else:
             monkeypatch.setattr(os, "geteuid", lambda: 4242)
-        with pytest.raises(UserError, match="belongs to another user, .* set HARNESS_CACHE to a folder of your own"):
+        with pytest.raises(UserError, match=r"belongs to another user, .* set HARNESS_CACHE to a folder of your own"):
             cache.cache_folder()
 
     def test_the_cache_of_numba_is_looked_at_too(self, folder, tmp_path, monkeypatch):
