@@ -104,9 +104,11 @@ QUESTIONS = {
 
 def answers(chromium: Any, addresses: dict[str, str]) -> Iterator[str]:
     """Give each question with its time and what is read."""
+    browser = chromium.new_context(viewport={"width": 1280, "height": 900})
     for question, (of, found) in QUESTIONS.items():
-        page = chromium.new_page(viewport={"width": 1280, "height": 900})
+        page = browser.new_page()
         page.goto(addresses[of])
+        addresses[of] = page.url.partition("?")[0]  # the first one opens once
         page.wait_for_function(IDLE, timeout=120_000)
         begin = time.perf_counter()
         read = found(page)

@@ -82,16 +82,17 @@ def taken(folder: Path, names: Iterable[str]) -> dict[str, bytes]:
         chromium = playwright.chromium.launch(executable_path=BROWSER, args=ARGUMENTS)
         for results in dict.fromkeys(SHOTS[n].folders for n in wanted):
             paths = [p for name in results for p in folder.rglob(name) if p.is_dir()]
+            browser = chromium.new_context(viewport={"width": WIDTH, "height": 900})
             with served(*paths) as address:
                 for name in (n for n in wanted if SHOTS[n].folders == results):
-                    pictures[name] = _shot(chromium, address, SHOTS[name])
+                    address, pictures[name] = _shot(browser, address, SHOTS[name])
         chromium.close()
     return pictures
 
 
-def _shot(chromium: Any, address: str, shot: Shot) -> bytes:
-    """Return one picture."""
-    page = chromium.new_page(viewport={"width": WIDTH, "height": 900})
+def _shot(browser: Any, address: str, shot: Shot) -> tuple[str, bytes]:
+    """Return the address for further ones, since the first opens once, and one picture."""
+    page = browser.new_page()
     page.goto(address + shot.query)
     page.wait_for_function(IDLE, timeout=120_000)
     if shot.wait:
@@ -101,4 +102,5 @@ def _shot(chromium: Any, address: str, shot: Shot) -> bytes:
     page.wait_for_timeout(1500)
     page.evaluate("window.scrollTo(0, 0)")
     box = page.get_by_role("region", name=shot.region, exact=True).bounding_box()
-    return bytes(page.screenshot(clip={"x": 0, "y": box["y"], "width": WIDTH, "height": box["height"]}))
+    picture = page.screenshot(clip={"x": 0, "y": box["y"], "width": WIDTH, "height": box["height"]})
+    return page.url.partition("?")[0], bytes(picture)

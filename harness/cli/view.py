@@ -28,7 +28,7 @@ def view(
 ) -> None:
     """Walk through results in the browser: a study, several side by side, a trace, an identification or a check.
 
-    The page is for this machine alone, and its address holds a token. In a study
+    The page is for one browser on this machine: the address opens once. In a study
     a click on a box computes the run again from its seeds; nothing is written to the folder.
     """
     try:

@@ -1,8 +1,10 @@
 """The server of ``harness view``: pages for one reader on this machine.
 
-It listens on 127.0.0.1 alone. Every address begins with a random token, and a request or websocket that names another
-host is refused, so that neither another page in the same browser (by a name that leads to 127.0.0.1) nor another user
-of the machine gets to it. Whatever the page needs comes from the installed package.
+It listens on 127.0.0.1 alone. A request or websocket that names another host is refused, so that no other page in the
+same browser gets to it by a name that leads to 127.0.0.1. Every address begins with a random token and is answered only
+with a cookie, which one browser gets: the first that opens the address that a browser is started with. Other users of
+the machine, who read that address in the list of processes, come too late. Whatever the page needs comes from the
+installed package.
 """
 
 from __future__ import annotations
@@ -57,19 +59,47 @@ class _Headers(OutputTransform):
 class _Refused(RequestHandler):
     """Says no more than that."""
 
-    def initialize(self, status: int) -> None:
-        self._wanted = status
+    def initialize(self, status: int, words: str = "") -> None:
+        self._wanted, self._words = status, words
 
     def prepare(self) -> None:
         self.set_status(self._wanted)
-        self.finish()
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(self._words)
+
+
+_USED = (
+    "This address was opened before, and it opens once. If that was not you, end harness view (Ctrl-C): somebody else "
+    "on this machine looks at its page. For another browser start harness view again."
+)
+
+
+class _Opened(RequestHandler):
+    """Gives the browser its cookie and leads on."""
+
+    def initialize(self, name: str, value: str, token: str) -> None:
+        self._cookie, self._to = (name, value), token
+
+    def get(self) -> None:
+        """Lead to the page, with all that the address says of it."""
+        name, value = self._cookie
+        self.set_cookie(name, value, path=f"/{self._to}/", httponly=True, samesite="Strict")
+        rest = self.request.path.lstrip("/").partition("/")[2]
+        query = f"?{self.request.query}" if self.request.query else ""
+        self.redirect(f"/{self._to}/{rest}{query}", status=303)
 
 
 class _LocalOnly(BokehTornado):
-    """Answers requests for this host, with this token, and no others."""
+    """Answers requests for this host, with this token and its cookie, and no others.
 
-    def __init__(self, apps: dict[str, Application], token: str, host: str) -> None:
-        self._token, self._host = token, host
+    Attributes:
+        once: Place that gives the cookie, to the first who asks for it.
+    """
+
+    def __init__(self, apps: dict[str, Application], host: str) -> None:
+        token, self.once, self._secret = (secrets.token_urlsafe(24) for _ in range(3))
+        self._token, self._host, self._is_open = token, host, True
+        self._cookie = f"harness-{host.rpartition(':')[2]}"  # browsers send those of all ports
         super().__init__(
             apps,
             prefix=f"/{token}",
@@ -83,12 +113,25 @@ class _LocalOnly(BokehTornado):
         first = request.path.lstrip("/").partition("/")[0]
         if request.headers.get("Host", "").lower() != self._host:
             return self.get_handler_delegate(request, _Refused, {"status": 403})
-        if not hmac.compare_digest(first.encode(), self._token.encode()):
+        if _same(first, self.once):
+            if not self._is_open:
+                return self.get_handler_delegate(request, _Refused, {"status": 410, "words": _USED})
+            self._is_open = request.method != "GET"
+            given = {"name": self._cookie, "value": self._secret, "token": self._token}
+            return self.get_handler_delegate(request, _Opened, given)
+        if not _same(first, self._token):
             return self.get_handler_delegate(request, _Refused, {"status": 404})
+        cookie = request.cookies.get(self._cookie)
+        if cookie is None or not _same(cookie.value, self._secret):
+            return self.get_handler_delegate(request, _Refused, {"status": 403})
         return super().find_handler(request, **further)
 
     def log_request(self, handler: RequestHandler) -> None:
         """Keep addresses, which hold the token, out of the log."""
+
+
+def _same(one: str, other: str) -> bool:
+    return hmac.compare_digest(one.encode(), other.encode())
 
 
 class Page:
@@ -100,19 +143,19 @@ class Page:
         port: 0 takes one that is free.
 
     Attributes:
-        address: Where it is, with the token.
+        address: Where it is; it opens in one browser, the first.
     """
 
     def __init__(self, build: Mapping[str, Callable[[Document], None]], port: int = 0) -> None:
         logging.getLogger("bokeh").setLevel(logging.ERROR)
         warnings.filterwarnings("ignore", module="bokeh")
         sockets = bind_sockets(port, HOST)
-        host, token = f"{HOST}:{sockets[0].getsockname()[1]}", secrets.token_urlsafe(24)
+        host = f"{HOST}:{sockets[0].getsockname()[1]}"
         apps = {place: Application(FunctionHandler(put)) for place, put in build.items()}
-        app = _LocalOnly(apps, token, host)
+        app = _LocalOnly(apps, host)
         http = HTTPServer(app)
         http.add_sockets(sockets)
-        self.address, self._loop = f"http://{host}/{token}/", IOLoop.current()
+        self.address, self._loop = f"http://{host}/{app.once}/", IOLoop.current()
         self._server = BaseServer(self._loop, app, http)
 
     def serve(self) -> None:

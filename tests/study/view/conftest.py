@@ -1,19 +1,15 @@
 """A finished study with names that no page may take for code, and its page."""
 
-import contextlib
 import copy
 import io
-import os
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from harness.config import build_study
 from harness.study.run import run_study
+from support.page_served import entered, served
 from support.stored_results import NASTY, write_results
 
 STUDY = {
@@ -78,19 +74,6 @@ def results(tmp_path_factory):
     return folder
 
 
-@contextlib.contextmanager
-def served(*folders):
-    """Serve the page of result folders as a user does, and give its address."""
-    command = [sys.executable, "-m", "harness", "view", *map(str, folders), "--no-browser"]
-    root = str(Path(__file__).parents[3])
-    environment = os.environ | {"PYTHONPATH": root}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        try:
-            yield process.stdout.readline().strip()
-        finally:
-            process.terminate()
-
-
 @pytest.fixture(scope="package")
 def address(folder):
     with served(folder) as found:
@@ -140,6 +123,8 @@ def visit(browser):
     context, wrong = browser.new_context(viewport={"width": 1280, "height": 900}), []
 
     def opened(address, query=""):
+        address, name, value = entered(address)
+        context.add_cookies([{"name": name, "value": value, "url": address}])
         page = context.new_page()
         page.on("console", lambda m: wrong.append(m.text) if m.type == "error" else None)
         page.on("pageerror", lambda e: wrong.append(str(e)))
