@@ -84,6 +84,8 @@ def status(folder: FolderArgument) -> None:
     console.print(table)
     if found.lost:
         console.print(Text(_lost(found.lost), style="red"), soft_wrap=True)
+    for sentence in found.beside:
+        console.print(Text(sentence, style="red"), soft_wrap=True)
     if found.writer is None:
         console.print("nobody is at work" + ("; 'harness run' goes on with it" if missing else ""))
         return

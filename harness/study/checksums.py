@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from harness.common import places, stores
+from harness.common.errors import UserError
 from harness.study.scores import STATUS
 
 GROUP = "checksums"
@@ -169,8 +170,8 @@ def faults(root: Path) -> list[Fault]:
     found: list[Fault] = []
     complete = True
     for design in names(attributes["designs"]):
-        sums = _opened(root, f"{GROUP}/{design}")
-        if sums is None:
+        sums = opened(root, f"{GROUP}/{design}")
+        if sums is None or not hasattr(sums, "shape"):
             found.append(Fault(f"{GROUP}/{design}", not (root / GROUP / design / "zarr.json").exists()))
             continue
         about = dict(sums.attrs)
@@ -188,11 +189,19 @@ def names(designs: Any) -> list[str]:
     return [str(name) for name in (json.loads(designs) if isinstance(designs, str) else designs)]
 
 
-def _opened(root: Path, path: str) -> Any:
-    """Return a node of the store; ``None`` where it cannot be read."""
+def opened(root: Path, path: str) -> Any:
+    """Return a node of the store; ``None`` where it cannot be read, whatever damage makes of it.
+
+    Raises:
+        UserError: If a link, a pipe or an array of objects is in its place.
+    """
     try:
         return stores.node(root, path)
-    except (ValueError, KeyError, OSError):
+    except UserError:
+        raise
+    except Exception as error:
+        if places.is_of_place(root, error):
+            raise
         return None
 
 
@@ -221,8 +230,9 @@ def _of_unit(unit: Place, files: Mapping[str, str], found: Mapping[str, bytes | 
 
 def _of_histories(root: Path, wanted: int, complete: bool) -> list[Fault]:
     """Return what is wrong with the runs over time, which are written after all units."""
-    group = _opened(root, HISTORY)
+    group = opened(root, HISTORY)
     attributes = {} if group is None else dict(group.attrs)
-    if complete and wanted and attributes.get("runs") != wanted:
-        return [Fault(HISTORY, True)]
+    is_there = places.contents(root, [f"{HISTORY}/zarr.json"])[0] is not None
+    if complete and (wanted or is_there) and attributes.get("runs") != wanted:
+        return [Fault(HISTORY, not is_there)]
     return changed_files(root, attributes.get("files", {}))

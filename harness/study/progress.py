@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from harness.common import stores
 from harness.common.errors import UserError
 from harness.common.lock import holder
 from harness.common.places import reached
-from harness.study import checksums, sealed_root
+from harness.study import checksums, run_file, sealed_root
 from harness.study.checksums import Fault
 from harness.study.scores import ESTIMATOR_DIVERGED, PENDING, PLANT_DIVERGED, STATUS
 from harness.study.verify import store_of
@@ -54,6 +54,7 @@ class Progress:
         done: Finished ones.
         lost: Files that are missing or damaged; their runs count as missing.
         writer: Who is writing the folder, ``None`` for nobody.
+        beside: What is wrong with the files beside the store, in words with the remedy.
         rate: Runs per s of late; ``None`` where nobody is at work or too little is known.
     """
 
@@ -63,6 +64,7 @@ class Progress:
     done: int
     lost: list[Fault]
     writer: str | None
+    beside: list[str]
     rate: float | None
 
     @property
@@ -96,15 +98,16 @@ def _progress(folder: Path) -> Progress:
     planned = done = 0
     finished: list[tuple[float, int]] = []
     for design in designs:
+        names = f"{design}/{STATUS}", f"{design}/estimator", f"{checksums.GROUP}/{design}"
+        status, estimators, sums = (checksums.opened(path, name) for name in names)
         try:
-            status, estimators = root[f"{design}/{STATUS}"], root[f"{design}/estimator"][...]
-            sums = root[f"{checksums.GROUP}/{design}"]
-        except (KeyError, ValueError):
+            own = [Count(design, str(e), int(np.prod(status.shape[:-1]))) for e in estimators[...]]
+            about = dict(sums.attrs)
+        except (TypeError, AttributeError, KeyError, ValueError, OSError, RuntimeError):
             continue  # damaged, as ``lost`` says
-        own = [Count(design, str(e), int(np.prod(status.shape[:-1]))) for e in estimators]
         planned += own[0].planned
         times = checksums.finished(path, design)
-        for place, values in _units(times, status, sums):
+        for place, values in _units(times, status, about):
             if place in bad:
                 continue
             runs = values[..., 0].size
@@ -115,12 +118,14 @@ def _progress(folder: Path) -> Progress:
                 count.diverged += int(np.sum(values[..., e] == ESTIMATOR_DIVERGED))
                 count.plant_left += int(np.sum(values[..., e] == PLANT_DIVERGED))
         counts += own
-    return Progress(name, counts, planned, done, lost, writer, _rate(finished) if writer else None)
+    rate = _rate(finished) if writer else None
+    return Progress(name, counts, planned, done, lost, writer, run_file.faults(folder), rate)
 
 
-def _units(finished: Iterable[checksums.Place], status: Any, sums: Any) -> Iterator[tuple[checksums.Place, Any]]:
-    """Go through the finished units of a design with the status of their runs."""
-    about = dict(sums.attrs)
+def _units(
+    finished: Iterable[checksums.Place], status: Any, about: Mapping[str, Any]
+) -> Iterator[tuple[checksums.Place, Any]]:
+    """Go through the finished units of a design with the status of their runs; ``about`` as of ``chunk_files``."""
     for place in finished:
         _, band, chunk, drive = place
         sample, repeat = divmod(chunk, int(about.get("repeat_chunks", 1)))

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from harness.common import stores
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged
 from harness.common.places import reached
 from harness.common.units import registry
 from harness.models.quantities import Quantity, print_unit, quantity, words
-from harness.study import bound_file, sealed_root
+from harness.study import bound_file, run_file, sealed_root
 from harness.study.checksums import HISTORY, described, is_verifiable
 from harness.study.scores import ESTIMATOR_DIVERGED, LOST_CONTROL, OK, PENDING, PLANT_DIVERGED
 
@@ -381,22 +380,4 @@ def _read(directory: Path) -> StudyResults:
     attributes["study"] = root.attrs.get("study", "")
     hashed = str(attributes.get("study_hash", ""))
     at_best = bound_file.read(directory, hashed), bound_file.read(directory, hashed, "smoothed")
-    return StudyResults(directory, attributes, designs, histories, _record_of_run(directory / "run.json"), *at_best)
-
-
-def _record_of_run(path: Path) -> dict[str, Any]:
-    """Return what ``run.json`` says: texts and finite numbers by name; nothing if there is none.
-
-    Raises:
-        UserError: If it says anything else.
-    """
-    if not path.is_file():
-        return {}
-    with told_as_damaged(path, "JSON text", "delete it: the report is made without"):
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(found, dict):
-            raise ValueError(f"holds a {type(found).__name__} in place of a table")
-        for name, value in found.items():
-            if not (isinstance(value, str) or (isinstance(value, int | float) and np.isfinite(value))):
-                raise ValueError(f"'{name}' is no text and no number")
-    return found
+    return StudyResults(directory, attributes, designs, histories, run_file.read(directory), *at_best)

@@ -39,6 +39,7 @@ from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.config import Study
 from harness.config.specs import Device
+from harness.study import run_file
 from harness.study.checksums import described
 from harness.study.compiling import compile_kernels
 from harness.study.design import Unit, planned_runs, units
@@ -51,8 +52,6 @@ if TYPE_CHECKING:
 
     from harness.study.evaluate import StudyEvaluator
     from harness.study.plan import Plan
-
-RUN_FILE = "run.json"
 
 _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
@@ -177,7 +176,7 @@ def _run(
         }
         if client is None and (peak := peak_memory_mib()) is not None:
             record["peak_memory_mib"] = peak
-        write_files(out, {RUN_FILE: json.dumps(record, indent=1) + "\n"})
+        write_files(out, {run_file.FILE: json.dumps(record, indent=1) + "\n"})
     assert store is not None
     if todo or not store.has_histories:
         from harness.study.histories import histories

@@ -16,7 +16,7 @@ from harness.common.errors import UserError
 from harness.common.places import reached
 from harness.config import Study
 from harness.config.specs import Device
-from harness.study import sealed_root
+from harness.study import run_file, sealed_root
 from harness.study.checksums import Fault, finished
 from harness.study.design import Unit, units
 from harness.study.devices import on_card
@@ -77,7 +77,8 @@ def verify(folder: Path, find: Callable[[], Study], sample: int = 3, seed: int |
         seed: Of the draw; another one each time by default.
 
     Raises:
-        UserError: If there is no store, it has no checksums, or ``find`` does not give the study that it is of.
+        UserError: If there is no store, it has no checksums, a file beside it is damaged, or ``find`` does not give the
+            study that it is of.
     """
     with reached(folder):
         return _verify(folder, find, sample, seed)
@@ -89,6 +90,8 @@ def _verify(folder: Path, find: Callable[[], Study], sample: int, seed: int | No
         lost = sealed_root.faults(path)
         attributes = dict(stores.group(path).attrs) if not lost else {}
     files = len(places.names(path))
+    if not lost and (beside := run_file.faults(folder)):
+        raise UserError(beside[0])
     if lost or not sample:
         return Verification(files, lost, 0, [], [], 0, "")
     try:

@@ -4,7 +4,10 @@ import contextlib
 import json
 import os
 import pickle
+import re
+import shutil
 import signal
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -19,6 +22,7 @@ from harness.study.run import run_study
 from harness.study.store import STORE, discard
 from harness.study.stored import attributes_of
 from harness.study.verify import verify
+from support.probe_study import bits
 
 pytestmark = pytest.mark.usefixtures("same_checkout", "answered")
 
@@ -156,6 +160,51 @@ def test_an_array_of_objects_is_refused(copy, within):
     file.write_text(json.dumps(content))
     with pytest.raises(UserError, match="an array of type 'variable_length_bytes', which no result holds"):
         stores.node(copy / STORE, within)
+
+
+DAMAGES = {
+    "zeros": lambda content: bytes(len(content)),
+    "empty": lambda _: b"",
+    "a list": lambda _: b"[]",
+    "null": lambda _: b"null",
+    "version 2": lambda _: b'{"zarr_format": 2}',
+    "a group": lambda _: b'{"attributes": {}, "zarr_format": 3, "node_type": "group"}',
+    "no attributes": lambda _: b'{"attributes": 3, "zarr_format": 3, "node_type": "group"}',
+}
+DAMAGED = ("zarr.json", "level/zarr.json", "level/status/zarr.json", "level/estimator/c/0", "checksums/zarr.json",
+           "checksums/level/zarr.json", "history/zarr.json", "history/0/zarr.json")  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("histories", [True, False])
+def test_whatever_is_damaged_is_named_and_a_run_mends_it(study, finished, tmp_path, damage, histories, console):
+    if histories:
+        copy = shutil.copytree(finished, tmp_path / "copy")
+    else:
+        study = replace(study, history=())
+        copy = run_study(study, tmp_path / "copy", 1, console)
+    whole = bits(copy)
+    for name in DAMAGED[: None if histories else -1]:
+        file = copy / STORE / name
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+        refused_or_done(progress, copy)
+        with pytest.raises(UserError, match="'harness run'"):
+            read(copy)
+        run_study(study, copy, 1, console)
+        assert bits(copy) == whole, name
+
+
+@pytest.mark.parametrize("name", ["run.json", "bound.json"])
+def test_a_damaged_file_beside_the_store_is_named_with_the_remedy_and_by_every_command(copy, name):
+    (copy / name).write_text("[1]")
+    said = f"{name}: is damaged or no JSON text: .*; delete it"
+    assert re.search(said, " ".join(progress(copy).beside))
+    for look in (read, READING["verify"]):
+        with pytest.raises(UserError, match=said):
+            look(copy)
+    (copy / name).unlink()
+    assert read(copy)
+    assert READING["verify"](copy).holds
 
 
 def refused_or_done(look, folder):
