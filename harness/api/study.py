@@ -278,8 +278,9 @@ class Study:
         with contextlib.ExitStack() as stack:
             client = None
             if scheduler is not None or dask is not None:
-                from harness.study.cluster import connected
+                from harness.study.cluster import connected, refuse_objects
 
+                refuse_objects(self._record)
                 client = stack.enter_context(connected(scheduler, jobs))
             folder = Path("results") / self.name if out is None else place(out)
             run_study(self._record, folder, jobs, client=client, agree=agree, restart=restart, device=device)

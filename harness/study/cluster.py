@@ -137,6 +137,20 @@ def _not_from_here() -> Iterator[None]:
             os.environ["PYTHONSAFEPATH"] = before
 
 
+def refuse_objects(study: Study) -> None:
+    """Refuse a study that workers cannot have; asked before there are any.
+
+    Raises:
+        UserError: If a component of it was registered without a file.
+    """
+    for module in parts(study):
+        if components.is_component(module) and not has_file(module):
+            raise UserError(
+                f"'{components.name_of(module)}' was registered without a file, so that workers cannot have it; write "
+                "it into a file of a project folder (docs/plugins.md)"
+            )
+
+
 def check_workers(client: Client, study: Study, folder: Path, console: Console) -> None:
     """Refuse workers that could not write the same bits into the same store; point out other processors.
 
@@ -150,12 +164,6 @@ def check_workers(client: Client, study: Study, folder: Path, console: Console) 
         UserError: If a worker does not see the store, lacks the harness, or runs other code or packages.
     """
     expected = code_state(study)
-    for module in parts(study):
-        if not has_file(module):
-            raise UserError(
-                f"'{components.name_of(module)}' was registered without a file, so that workers cannot have it; write "
-                "it into a file of a project folder (docs/plugins.md)"
-            )
     try:
         answers = client.run(_about, study, folder.resolve(), components.carried())
     except ImportError as error:

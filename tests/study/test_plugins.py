@@ -19,7 +19,7 @@ from harness.study.store import Store
 from harness.study.stored import study_of
 from harness.testing import check_effect, check_estimator, check_parameter_set, check_vehicle
 from support.plugins import OneProcess, example, forget, package, project, register, write
-from support.probe_study import bits
+from support.probe_study import STUDY, bits
 
 
 @pytest.fixture(autouse=True)
@@ -158,7 +158,20 @@ def test_an_object_of_a_notebook_counts_by_its_source(files, study, tmp_path, mo
     with pytest.raises(
         UserError, match="'worn_tag_axle' was registered without a file, so that workers cannot have it"
     ):
-        cluster.check_workers(None, load_study(study), tmp_path, Console(file=io.StringIO()))
+        harness.read_study(study).run(tmp_path / "out", dask="local")
+    assert not (tmp_path / "out").exists()
+
+
+def test_workers_make_sensors_that_a_study_lists_themselves(tmp_path):
+    listed = "yaw_rate_tractor, lateral_acceleration_tractor"
+    (tmp_path / "listed.toml").write_text(STUDY.replace('sensors = "series"', f'sensors = "{listed}"'))
+    loaded = load_study(tmp_path / "listed.toml")
+    assert loaded.plant.sensors == listed
+    (tmp_path / cluster.STORE).mkdir()
+    cluster.refuse_objects(loaded)
+    worker = OneProcess(tmp_path)
+    cluster.check_workers(worker, loaded, tmp_path, Console(file=io.StringIO()))
+    worker.close()
 
 
 def test_workers_find_the_project_and_are_refused_with_other_files(tmp_path, files, study, monkeypatch):
