@@ -137,7 +137,7 @@ tuning-proof: $(VENV)/dev.stamp ## count how often the intervals of harness tune
 	$(BIN)/python -m bench.tuning $(if $(SETS),--sets $(SETS)) $(if $(CASES),--cases $(CASES)) --out results/tuning-proof/variances.jsonl
 
 fuzz: $(VENV)/dev.stamp ## read INPUTS=100000 broken files of every kind; each is read or refused in words (exit status 1 if not)
-	$(BIN)/python -m bench.fuzz $(if $(INPUTS),--inputs $(INPUTS)) $(if $(SEED),--seed $(SEED)) --out results/fuzz
+	PYTHONPATH=tests $(BIN)/python -m bench.fuzz $(if $(INPUTS),--inputs $(INPUTS)) $(if $(SEED),--seed $(SEED)) --out results/fuzz
 
 faults: $(VENV)/dev.stamp ## kill, fill, cut, flip, suspend and compare the bits: the long form (half an hour; SEED=...)
 	PYTHONPATH=tests $(BIN)/python -m bench.faults --out results/faults $(if $(SEED),--seed $(SEED))

@@ -19,6 +19,8 @@ def full_after(files: int) -> None:
     """Let the disk be full after so many files, whoever writes them."""
     import zarr.storage._local as local
 
+    from harness.common import places
+
     count = itertools.count()
 
     def limited(write: Callable[..., Any]) -> Callable[..., Any]:
@@ -30,7 +32,7 @@ def full_after(files: int) -> None:
         return wrapped
 
     local._put = limited(local._put)
-    Path.write_bytes = limited(Path.write_bytes)  # type: ignore[method-assign]
+    places.unfinished = limited(places.unfinished)
 
 
 def jumping_clock(seed: int) -> None:

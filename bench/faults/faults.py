@@ -171,6 +171,33 @@ def array_deleted(job: Job, reference: Path, random: random.Random) -> str:
     return f"{folder.relative_to(job.out)} deleted"
 
 
+def linked(job: Job, reference: Path, random: random.Random) -> str:
+    """Put a link out of the folder, or a pipe, in the place of something in the finished store; it is not followed."""
+    whole = _finished_copy(job, reference)
+    place = random.choice(sorted({*whole, *(p.parent for p in whole), job.out / "run.lock", job.out / "run.json"}))
+    elsewhere, is_pipe = job.out.with_name("elsewhere"), random.random() < 0.5
+    shutil.rmtree(elsewhere, ignore_errors=True)
+    elsewhere.mkdir()
+    is_folder = place.is_dir()
+    shutil.rmtree(place) if is_folder else place.unlink(missing_ok=True)
+    os.mkfifo(place) if is_pipe else place.symlink_to(elsewhere if is_folder else elsewhere / "file")
+    said = job.finish()
+    if any(elsewhere.iterdir()):
+        raise Unexpected(f"{place} led elsewhere")
+    if place.name != "run.json" and ("remove it" not in said or str(place) not in said):
+        raise Unexpected(f"{place} is a link or a pipe, and the message is '{said}'")
+    place.unlink()  # as the message says
+    return f"{place.relative_to(job.out)} {'a pipe' if is_pipe else 'a link'}"
+
+
+def other_format(job: Job, reference: Path, random: random.Random) -> str:
+    """Say in the metadata of an array or a group of the finished store that it is of another version of Zarr."""
+    file = random.choice([p for p in _finished_copy(job, reference) if p.name == "zarr.json"][1:])
+    file.write_text(file.read_text().replace('"zarr_format": 3', '"zarr_format": 2'))
+    _must_be_refused(job, file)
+    return f"{file.relative_to(job.out)} of version 2"
+
+
 def worker_killed(job: Job, reference: Path, random: random.Random) -> str:
     """Kill a worker process of a local Dask cluster; the run must get over it."""
     process = job.start(further=("dask",))
@@ -215,7 +242,7 @@ def scheduler_killed(job: Job, reference: Path, random: random.Random) -> str:
 PLAN: dict[str, dict[Fault, int]] = {
     "study": {
         killed: 8, interrupted: 2, suspended: 2, disk_full: 4, clock_jumps: 2, two_runners: 2, truncated: 4,
-        flipped: 4, deleted: 4, array_deleted: 3, worker_killed: 2, scheduler_killed: 2,
+        flipped: 4, deleted: 4, array_deleted: 3, linked: 6, other_format: 2, worker_killed: 2, scheduler_killed: 2,
     },
     "campaign": {killed: 2, disk_full: 1},
     "identify": {killed: 2, disk_full: 1, suspended: 1},
@@ -225,6 +252,6 @@ PLAN: dict[str, dict[Fault, int]] = {
 """How often each job is struck by what."""
 
 SHORT: dict[str, dict[Fault, int]] = {
-    "study": {killed: 1, disk_full: 1, two_runners: 1, flipped: 1, array_deleted: 1},
+    "study": {killed: 1, disk_full: 1, two_runners: 1, flipped: 1, array_deleted: 1, linked: 2},
 }
 """The short form, for the tests."""

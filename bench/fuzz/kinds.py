@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from bench.fuzz import folders
 from bench.fuzz.mutate import changed, damaged, numbers, texts, toml, values
 from harness.common import locations
 from harness.models.roles import PARAMETERS
@@ -40,6 +41,7 @@ class Kind:
         good: A file that is read; what the first reading of a kind imports is not watched.
         inputs: Strategy for its bytes.
         read: Reads the file.
+        prepare: What is made of the file before, unwatched.
     """
 
     share: float
@@ -47,6 +49,7 @@ class Kind:
     good: bytes
     inputs: st.SearchStrategy[bytes]
     read: Callable[[Path], object]
+    prepare: Callable[[Path], object] = lambda _: None
 
 
 def kinds(folder: Path) -> dict[str, Kind]:
@@ -81,6 +84,14 @@ def kinds(folder: Path) -> dict[str, Kind]:
         "mdf": files(0.06, "a.mf4", _recording),
         "parquet": files(0.05, "a.parquet", _recording),
         "network": files(0.07, "n.npz", _network, _npz()),
+        "result folder": Kind(
+            0.02,
+            "recipe.json",
+            folders.good(made / "result"),
+            folders.recipes(made / "result"),
+            folders.look,
+            folders.prepare,
+        ),
     }
 
 

@@ -45,6 +45,7 @@ def fuzz(
     try:
         for kind in chosen.values():
             (folder / kind.name).write_bytes(kind.good)
+            kind.prepare(folder / kind.name)
             kind.read(folder / kind.name)
         for part in range(math.ceil(inputs / _AT_ONCE)):
             now = min(_AT_ONCE, inputs - part * _AT_ONCE)
@@ -70,6 +71,7 @@ def _search(name: str, kind: Kind, watch: Watch, inputs: int, seed: int) -> None
     @given(kind.inputs)
     def one(content: bytes) -> None:
         path.write_bytes(content)
+        kind.prepare(path)
         watch.judge(name, lambda: kind.read(path), content)
 
     one()

@@ -22,6 +22,8 @@ from harness.common.errors import ModelError, UserError
 
 SECONDS = 10.0
 """Of processor time, after which an input counts as a hang; on a busy machine the clock runs faster."""
+WAITING = 60.0
+"""By the clock: whoever waits for a pipe takes no processor time."""
 MEMORY = 2 * 2**30
 """Bytes that the process may hold at most."""
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -71,13 +73,14 @@ class Watch:
             writes = bool(flags & _WRITES) if isinstance(flags, int) else False
             if (writes or (isinstance(mode, str) and set(mode) & set("wax+"))) and not self._inside(path):
                 self._seen.append(f"writes {path!r}")
-        elif event in _PATHS and arguments and not self._inside(arguments[0]):
+        elif event in _PATHS and arguments and not self._inside(arguments[0], follows=False):
             self._seen.append(f"{event} {arguments[0]!r}")
 
-    def _inside(self, path: Any) -> bool:
+    def _inside(self, path: Any, follows: bool = True) -> bool:
         if isinstance(path, int) or path is None:
             return True
-        whole = os.path.realpath(os.fsdecode(path))
+        folder, name = os.path.split(os.fsdecode(path))
+        whole = os.path.realpath(os.fsdecode(path) if follows else folder) + ("" if follows else f"/{name}")
         return f"{whole}/".startswith(self._allowed) or whole.endswith(".pyc")
 
     def judge(self, kind: str, read: Callable[[], object], content: bytes) -> None:
@@ -92,6 +95,8 @@ class Watch:
         self._seen.clear()
         before = signal.signal(signal.SIGPROF, _hang)
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        waiting = signal.signal(signal.SIGALRM, _hang)
+        signal.setitimer(signal.ITIMER_REAL, WAITING)
         found = ""
         self._active = True
         try:
@@ -113,6 +118,8 @@ class Watch:
             self._active = False
             signal.setitimer(signal.ITIMER_PROF, 0.0)
             signal.signal(signal.SIGPROF, before)
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, waiting)
         for sentence in [*([found] if found else []), *self._seen]:
             self._note(kind, sentence, content)
         most = _peak()

@@ -8,6 +8,7 @@ through.
 from __future__ import annotations
 
 import json
+import logging
 import re
 import warnings
 from collections.abc import Iterable
@@ -28,6 +29,15 @@ FORMAT: Literal[3] = 3
 
 _TYPES = re.compile(r"bool|u?int(8|16|32|64)|float(16|32|64)|string|fixed_length_utf32|variable_length_utf8")
 """Types of an array that a result holds; any other may decode to objects."""
+
+
+def _is_heard(record: logging.LogRecord) -> bool:
+    """Return whether a message is none on what else went wrong with a group of which one error is raised already."""
+    said = record.getMessage()
+    return not ("was never retrieved" in said and "zarr" in said)
+
+
+logging.getLogger("asyncio").addFilter(_is_heard)
 
 
 class _Plain(WrapperStore[Any]):

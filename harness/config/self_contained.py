@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from harness.common.files import parse_toml, toml_text
@@ -24,6 +25,11 @@ def self_contained(study: Study) -> str:
         "tuning": TuningTable.model_validate({"rule": study.tuning, "estimator": tuned}) if tuned else None,
     }
     return toml_text(raw.model_copy(update=update).model_dump(exclude_unset=True, exclude_none=True))
+
+
+def without_files(study: Study) -> Study:
+    """Return the same study with a text that names no file that this program wrote: equal runs give equal stores."""
+    return replace(study, text=self_contained(study))
 
 
 def _table(spec: ModelSpec) -> ModelTable:

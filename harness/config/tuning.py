@@ -60,6 +60,17 @@ def with_tuning(
     return [replace(s, noise=factors.get(s.name, {})) for s in specs], rule
 
 
+def as_table(path: Path) -> dict[str, Any]:
+    """Return what a study states in place of the name of a tuning file.
+
+    Raises:
+        UserError: If it cannot be read.
+    """
+    content = read_toml(path)
+    factors = {e: {g: table[g] for g in NOISE_GROUPS} for e, table in content["estimator"].items()}
+    return {"rule": _in_words(content), "estimator": factors}
+
+
 def _in_words(content: dict[str, Any]) -> str:
     """Return the rule of a tuning file, its drives and its budget in words."""
     drives = content["drives"]

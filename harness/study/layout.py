@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Iterable, Mapping
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -160,7 +160,7 @@ def root_attributes(study: Study) -> dict[str, Any]:
     description: dict[str, Any] = {
         side: {
             "model": spec.model().name,
-            "parameters": spec.parameters,
+            "parameters": PurePath(spec.parameters).name,  # of a file without its place
             "tyre": spec.tyre,
             "effects": list(spec.effects),
             "sensors": spec.sensors,

@@ -1,6 +1,7 @@
 """``harness remedy``: what is tried, how it is judged, and that what is written can be used."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -141,6 +142,12 @@ def test_the_written_belief_has_the_noise_that_the_estimator_is_tuned_to(tmp_pat
     np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
     assert tuned.estimators[0].noise
     assert not taken.estimators[0].noise
+    assert str(tmp_path) not in tuned.text  # equal runs give equal files, wherever they are written to
+    named = build_study(
+        {**CONTENT, "estimator": [{"name": "EKF", "kind": "ekf"}], "tuning": str(tmp_path / "noise.toml")}
+    )
+    assert tuned.estimators[0].noise == named.estimators[0].noise
+    assert tuned.tuning == named.tuning
 
 
 def outcome(remedy, medians, nominal=1.0, boxes=None):
@@ -303,6 +310,21 @@ def test_what_is_finished_is_not_run_again(tried):
     assert [s.stat().st_mtime_ns for s in stores] == before
     assert len(again.outcomes) == len(found.outcomes) == len(stores) - 1
     assert all(np.array_equal(a.medians, b.medians) for a, b in zip(again.outcomes, found.outcomes, strict=True))
+
+
+@pytest.mark.proof  # eight models are compiled
+def test_the_same_in_another_folder_gives_the_same_files(tried, tmp_path):
+    """All but reports and records of runs, which tell durations."""
+    found, folder = tried
+    other = tmp_path / "a folder of another name"
+    again = try_remedies(study(), other, most=1, jobs=1)
+    for one, out in ((found, folder), (again, other)):
+        write_report(one, out, "harness remedy small")
+    files = [
+        {str(p.relative_to(out)): p.read_bytes() for p in out.rglob("*") if p.is_file()} for out in (folder, other)
+    ]
+    differing = {name for name in files[0].keys() | files[1].keys() if files[0].get(name) != files[1].get(name)}
+    assert {Path(name).name for name in differing} <= {"report.html", "report.pdf", "run.json"}
 
 
 @pytest.mark.proof  # eight models are compiled

@@ -7,7 +7,8 @@ import pytest
 
 from harness.common.files import parse_toml
 from harness.config import build_study, load_study
-from harness.config.self_contained import self_contained
+from harness.config.self_contained import self_contained, without_files
+from harness.study.layout import root_attributes
 
 ROOT = Path(__file__).parents[2]
 SET = """\
@@ -79,6 +80,7 @@ def test_a_study_of_files_without_them(tmp_path):
     folder.mkdir()
     for name, text in {"study": STUDY, "own_set": SET, "own": DRIVES, "tuned": TUNING}.items():
         (folder / f"{name}.toml").write_text(text)
+    (folder / "study.toml").write_text(STUDY.replace('"own_set.toml"', f'"{(folder / "own_set.toml").as_posix()}"'))
     study = load_study(folder / "study.toml")
     assert study.estimators[1].noise == {"process": 0.1, "unknown_inputs": 1.5, "measurement": 3.0}
     written = self_contained(study)
@@ -88,3 +90,7 @@ def test_a_study_of_files_without_them(tmp_path):
     assert (again.belief.parameter_states, again.tuning) == (study.belief.parameter_states, study.tuning)
     assert (again.limits, again.designs) == (study.limits, study.designs)
     assert self_contained(again) == written
+    kept = root_attributes(without_files(study))  # what a store says of a study that the harness makes of its files
+    assert ".toml" not in kept["study"]
+    assert folder.as_posix() not in str(kept)
+    assert kept["study_hash"] == study.hash

@@ -1,6 +1,7 @@
 """A result folder that somebody has prepared: links out of it, pipes, stores of another format, forged metadata."""
 
 import contextlib
+import gc
 import json
 import os
 import pickle
@@ -22,6 +23,7 @@ from harness.study.run import run_study
 from harness.study.store import STORE, discard
 from harness.study.stored import attributes_of
 from harness.study.verify import verify
+from support import synthetic
 from support.probe_study import bits
 
 pytestmark = pytest.mark.usefixtures("same_checkout", "answered")
@@ -149,6 +151,17 @@ def test_a_store_of_another_format_is_refused_and_nothing_in_it_is_run(study, tm
     with pytest.raises(UserError, match=r"not a store that a study wrote|is not a result of this harness"):
         READING.get(command, run)(tmp_path / "result")
     assert not (tmp_path / "mark").exists()
+
+
+def test_what_else_is_wrong_with_a_group_makes_no_traceback(tmp_path, caplog):
+    """Zarr reads the arrays of a group side by side, and asyncio tells of every error after the first."""
+    folder = synthetic.write(tmp_path / "early", {"level": synthetic.design(repeats=1)})  # without checksums
+    for name in ("nees", "rmse", "status"):
+        (folder / STORE / "level" / name / "zarr.json").write_text("{}")
+    with pytest.raises(UserError, match="not a store that a study wrote"):
+        read(folder)
+    gc.collect()
+    assert caplog.records == []
 
 
 @pytest.mark.parametrize("within", ["level/rmse", ""], ids=["array", "copy in the root"])

@@ -15,6 +15,7 @@ from harness.config import DesignSpec, FactorSpec, Study, build_study, fitting_s
 from harness.config.bounds import loading_parameters
 from harness.config.schema import EstimatorTable, StudyFile
 from harness.config.specs import NOISE_SCALES
+from harness.config.tuning import as_table
 from harness.models.quantities import listed, words
 from harness.models.roles import SENSORS
 
@@ -247,7 +248,7 @@ def applied(study: Study, remedy: Remedy, estimator: str, tuning: Path | None = 
     for key in ("history", "report", *(() if is_tuned else ("tuning",))):
         content.pop(key, None)
     if tuning is not None:
-        content["tuning"] = str(tuning)
+        content["tuning"] = as_table(tuning)  # a store names no place
     return build_study(content, study.path.parent / content["name"])
 
 

@@ -22,6 +22,7 @@ from harness.common.lock import locked
 from harness.common.places import inside
 from harness.common.stages import showing
 from harness.config import Study
+from harness.config.self_contained import without_files
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import load_estimator
 from harness.realtime.measure import contestants, measure
@@ -245,7 +246,7 @@ def _attempt(
     folder = inside(out, remedy.slug)
     tuning = _tuned(study, estimator, out, jobs, restart, console, remedy) if remedy.tuned else None
     changed = choices.applied(study, remedy, estimator, tuning)
-    run_study(changed, folder, jobs, console, agree=agree, restart=restart)
+    run_study(without_files(changed), folder, jobs, console, agree=agree, restart=restart)
     return judged(remedy, changed, read(folder), time_of_step(changed))
 
 

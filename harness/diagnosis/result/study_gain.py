@@ -21,6 +21,7 @@ from harness.common.files import read_toml
 from harness.common.places import inside, remove
 from harness.config import ModelSpec, Study, build_study, load_study
 from harness.config.schema import as_table
+from harness.config.self_contained import without_files
 from harness.simulation.drives import profile_of
 from harness.study.results import Design, read
 from harness.study.run import run_study
@@ -153,7 +154,7 @@ def study_gain(
         say(f"{study.name}: believing the {name} model")
         out = inside(folder, f"worth/{name}")
         remove(out / STORE)  # of an earlier trace into the same folder
-        run_study(each, out, jobs, Console(quiet=True))
+        run_study(without_files(each), out, jobs, Console(quiet=True))
         found[name] = read(out).designs[0]
     return StudyGain(path, study.title or study.name, found["nominal"], found["amended"], study.seed, times)
 
