@@ -50,7 +50,7 @@ def fuzz(
         for part in range(math.ceil(inputs / _AT_ONCE)):
             now = min(_AT_ONCE, inputs - part * _AT_ONCE)
             for name, kind in chosen.items():
-                _search(name, kind, watch, max(1, round(now * kind.share / whole)), 1000 * seed + part)
+                _search(name, kind, watch, math.ceil(now * kind.share / whole), 1000 * seed + part)
             say(f"{watch.inputs} inputs: {watch.refused} refused, {len(watch.findings)} findings")
     finally:
         os.chdir(here)
