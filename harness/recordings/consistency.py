@@ -352,7 +352,7 @@ def _differ(fit: Agreement) -> bool:
     both = np.stack([v[: min(len(measured), len(computed))] for v in (measured, computed)])
     both = both[:, np.isfinite(both).all(axis=0)]
     lively = (both.std(axis=1) >= _LIVELY * tolerance(fit.relation)).all()
-    return bool(lively and np.corrcoef(both)[0, 1] ** 2 < RELATED)
+    return bool(lively and float(np.asarray(np.corrcoef(both))[0, 1]) ** 2 < RELATED)
 
 
 def verdicts(fits: Sequence[Agreement]) -> str:
