@@ -216,9 +216,9 @@ def _findings(
     for cause in small:
         words = _off(cause) + _doubt(cause) + ("" if cause in worth else "; not mended")
         evidence = _evidence(after, cause.signals)
-        others = tuple(tuple(n for c in rival for n in c.signals) for rival in cause.rivals)
+        instead = tuple(tuple(n for c in rival for n in c.signals) for rival in cause.rivals)
         found.append(
-            Finding(cause.kind, cause.signals, words, evidence, cause in worth, others, cause.value, cause.std)
+            Finding(cause.kind, cause.signals, words, evidence, cause in worth, instead, cause.value, cause.std)
         )
     explained = {n for f in found for n in f.signals}
     for fit in after:
