@@ -70,6 +70,27 @@ class _Commands(typer.core.TyperGroup):
         return super().parse_args(ctx, args)
 
 
+class _Command(typer.core.TyperCommand):
+    """Refuses an option that is given twice where it takes one value, or with one value where it takes several.
+
+    The last would win without a word, or a recording count twice.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the words of a command.
+
+        Raises:
+            BadParameter: If an option is given twice.
+        """
+        given, _, order = self.make_parser(ctx).parse_args(list(args))
+        for option in (p for p in order if p.param_type_name == "option"):
+            values = given[option.name] if option.multiple else [""] * order.count(option)
+            twice = next((v for n, v in enumerate(values) if v in values[:n]), None)
+            if twice is not None and (not option.is_flag or option.secondary_opts):
+                raise typer.BadParameter(f"is given twice{twice and f', as {twice}'}; give it once", ctx, option)
+        return super().parse_args(ctx, args)
+
+
 app = typer.Typer(
     cls=_Commands,
     no_args_is_help=True,
@@ -77,6 +98,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+_command = functools.partial(app.command, cls=_Command)
 
 
 def _version(wanted: bool) -> None:
@@ -119,7 +141,7 @@ def _answers_errors(command: Callable[..., None]) -> Callable[..., None]:
     return answering
 
 
-@app.command()
+@_command()
 @_answers_errors
 def run(
     study: Annotated[str, typer.Argument(help="Study file, or the name of a study; harness list studies shows them.")],
@@ -170,7 +192,7 @@ def run(
     _write_report(results, Console(), answer=True)
 
 
-@app.command()
+@_command()
 @_answers_errors
 def report(folder: Annotated[Path, typer.Argument(parser=place, help="Result folder of a finished study.")]) -> None:
     """Write the report of a finished study again.
@@ -200,7 +222,7 @@ def _write_report(results: Results, console: Console, answer: bool = False) -> N
         console.print(Text(str(path)), soft_wrap=True)
 
 
-@app.command()
+@_command()
 @_answers_errors
 def campaign(
     results: Annotated[Path, typer.Argument(help="Folder with the results of the studies.")] = RESULTS,
@@ -225,7 +247,7 @@ def _closest(word: str, choices: list[str]) -> str:
     return closest(word, choices)
 
 
-@app.command("list")
+@_command("list")
 @_answers_errors
 def list_(
     role: Annotated[
@@ -251,7 +273,7 @@ def _wide_console() -> Console:
     return Console() if sys.stdout.isatty() else Console(width=160)
 
 
-@app.command()
+@_command()
 @_answers_errors
 def check(
     file: Annotated[Path, typer.Argument(help="Recording: a file, or a folder with one signal per file.")],
@@ -283,7 +305,7 @@ def check(
         console.print(Text(str(path)), soft_wrap=True)
 
 
-@app.command()
+@_command()
 @_answers_errors
 def cache(
     clear: Annotated[bool, typer.Option("--clear", help="Delete the compiled kernels.")] = False,
@@ -306,7 +328,7 @@ def cache(
     Console().print(Text(f"{count} files, {size / 2**20:.1f} MiB {verb} {folder}"), soft_wrap=True)
 
 
-@app.command()
+@_command()
 @_answers_errors
 def schema(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; stdout if absent.")] = None,
@@ -324,19 +346,19 @@ def schema(
     Console().print(Text(str(out)), soft_wrap=True)
 
 
-app.command()(_answers_errors(simulate))
-app.command()(_answers_errors(observability))
-app.command()(_answers_errors(tune))
-app.command()(_answers_errors(estimate))
-app.command()(_answers_errors(identify))
-app.command()(_answers_errors(trace))
-app.command()(_answers_errors(loop))
-app.command()(_answers_errors(realtime))
-app.command()(_answers_errors(remedy))
-app.command()(_answers_errors(new))
-app.command()(_answers_errors(verify))
-app.command()(_answers_errors(status))
-app.command()(_answers_errors(view))
+_command()(_answers_errors(simulate))
+_command()(_answers_errors(observability))
+_command()(_answers_errors(tune))
+_command()(_answers_errors(estimate))
+_command()(_answers_errors(identify))
+_command()(_answers_errors(trace))
+_command()(_answers_errors(loop))
+_command()(_answers_errors(realtime))
+_command()(_answers_errors(remedy))
+_command()(_answers_errors(new))
+_command()(_answers_errors(verify))
+_command()(_answers_errors(status))
+_command()(_answers_errors(view))
 
 
 def main() -> None:

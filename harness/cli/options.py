@@ -108,7 +108,7 @@ def pairs(given: list[str] | None, option: str) -> dict[str, Any]:
     """Read ``NAME=VALUE`` pairs; a value that is a number becomes one, text keeps its unit.
 
     Raises:
-        UserError: If an entry has no name or no value.
+        UserError: If an entry has no name or no value, or two have one name.
     """
     from harness.common.units import plain_number
 
@@ -117,8 +117,10 @@ def pairs(given: list[str] | None, option: str) -> dict[str, Any]:
         name, equals, text = item.partition("=")
         if not equals or not name.strip() or not text.strip():
             raise UserError(f"{option} '{item}': write NAME=VALUE, e.g. {option} speed=\"10 m/s\"")
-        number = plain_number(text)
-        found[name.strip()] = text.strip() if number is None else number
+        name, number = name.strip(), plain_number(text)
+        if name in found:
+            raise UserError(f"{option} {name}=: is given twice, as {found[name]} and {text.strip()}; give it once")
+        found[name] = text.strip() if number is None else number
     return found
 
 

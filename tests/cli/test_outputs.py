@@ -1,4 +1,4 @@
-"""What the command line refuses before anything is computed: empty words, and folders with another command's result."""
+"""What the command line refuses before anything is computed: empty words, options given twice, other results."""
 
 import pytest
 from typer.testing import CliRunner
@@ -29,6 +29,32 @@ def test_an_empty_word_is_not_the_working_directory(tmp_path, monkeypatch, line)
     assert status == 2
     assert "of the command is empty, as of a variable that is not set" in said
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "option"),
+    [
+        (("run", "mass", "--jobs", "1", "-j", "2"), "--jobs"),
+        (("view", "results", "--browser", "--no-browser"), "--browser"),
+        (("new", "parameters", "x", "--model", "car", "-m", "car"), "--model"),
+        (("estimate", "-m", "car", "-d", "a.csv", "--data", "a.csv", "-e", "ekf", "-o", "there"), "--data"),
+        (("trace", "-m", "car", "--train", "a.csv", "--train=a.csv", "-t", "b.csv", "-o", "there"), "--train"),
+        (("simulate", "car", "--drive", "sine", "-o", "a.csv", "--set", "mass=2t", "--set", "mass = 3t"), "--set mass"),
+        (("simulate", "car", "--drive", "sine", "-o", "a.csv", "--option", "speed=1", "--option", "speed=2"), "speed="),
+        (("estimate", "-m", "car", "-d", "a.csv", "-e", "ukf,alpha=1,alpha=2", "-o", "there"), "ukf, alpha="),
+    ],
+)
+def test_an_option_is_given_once(tmp_path, monkeypatch, line, option):
+    monkeypatch.chdir(tmp_path)
+    status, said = harness(*line)
+    assert status == 2
+    assert option in said
+    assert "is given twice" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_that_say_the_same_twice_without_a_value_are_taken():
+    assert harness("cache", "--clear", "--clear", "--help")[0] == 0
 
 
 @pytest.mark.parametrize("none", [("--estimators", ""), ("--estimators=",)])
