@@ -35,7 +35,20 @@ DONE, FAILED, WRONG, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 
 _MACHINE = {
     getattr(errno, name)
-    for name in ("ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO", "EMFILE", "ENFILE", "ENOMEM", "ENAMETOOLONG")
+    for name in (
+        "ENOSPC",
+        "EDQUOT",
+        "EROFS",
+        "EACCES",
+        "EPERM",
+        "EIO",
+        "EMFILE",
+        "ENFILE",
+        "ENOMEM",
+        "ENAMETOOLONG",
+        "EFBIG",
+        "ELOOP",
+    )
     if hasattr(errno, name)
 }
 """Errors of the operating system that say what to mend by themselves."""
@@ -65,17 +78,28 @@ def guarded(run: Callable[[], None], beside: Path | None = None) -> int:
         except BrokenPipeError:
             raise
         except (Exception, KeyboardInterrupt) as error:
-            if interrupted or isinstance(error, KeyboardInterrupt):
-                return _say(
-                    "interrupted",
-                    "a study or a trace goes on from what is finished, other commands begin again",
-                    INTERRUPTED,
-                    False,
-                )
-            if isinstance(error, UserError | ModelError):
-                return _say("error", str(error), WRONG)
-            return _fault(error, beside)
+            return answered(error, beside, bool(interrupted))
     return DONE
+
+
+def answered(error: Exception | KeyboardInterrupt, beside: Path | None = None, interrupted: bool = False) -> int:
+    """Say in one message on stderr what was raised, and return the exit status.
+
+    Args:
+        error: What was raised.
+        beside: As of ``guarded``.
+        interrupted: Whether Ctrl-C came before.
+    """
+    if interrupted or isinstance(error, KeyboardInterrupt):
+        said = "a study or a trace goes on from what is finished, other commands begin again"
+        return _say("interrupted", said, INTERRUPTED, False)
+    if isinstance(error, UserError | ModelError):
+        return _say("error", str(error), WRONG)
+    if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop from "):  # so says Python to 3.12
+        return _say(
+            "error", f"{str(error).removeprefix('Symlink loop from ')} is a link that leads back to itself", WRONG
+        )
+    return _fault(error, beside)
 
 
 @contextmanager

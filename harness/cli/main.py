@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.cli.estimate import estimate
-from harness.cli.guard import guarded, place_of_output, show_tracebacks
+from harness.cli.guard import answered, guarded, place_of_output, show_tracebacks
 from harness.cli.identify import identify
 from harness.cli.loop import loop
 from harness.cli.new import new
@@ -363,10 +364,16 @@ _command()(_answers_errors(view))
 
 def main() -> None:
     """Run the command line (the entry point of the ``harness`` script)."""
-    for stream in (sys.stdout, sys.stderr):
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever started the command: nobody reads it
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        stream = getattr(sys, name)
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a console or pipe without Greek letters, as on Windows
-    app()
+    try:
+        app()
+    except Exception as error:  # outside of commands: help that cannot be printed
+        sys.exit(answered(error))
 
 
 if __name__ == "__main__":

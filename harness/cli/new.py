@@ -125,9 +125,9 @@ def _project(kind: str) -> Path:
 
 
 def _refuse_name(kind: str, name: str) -> None:
-    if kind == "study":
+    if kind in ("study", "parameters"):
         if not name.replace("-", "").replace("_", "").isalnum():
-            raise UserError(f"new study: '{name}' does not do as a name; write letters, digits, - and _")
+            raise UserError(f"new {kind}: '{name}' does not do as a name; write letters, digits, - and _")
         return
     if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_") or name != name.lower():
         raise UserError(
@@ -172,7 +172,9 @@ def _parameters(name: str, chosen: ModelOptions) -> tuple[str, list[Path]]:
 
     if not chosen.vehicle:
         raise UserError(f"new parameters: whose? say the vehicle by --model; there are: {', '.join(VEHICLES.names())}")
-    out = Path(name).with_suffix(".toml")
+    name = name.removesuffix(".toml")
+    _refuse_name("parameters", name)
+    out = Path(f"{name}.toml")
     if out.exists():
         raise UserError(f"{locations.shown(out)}: is there already, and nothing is written over; choose another name")
     written = model_of(chosen).write(out, "write here where each value comes from")

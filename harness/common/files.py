@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import codecs
 import functools
+import gc
 import json
 import math
+import sys
 import tomllib
+import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -49,7 +53,8 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]
 
 
 def _as_bytes(content: str | bytes) -> bytes:
-    return content.encode("utf-8") if isinstance(content, str) else content
+    """Return what is written; of a file name that is no UTF-8 the letters that are none become ``?``."""
+    return content.encode("utf-8", errors="replace") if isinstance(content, str) else content
 
 
 def refuse_special(file: Path) -> None:
@@ -121,9 +126,16 @@ def read_text(path: Path) -> str:
         beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
         raise UserError(f"{path}: there is no such file{closest(path.name, beside)}") from None
     except UnicodeDecodeError as error:
-        raise UserError(f"{path}: not UTF-8 text (byte {error.start}); save the file as UTF-8") from None
+        what = wide_text(error.object) or f"not UTF-8 text (byte {error.start})"
+        raise UserError(f"{path}: is {what}; save the file as UTF-8") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def wide_text(head: bytes) -> str:
+    """Return ``UTF-16 text`` or ``UTF-32 text`` where bytes begin with its mark, as editors save it; else nothing."""
+    marks = {codecs.BOM_UTF32_LE: 32, codecs.BOM_UTF32_BE: 32, codecs.BOM_UTF16_LE: 16, codecs.BOM_UTF16_BE: 16}
+    return next((f"UTF-{bits} text" for mark, bits in marks.items() if head.startswith(mark)), "")
 
 
 @contextmanager
@@ -149,9 +161,20 @@ def told_as_damaged(path: str | Path, what: str, remedy: str = "export it again"
     except Exception as error:
         if isinstance(error, OSError) and error.filename is not None:
             raise  # the file itself: no permission, vanished
+        _let_go(error)
         said = " ".join(str(error).split())[:200]
         reason = f": {said}" if said else ""
         raise UserError(f"{path}: is damaged or no {what}{reason}; {remedy}") from error
+
+
+def _let_go(error: Exception) -> None:
+    """Free what a library has half made, while its files are there, and drop what its finalisers say."""
+    said, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        traceback.clear_frames(error.__traceback__)
+        gc.collect()
+    finally:
+        sys.unraisablehook = said
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:

@@ -37,6 +37,8 @@ _UNIT = re.compile(
 )
 _ROOT = re.compile(r"\bsqrt\(([^()]*)\)")
 """A square root, as walks have it (``m/sqrt(h)``), which pint does not read."""
+_SQUARED = 1e150
+"""Largest size of a number, and by its inverse the smallest one: the squares of both are numbers."""
 _MARKS = ",'’‘`´_"
 _SEPARATED = re.compile(rf"([+-]?\s*)(\d*(?:[.{_MARKS}]+\d+|\s\d{{3}}(?!\d))+)(?=({_EXPONENT}))\3(.*)", re.DOTALL)
 _GROUPED_CELL = re.compile(rf"[+-]?(?:\d{{1,3}}(?:[{_MARKS}\s]\d{{3}})+(?:[.,]\d+)?|\d*,\d+{_EXPONENT})")
@@ -63,8 +65,8 @@ def to_si(value: object, unit: str, where: str) -> float:
         where: File and key, named in the error.
 
     Raises:
-        UserError: If the value is no finite number, text without a unit, text with a decimal comma or a thousands
-            separator, or its unit does not fit.
+        UserError: If the value is no finite number, too large or too small to be squared, text without a unit, text
+            with a decimal comma or a thousands separator, or its unit does not fit.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise UserError(
@@ -82,7 +84,15 @@ def to_si(value: object, unit: str, where: str) -> float:
         number = float(value)
     if not math.isfinite(number):
         raise UserError(f"{where}: {value!r} is not a finite number; write one{_in(unit)}")
+    _refuse_extreme(number, value, where)
     return number
+
+
+def _refuse_extreme(number: float, value: object, where: str) -> None:
+    """Refuse a number whose square, a variance say, would be infinite or 0."""
+    if number and not 1 / _SQUARED <= abs(number) <= _SQUARED:
+        size = "large" if abs(number) > 1 else "small"
+        raise UserError(f"{where}: {value!r} is too {size} to be squared; write 0, or a size from 1e-150 to 1e150")
 
 
 def plain_number(text: str) -> float | None:
@@ -122,7 +132,7 @@ def separators_in_cell(text: str) -> str:
 
 
 def refuse_misread(values: object, where: str) -> None:
-    """Refuse settings, at any depth, that hold a number with separators as text, or one that is not finite.
+    """Refuse settings, at any depth, with a number that has separators as text, is not finite, or cannot be squared.
 
     Args:
         values: What a file or an option gives for settings that pydantic reads, which takes ``"1_5"`` for 15.
@@ -144,6 +154,8 @@ def refuse_misread(values: object, where: str) -> None:
         values = plain_number(values)
     if isinstance(values, float) and not math.isfinite(values):
         raise UserError(f"{where}: {values!r} is not a finite number")
+    if isinstance(values, float):
+        _refuse_extreme(values, values, where)
 
 
 def _readings(text: str) -> list[str]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -36,6 +38,8 @@ def raising(error):
         (WorkError("every worker is lost"), 1, "failed: every worker is lost\n"),
         (MemoryError(), 1, "failed: the memory does not suffice; give less at once, or fewer --jobs\n"),
         (OSError(errno.ENOSPC, "No space left on device", "scores"), 1, "failed: scores: No space left on device\n"),
+        (OSError(errno.EFBIG, "File too large", "scores"), 1, "failed: scores: File too large\n"),
+        (RuntimeError("Symlink loop from '/a/b.csv'"), 2, "error: '/a/b.csv' is a link that leads back to itself\n"),
         (
             KeyboardInterrupt(),
             130,
@@ -161,6 +165,35 @@ def test_nothing_raw_comes_from_a_command_of_its_own_process(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == f"note: {NUMBERS}\n"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+@pytest.mark.parametrize(
+    ("words", "output", "status", "said"),
+    [
+        ("--help", ">/dev/full", 1, "failed: No space left on device\n"),
+        ("--version", ">/dev/full", 1, "failed: No space left on device\n"),
+        ("list tyres", ">/dev/full", 1, "failed: No space left on device\n"),
+        ("list tyres", ">&-", 0, ""),
+        ("list nothing", "2>&-", 2, ""),
+        ("list tyres", ">&- 2>&-", 0, ""),
+    ],
+)
+def test_an_output_that_takes_nothing_is_no_traceback(tmp_path, words, output, status, said):
+    line = f"{shlex.quote(sys.executable)} -m harness {words} {output}"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (status, said)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.version_info >= (3, 13), reason="Python resolves such links without an error")
+def test_a_link_to_itself_as_a_recording_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").symlink_to("a.csv")
+    words = "estimate -m car --parameters govindarajan_2018 -d a.csv -e ekf -o there"
+    done = CliRunner().invoke(main.app, words.split())
+    assert done.exit_code == 2
+    assert "a.csv' is a link that leads back to itself" in done.stderr
 
 
 @pytest.fixture

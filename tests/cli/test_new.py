@@ -135,6 +135,8 @@ def test_a_parameter_file_of_a_vehicle_that_there_is_says_what_every_value_means
     [
         (("parameters", "mine"), "say the vehicle by --model; there are: car, "),
         (("parameters", "mine", "--model", "cra"), "closest: car"),
+        (("parameters", "../mine", "--model", "car"), "'../mine' does not do as a name"),
+        (("parameters", "../../mine.toml", "--model", "car"), "'../../mine' does not do as a name"),
         (("effect", "mine", "--model", "car"), "--model, --parameters and --tyre are for parameters"),
         (("parameters", "mine", "--model", "car", "--out", "x.toml"), "--out is for channels"),
     ],

@@ -44,6 +44,18 @@ def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
     assert read_toml(tmp_path / "a.toml") == {"name": 1}
 
 
+@pytest.mark.parametrize("bits", [16, 32])
+def test_wide_text_is_named(tmp_path, bits):
+    (tmp_path / "a.toml").write_text("name = 1\n", encoding=f"utf-{bits}")
+    with pytest.raises(UserError, match=rf"a\.toml: is UTF-{bits} text; save the file as UTF-8"):
+        read_toml(tmp_path / "a.toml")
+
+
+def test_a_file_name_that_is_no_utf_8_can_be_written_of(tmp_path):
+    write_files(tmp_path, {"a.html": f"made from {os.fsdecode(b'a' + bytes([255]))}.csv"})
+    assert (tmp_path / "a.html").read_text(encoding="utf-8") == "made from a?.csv"
+
+
 def test_what_is_no_toml_is_one_error(tmp_path):
     (tmp_path / "a.toml").write_text("name = \n")
     with pytest.raises(UserError, match=r"a\.toml: not valid TOML: .*line 1"):

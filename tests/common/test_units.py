@@ -70,6 +70,8 @@ def test_converts(value, unit, expected):
         ("nan", "kg", "'nan' is not a finite number"),
         ("-inf", "", "'-inf' is not a finite number"),
         ("1e999 kg", "kg", "not a finite number"),
+        ("1e160 kg", "kg", "'1e160 kg' is too large to be squared; write 0, or a size from 1e-150 to 1e150"),
+        (-5e-324, "", "-5e-324 is too small to be squared"),
         (float("nan"), "kg", "not a finite number"),
         (True, "kg", "expected a number in kg"),
         ([1], "kg", "expected a number in kg"),

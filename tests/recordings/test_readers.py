@@ -1,5 +1,6 @@
 import gzip
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -117,7 +118,9 @@ def test_csv_dialects(tmp_path, text, expected):
         ("a.csv", "t,v\n0,−5\n1,−6\n".encode(), "column 'v', row 1 of the data: '−5' is not a number"),
         ("a.csv", b"t,t\n0,1\n", "two columns are named 't'"),
         ("a.csv", b"driver\nA\nB\nC\n", "holds no numeric column"),
-        ("a.csv", b"\xff\xfe\x00t,v\n", "UTF-8"),
+        ("a.csv", b"\xff\xfet\x00,\x00v\x00\n\x00", "is UTF-16 text; save or export it as UTF-8"),
+        ("a.txt.gz", gzip.compress("t;v\n0;1\n".encode("utf-16"), mtime=0), "is UTF-16 text; save or export it"),
+        ("a.csv", b"\xffx\x00t,v\n", "UTF-8"),
         ("a.csv.gz", b"t,v\n0,1\n", "damaged"),
         ("a.csv.gz", gzip.compress(b"t,v\n" + b"0,1\n" * 999, mtime=0)[:-12], "damaged"),
         ("a.mat", b"no matlab", "is damaged or no MATLAB file"),
@@ -267,6 +270,20 @@ def test_a_pipe_or_a_device_is_not_read(tmp_path):
     for name in ("a.csv", "b.csv"):
         with pytest.raises(UserError, match="no file but a pipe or a device"):
             readers.read(tmp_path / name)
+
+
+@pytest.mark.parametrize("size", [100, 700])
+def test_a_damaged_mdf_file_leaves_nothing_to_be_closed_in_vain(tmp_path, size):
+    mdf = pytest.importorskip("asammdf")
+    whole = tmp_path / "whole.mf4"
+    with mdf.MDF(version="4.10") as file:
+        file.append([mdf.Signal(np.arange(9.0), np.arange(9.0), name="v")])
+        file.save(whole)
+    (tmp_path / "a.mf4").write_bytes(whole.read_bytes()[:size])
+    code = f"from harness.recordings import readers\nreaders.read({str(tmp_path / 'a.mf4')!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "is damaged or no MDF file" in done.stderr
+    assert "Exception ignored" not in done.stderr
 
 
 def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):

@@ -23,6 +23,7 @@ import pandas as pd
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
+from harness.common.files import wide_text
 from harness.common.units import plain_number, separators, separators_in_cell
 from harness.recordings.readers._table import Table
 
@@ -110,7 +111,9 @@ def _head(path: str) -> tuple[str, list[str]]:
     except UnicodeDecodeError:
         encoding = _WINDOWS
         text = raw.decode(encoding)
-        if b"\0" in raw:  # UTF-16, or no text at all
+        if wide := wide_text(raw):
+            raise UserError(f"{path}: is {wide}; save or export it as UTF-8") from None
+        if b"\0" in raw:  # no text at all
             raise
     return encoding, text.split("\n")
 
