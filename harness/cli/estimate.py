@@ -36,6 +36,7 @@ from harness.cli.recorded_options import (
     UnknownOption,
 )
 from harness.common.errors import UserError
+from harness.common.files import parse_toml
 from harness.common.stages import showing
 
 if TYPE_CHECKING:
@@ -146,13 +147,11 @@ def _outside_brackets(text: str) -> Iterator[str]:
 
 def _entry(value: Any, option: str) -> Any:
     """Return a setting; a text in brackets is a list or table of TOML."""
-    import tomllib
-
     if not isinstance(value, str) or not value.startswith(("[", "{")):
         return value
     try:
-        return tomllib.loads(f"entry = {value}")["entry"]
-    except tomllib.TOMLDecodeError as error:
+        return parse_toml(f"entry = {value}", "it")["entry"]
+    except UserError as error:
         raise UserError(
             f"{option} '{value}': write it as in a study file, texts in quotes, "
             f'e.g. \'hypotheses={{trailer_mass=["8 t", "24 t"]}}\' ({error})'

@@ -7,6 +7,7 @@ import functools
 import gc
 import json
 import math
+import re
 import sys
 import tomllib
 import traceback
@@ -21,6 +22,14 @@ from harness.common.errors import UserError, closest
 
 BUNDLED_STUDIES = Path(__file__).parents[1] / "config" / "studies"
 """Studies of the package with their drives and channel maps: a link in the checkout, a folder in a wheel."""
+
+LARGEST_TEXT = 4 * 2**20
+"""Bytes of a text file that is read; what is larger is a recording, or a mistake."""
+_MOST_KEYS = 50_000
+"""Keys and tables of a TOML text."""
+_DEEPEST = 32
+"""Parts of a dotted key, of which tomllib takes memory by the square."""
+_TOO_DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_DEEPEST}}}""", re.ASCII)
 
 
 def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
@@ -117,11 +126,16 @@ def read_text(path: Path) -> str:
     """Return the text of a file, without a byte-order mark.
 
     Raises:
-        UserError: If it is absent (with the closest names beside it), no plain file, not UTF-8, or cannot be read.
+        UserError: If it is absent (with the closest names beside it), no plain file, larger than ``LARGEST_TEXT``, not
+            UTF-8, or cannot be read.
     """
     refuse_special(path)
     try:
-        return path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_TEXT + 1)
+        if len(content) > LARGEST_TEXT:
+            raise UserError(f"{path}: is larger than {LARGEST_TEXT / 2**20:g} MiB, which no text file of a study is")
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
         raise UserError(f"{path}: there is no such file{closest(path.name, beside)}") from None
@@ -185,17 +199,23 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         where: File, named in the error.
 
     Raises:
-        UserError: If it is no TOML, or a text in it holds a control character.
+        UserError: If it is no TOML, has more than 50,000 keys and tables or keys of more than 32 parts, or a text in it
+            holds a control character.
     """
+    if (keys := text.count("=") + text.count("\n[")) > _MOST_KEYS:  # before tomllib takes a kilobyte for each
+        raise UserError(f"{where}: has {keys:,} keys and tables, at most {_MOST_KEYS:,} are read; divide it")
+    if found := _TOO_DEEP.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise UserError(f"{where}: line {line}: a key has more than {_DEEPEST} parts; no table here is so deep")
     try:
         content = tomllib.loads(text)
+        refuse_control_characters(content, where)
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{where}: not valid TOML: {error}") from None
     except RecursionError:
         raise UserError(f"{where}: not valid TOML: nested too deeply") from None
     except ValueError as error:  # dates and integers that Python has no number for
         raise UserError(f"{where}: not valid TOML: {error}") from None
-    refuse_control_characters(content, where)
     return content
 
 

@@ -28,6 +28,9 @@ from harness.config.specs import CountFrom, DesignSpec, DriveSpec, EstimatorSpec
 from harness.config.tuning import with_tuning
 from harness.models.drive_options import options_of
 
+_MOST_RUNS = 10**9
+"""Runs of a study; the list of their units alone takes 400 MB."""
+
 _Table = TypeVar("_Table", bound=BaseModel)
 
 
@@ -109,6 +112,7 @@ def _resolve(raw: StudyFile, text: str, path: Path) -> Study:
         for i, table in enumerate(raw.design):
             design = resolve_design(table, f"design[{i}]", Models(plant, belief), problems)
             designs += [] if design is None else [design]
+    _refuse_too_many(designs, len(drives), problems)
     histories: list[HistorySpec | None] = []
     if belief is not None and len(designs) == len(raw.design):
         _refuse_twice_history(raw, problems)
@@ -283,6 +287,18 @@ def estimator_specs(tables: list[EstimatorTable], folder: Path, problems: Proble
         )
     _refuse_twice([s.name for s in specs], "estimator", "name", problems)
     return specs
+
+
+def _refuse_too_many(designs: list[DesignSpec], drives: int, problems: Problems) -> None:
+    """Count the runs before anything is laid out."""
+    counts = [d.bands * drives * d.samples * d.repeats for d in designs]
+    if (runs := sum(counts)) > _MOST_RUNS:
+        d = designs[max(range(len(designs)), key=counts.__getitem__)]
+        problems.add(
+            "design",
+            f"{runs:.3g} runs, at most {_MOST_RUNS:.0e} can be planned; the design '{d.name}' has {d.bands} bands with "
+            f"{d.samples:.3g} samples on {drives} drives, each {d.repeats:.3g} times: state fewer samples or repeats",
+        )
 
 
 def _refuse_twice_history(raw: StudyFile, problems: Problems) -> None:

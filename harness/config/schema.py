@@ -207,6 +207,12 @@ def as_table(estimator: Any) -> Any:
 Estimators = list[Annotated[EstimatorTable, BeforeValidator(as_table, json_schema_input_type=Name | EstimatorTable)]]
 
 
+MOST_LEVELS = 1000
+"""Levels or bands of a factor: the report draws each."""
+
+Levels = Annotated[list[Quantity], Field(min_length=1, max_length=MOST_LEVELS)]
+
+
 class FactorTable(Table):
     """``[[design.factor]]``: exactly one of ``levels``, ``shift``, ``bands`` and ``range``."""
 
@@ -218,11 +224,11 @@ class FactorTable(Table):
     unit: Name | None = Field(
         default=None, description="unit of the labels, and of plain numbers in this table (default: SI)"
     )
-    levels: Annotated[list[Quantity], Field(min_length=1)] | None = Field(default=None, description="values")
-    shift: Annotated[list[Quantity], Field(min_length=1)] | None = Field(
+    levels: Levels | None = Field(default=None, description="values")
+    shift: Levels | None = Field(
         default=None, description="differences from the nominal (belief) value; percent is relative to it"
     )
-    bands: Annotated[list[Quantity], Field(min_length=1)] | None = Field(
+    bands: Levels | None = Field(
         default=None, description="half-widths around the nominal (belief) value; percent is relative to it"
     )
     range: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = Field(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from harness.common.errors import UserError
+from harness.common.files import parse_toml
 from harness.config import Study
 
 _SHOWN = 5
@@ -39,8 +40,8 @@ def differences(stored: Mapping[str, Any], now: Mapping[str, Any], study: Study)
 
 def _of_texts(there: Any, here: str) -> str:
     try:
-        changed = list(_of_values(tomllib.loads(str(there)), tomllib.loads(here)))
-    except tomllib.TOMLDecodeError:
+        changed = list(_of_values(parse_toml(str(there), "there"), parse_toml(here, "here")))
+    except UserError:
         return "its stored text cannot be read"
     return _listed(iter(changed)) or (
         "the texts agree, so that a file differs that it names: drives, parameters, tuning or a recording"

@@ -17,8 +17,8 @@ LONG = 3600.0
 LARGE = 10e9
 """Bytes from which on a run is begun only where somebody agrees."""
 
-_TOO_MANY_POINTS = 2e8
-"""Numbers that the points of a design may have for it to be laid out before anybody has agreed."""
+_TOO_MANY_POINTS = 8e6
+"""Numbers that the points of a design may have for it to be laid out, in 20 s, before anybody has agreed."""
 
 _BLOCK = 4096
 """Bytes that the smallest file takes."""
@@ -43,7 +43,8 @@ class Plan:
     @property
     def is_large(self) -> bool:
         """Whether somebody should agree first."""
-        return self.size > LARGE or (self.seconds is not None and self.seconds > LONG)
+        long = self.runs > _TOO_MANY_POINTS if self.seconds is None else self.seconds > LONG
+        return self.size > LARGE or long
 
     def __str__(self) -> str:
         took = "a time that is not estimated before you agree" if self.seconds is None else in_time(self.seconds)

@@ -274,6 +274,7 @@ def _in_threads(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], j
         store.write(unit, evaluator.evaluate(unit))
         return unit
 
+    jobs = min(jobs, len(todo))
     parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered", batch_size=1)
     finished: Iterator[Unit] = parallel(joblib.delayed(work)(unit) for unit in todo)
     return finished

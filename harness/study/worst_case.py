@@ -226,7 +226,7 @@ class _Search:
     def _loss_of(self, weight: float) -> Callable[[Floats], Floats]:
         def loss(exponents: Floats) -> Floats:
             rows = [dict(zip(self.groups, 10.0**row, strict=True)) for row in np.atleast_2d(exponents.T)]
-            parallel = joblib.Parallel(n_jobs=self.jobs or joblib.cpu_count(), backend="threading")
+            parallel = joblib.Parallel(n_jobs=min(self.jobs or joblib.cpu_count(), len(rows)), backend="threading")
             found = parallel(joblib.delayed(self.candidate)({g: float(f) for g, f in row.items()}) for row in rows)
             self.tried.extend(found)
             return np.array([_traded(c, weight) for c in found])

@@ -2,12 +2,13 @@
 
 import os
 import tomllib
+import tracemalloc
 from pathlib import Path
 
 import pytest
 
 from harness.common.errors import UserError
-from harness.common.files import read_toml, refuse_url, renewed, toml_text, write_files
+from harness.common.files import parse_toml, read_toml, refuse_url, renewed, toml_text, write_files
 from harness.recordings.write import check_target
 
 CONTENT = {
@@ -49,6 +50,44 @@ def test_wide_text_is_named(tmp_path, bits):
     (tmp_path / "a.toml").write_text("name = 1\n", encoding=f"utf-{bits}")
     with pytest.raises(UserError, match=rf"a\.toml: is UTF-{bits} text; save the file as UTF-8"):
         read_toml(tmp_path / "a.toml")
+
+
+DEEP = "a key has more than 32 parts"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (".".join("a" * 50_000) + " = 1", f"line 1: {DEEP}"),
+        ("x = 1\n[" + " . ".join(['"a b"'] * 5000) + "]", f"line 2: {DEEP}"),
+        ("x = { " + ".".join(["'a'", "b"] * 20) + " = 1 }", f"line 1: {DEEP}"),
+        ("".join(f"k{i}=1\n" for i in range(50_001)), "has 50,001 keys and tables, at most 50,000 are read"),
+        ("x = 1" + "\n[[a]]" * 50_000, "has 50,001 keys and tables"),
+        ("a = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        ("a = " + ("{" + ".".join("b" * 32) + " = ") * 40 + "1" + "}" * 40, "nested too deeply"),
+    ],
+)
+def test_a_toml_text_that_takes_memory_is_refused_before_it_is_read(text, said):
+    with pytest.raises(UserError) as error:
+        parse_toml(text, "a.toml")
+    assert str(error.value).startswith("a.toml: ")
+    assert said in str(error.value)
+
+
+def test_a_toml_text_of_some_depth_and_length_is_read():
+    assert parse_toml(".".join("a" * 32) + " = 1.5", "a.toml")["a"]["a"]
+    numbers = "[" + ", ".join(["0.1"] * 9999) + "]"
+    assert len(parse_toml(f"a = {numbers}\nb = 'v1. v2. v3. in www.a.b.c.d.e.f'", "a.toml")["a"]) == 9999
+
+
+def test_a_text_file_larger_than_any_study_is_not_read(tmp_path):
+    with (tmp_path / "a.toml").open("wb") as file:
+        file.truncate(2**30)  # takes no room on the disk
+    tracemalloc.start()
+    with pytest.raises(UserError, match=r"a\.toml: is larger than 4 MiB"):
+        read_toml(tmp_path / "a.toml")
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
 
 
 def test_a_file_name_that_is_no_utf_8_can_be_written_of(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from harness.common.errors import UserError
 from harness.common.lock import locked
 from harness.config import load_study
-from harness.study import plan, provenance
+from harness.study import design, plan, provenance
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run import run_study
 from harness.study.store import STORE
@@ -105,6 +105,23 @@ def test_a_hundred_million_runs_are_asked_about_within_little_memory(study, tmp_
         run_study(large, tmp_path / "out", jobs=2, console=console, agree=refuse)
     assert tracemalloc.get_traced_memory()[1] < 500e6
     tracemalloc.stop()
+
+
+def test_points_that_take_long_to_lay_out_are_asked_about_before(study, tmp_path, console, monkeypatch):
+    monkeypatch.setattr(design, "unit_box", lambda *_: pytest.fail("laid out"))
+    factor = dataclasses.replace(study.designs[0].factors[0], levels=(2e4,), lower=(1e4,), upper=(3e4,), labels=("a",))
+    box = dataclasses.replace(study.designs[0], factors=(factor,), base_samples=2**24, repeats=1)
+
+    def refuse(cost):
+        raise UserError(cost)
+
+    with pytest.raises(UserError, match=r"33,554,432 runs to do: a time that is not estimated before you agree"):
+        run_study(dataclasses.replace(study, designs=(box,), history=()), tmp_path / "out", 2, console, agree=refuse)
+
+
+def test_more_jobs_than_units_are_no_more_threads(study, tmp_path, console):
+    run_study(study, tmp_path / "out", 10**9, console)
+    assert (tmp_path / "out" / "run.json").exists()
 
 
 def test_a_second_runner_on_one_folder_is_refused(study, finished):

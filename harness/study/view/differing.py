@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from harness.common.files import parse_toml
 from harness.study.report.analysis import Analysis
 from harness.study.view.frame import said
 from harness.study.view.tables import table
@@ -20,7 +20,8 @@ def differing(analyses: Sequence[Analysis], names: Sequence[str]) -> Any:
         analyses: Of the studies.
         names: Of the studies, no two alike.
     """
-    sides = [settings(tomllib.loads(str(a.store.attributes["study"]))) for a in analyses]
+    texts = zip(analyses, names, strict=True)
+    sides = [settings(parse_toml(str(a.store.attributes["study"]), name)) for a, name in texts]
     every = list(dict.fromkeys(name for side in sides for name in side))
     partly = {n for n in every if any(n not in side for side in sides)}
     rows = [n for n in every if n in partly or any(side[n] != sides[0][n] for side in sides)]
