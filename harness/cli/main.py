@@ -37,7 +37,7 @@ from harness.cli.trace import trace
 from harness.cli.tune import tune
 from harness.cli.view import view
 from harness.common.errors import UserError
-from harness.common.files import refuse_url
+from harness.common.files import LIMITED, refuse_url
 from harness.common.places import is_url
 from harness.common.stages import showing
 
@@ -49,11 +49,14 @@ _NONE_AT_ALL = ("--estimators",)
 """Options of which an empty word says something: run none."""
 
 
+_ANYWHERE = ("--debug", "--no-limits")
+
+
 class _Commands(typer.core.TyperGroup):
-    """Accepts ``--debug`` anywhere on the line, because it is appended to a line that failed; and no empty word."""
+    """Accepts options anywhere on the line that are appended to a line that failed; and no empty word."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Move ``--debug`` to the front.
+        """Move ``--debug`` and ``--no-limits`` to the front.
 
         Raises:
             BadParameter: If a word is empty: as a path it would be the working directory.
@@ -66,8 +69,8 @@ class _Commands(typer.core.TyperGroup):
                     "'.' for the working directory",
                     ctx,
                 )
-        if "--debug" in args:
-            args = ["--debug", *(a for a in args if a != "--debug")]
+        first = [option for option in _ANYWHERE if option in args]
+        args = [*first, *(a for a in args if a not in _ANYWHERE)]
         return super().parse_args(ctx, args)
 
 
@@ -116,9 +119,13 @@ def _common(
         bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    no_limits: Annotated[
+        bool, typer.Option("--no-limits", help="Read tables of any size, with lines and columns of any number.")
+    ] = False,
 ) -> None:
     """Which estimator can be trusted on this vehicle, and how far may it drift from what is believed?"""
     show_tracebacks(debug)
+    LIMITED[0] = not no_limits
 
 
 def _run_command(name: str, place: Path | None, command: Callable[[], None]) -> None:

@@ -23,6 +23,9 @@ from harness.common.errors import UserError, closest
 BUNDLED_STUDIES = Path(__file__).parents[1] / "config" / "studies"
 """Studies of the package with their drives and channel maps: a link in the checkout, a folder in a wheel."""
 
+LIMITED = [True]
+"""Whether tables larger than any recording are refused, see ``refuse_beyond``."""
+
 LARGEST_TEXT = 4 * 2**20
 """Bytes of a text file that is read; what is larger is a recording, or a mistake."""
 _MOST_KEYS = 50_000
@@ -144,6 +147,19 @@ def read_text(path: Path) -> str:
         raise UserError(f"{path}: is {what}; save the file as UTF-8") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def refuse_beyond(path: str, what: str, size: int, most: int, unit: str) -> None:
+    """Refuse what is larger than any recording has it, before the memory is filled.
+
+    Raises:
+        UserError: If it is, unless ``LIMITED`` says otherwise.
+    """
+    if size > most and LIMITED[0]:
+        raise UserError(
+            f"{path}: {what} has {size:,} {unit} or more, at most {most:,} are read; if it is a recording, "
+            "add --no-limits"
+        )
 
 
 def wide_text(head: bytes) -> str:

@@ -16,14 +16,11 @@ from harness.common.registry import closest
 from harness.models.signals import SIGNALS, TRUTH
 from harness.recordings.channel_map import Channel, ChannelMap
 from harness.recordings.clock import Clock, check_clock, spikes, updates
-from harness.recordings.readers import Table
+from harness.recordings.readers import NO_MEASUREMENT, Table
 from harness.recordings.resample import segments
 from harness.recordings.reversing import COURSE
 from harness.recordings.steady_clock import steadied
 
-_NO_MEASUREMENT = 1e30
-"""From here on a number is no measurement in any unit: what programs write for a missing one (the largest of its type),
-or a damaged file. Such samples are missing, as NaN and infinite ones are."""
 _BRIDGED = 5
 """Samples that may be missing in a row before it counts as a gap, unless the map states the time."""
 
@@ -150,7 +147,7 @@ def _come_together(one: Mask, other: Mask) -> bool:
 
 def is_measured(column: Floats) -> Mask:
     """Tell values that a sensor may have given from blanks, and from numbers that stand for them."""
-    return np.asarray(np.abs(column) < _NO_MEASUREMENT)
+    return np.asarray(np.abs(column) < NO_MEASUREMENT)
 
 
 def _named_clock(table: Table, channels: ChannelMap, file: str, channel: Channel) -> str | None:

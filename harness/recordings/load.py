@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from harness.common.arrays import Floats, Mask
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.models.signals import TRUTH, signal_attributes
+from harness.models.signals import SIGNALS, TRUTH, signal_attributes
 from harness.recordings import readers
 from harness.recordings.channel_map import ChannelMap, load_map
 from harness.recordings.channels import Raw, collect, plain_map
@@ -64,14 +64,24 @@ def load_recording(
         UserError: If file or map cannot be read, or do not fit each other; with file, key or column, and remedy.
     """
     file, span = file_and_span(path)
-    whole = recording_of(readers.read_tables(file), os.fspath(file), channels, step)
+    mapping = None if channels is None else load_map(channels)
+    whole = recording_of(_tables(file, mapping), os.fspath(file), mapping, step)
     return whole if span is None else part_of(whole, span, os.fspath(path))
+
+
+def _tables(file: Path, mapping: ChannelMap | None) -> list[readers.Table]:
+    """Return the columns that a map names, or signals are named after; all where one is missing, which errors list."""
+    if mapping is None:
+        return readers.read_tables(file, lambda name: name.removeprefix(TRUTH) in SIGNALS)
+    named = {c.channel for c in mapping.channels}
+    tables = readers.read_tables(file, (named | set(mapping.clocks)).__contains__)
+    return tables if named <= {n for t in tables for n in t.columns} else readers.read_tables(file)
 
 
 def recording_of(
     tables: list[readers.Table],
     file: str,
-    channels: str | Path | Mapping[str, Any] | None = None,
+    channels: str | Path | Mapping[str, Any] | ChannelMap | None = None,
     step: float | None = None,
 ) -> xr.Dataset:
     """Return what a reader returned as a recording, see ``load_recording``.
@@ -82,7 +92,10 @@ def recording_of(
         channels: Channel map: a file or its content.
         step: Step of the common time base in s, in place of that of the channel map.
     """
-    mapping = plain_map(tables, file) if channels is None else load_map(channels)
+    if channels is None:
+        mapping = plain_map(tables, file)
+    else:
+        mapping = channels if isinstance(channels, ChannelMap) else load_map(channels)
     if step is not None:
         mapping = replace(mapping, step=step)
     raws, clock = collect(tables, mapping, file)

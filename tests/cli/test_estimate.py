@@ -131,7 +131,7 @@ def test_noise_is_found_and_estimate_takes_its_file(folder, tmp_path):
     ("words", "said"),
     [
         (["estimate", "-e", "ekff"], "closest: ekf"),
-        (["estimate", "-e", "ekf", "-e", "ekf"], "is asked for twice"),
+        (["estimate", "-e", "ukf,beta=1", "-e", "ukf,beta=1.0"], "is asked for twice"),
         (["estimate", "-e", "ukf,alpa=1"], "alpa"),
         (["estimate", "-e", "ekf", "--signal", "yaw_rat"], "no quantity 'yaw_rat'"),
         (["estimate", "-e", "ekf", "--unknown-input", "sped"], "'sped' is no input"),

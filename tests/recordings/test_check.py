@@ -202,7 +202,7 @@ def test_delay_is_estimated_and_taken_out(tmp_path):
     assert left.std() < 4e-3
 
 
-@pytest.mark.parametrize("delay", ["1e300 s", "-20 min"])
+@pytest.mark.parametrize("delay", ["1e140 s", "-20 min"])
 def test_a_delay_that_leaves_nothing_of_a_channel_is_refused(tmp_path, delay):
     yaw_rate = f'{{ channel = "yaw_rate", unit = "rad/s", delay = "{delay}" }}'
     path, channels = stored(tmp_path, {"time": TIME, **noisy()}, time=CLOCK, yaw_rate=yaw_rate)

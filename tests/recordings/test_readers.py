@@ -2,6 +2,7 @@ import gzip
 import os
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import asammdf
@@ -13,8 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 
+from harness.common import files
 from harness.common.errors import UserError
 from harness.recordings import readers
+from harness.recordings.readers import csv as csv_reader
+from harness.recordings.readers import parquet
 
 COLUMNS = {
     "time": np.arange(50) * 0.01,
@@ -284,6 +288,74 @@ def test_a_damaged_mdf_file_leaves_nothing_to_be_closed_in_vain(tmp_path, size):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "is damaged or no MDF file" in done.stderr
     assert "Exception ignored" not in done.stderr
+
+
+LINES = b"time,speed\n" + b"0,1\n" * 9
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.csv", LINES + b"1" * 2**22, "a line has "),
+        ("a.csv", b"1" * 2**22, "a line has "),
+        ("a.csv", b"t;v\n1,500;1,500\n" + b"1" * 2**22, "a line has "),
+        ("a.txt", bytes(2**22), "a line has "),
+        ("a.csv.gz", gzip.compress(bytes(2**24), mtime=0), "a line has "),
+        ("a.csv.gz", gzip.compress(LINES + b"0,1\n" * 2**25, mtime=0), "the table, unpacked, has "),
+        ("a.csv", b",".join(b"c%d" % n for n in range(10_001)) + b"\n", "the table has 10,001 columns or more"),
+    ],
+)
+def test_what_no_recording_is_as_large_as_is_refused_at_a_bounded_look(tmp_path, name, content, said):
+    (tmp_path / name).write_bytes(content)
+    tracemalloc.start()
+    with pytest.raises(UserError) as error:
+        readers.read(tmp_path / name)
+    assert tracemalloc.get_traced_memory()[1] < 400e6
+    tracemalloc.stop()
+    assert str(error.value).startswith(f"{tmp_path / name}: {said}")
+    assert "are read; if it is a recording, add --no-limits" in str(error.value)
+
+
+def test_a_parquet_file_that_unpacks_to_more_than_any_recording_is_refused(tmp_path):
+    with pq.ParquetWriter(tmp_path / "a.parquet", pa.schema([("v", pa.float64())])) as file:
+        for _ in range(11):
+            file.write_table(pa.table({"v": pa.array(np.zeros(10**6))}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(parquet, "MOST_BYTES", 10**7)
+        with pytest.raises(UserError, match=r"the table has 88,000,000 bytes or more"):
+            readers.read(tmp_path / "a.parquet")
+
+
+def test_limits_can_be_lifted(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "LIMITED", [False])
+    (tmp_path / "a.csv").write_bytes(b",".join(b"c%d" % n for n in range(10_001)) + b"\n" + b",".join([b"1"] * 10_001))
+    assert len(readers.read(tmp_path / "a.csv")) == 10_001
+
+
+def test_pieces_of_a_table_are_the_table(tmp_path, monkeypatch):
+    """Text, blanks and numbers are judged over the whole column, wherever it is cut."""
+    rows = "".join(f"{i},{'' if i % 3 else i},A,{i / 7!r}\n" for i in range(20))
+    (tmp_path / "a.csv").write_text("t,v,driver,w\n" + rows)
+    (tmp_path / "b.csv").write_text("t,v\n" + "".join(f"{i},{i}\n" for i in range(9)) + "9,fast\n10,1\n")
+    whole = readers.read(tmp_path / "a.csv")
+    monkeypatch.setattr(csv_reader, "_AT_ONCE", 4)
+    same(readers.read(tmp_path / "a.csv"), whole)
+    assert list(whole) == ["t", "v", "w"]
+    with pytest.raises(UserError, match="column 'v', row 10 of the data: 'fast' is not a number"):
+        readers.read(tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize("at_once", [3, 100])
+def test_columns_that_nobody_wants_say_at_most_where_they_are_blank(tmp_path, monkeypatch, at_once):
+    monkeypatch.setattr(csv_reader, "_AT_ONCE", at_once)
+    (tmp_path / "a.csv").write_text(
+        "t,v,whole,blank\n" + "".join(f"{i},{i},7,{'' if i == 8 else 7}\n" for i in range(9))
+    )
+    (table,) = readers.read_tables(tmp_path / "a.csv", {"t", "v"}.__contains__)
+    assert list(table.columns) == ["t", "v", "blank"]
+    np.testing.assert_array_equal(table.columns["blank"], [1.0] * 8 + [np.nan])
+    (table,) = readers.read_tables(tmp_path / "a.csv", {"x"}.__contains__)
+    assert list(table.columns) == ["t", "v", "whole", "blank"]  # for an error that lists them
 
 
 def test_missing_asammdf_is_one_clear_error(tmp_path, monkeypatch):

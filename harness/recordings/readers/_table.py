@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from harness.common.arrays import Floats
+
+Wanted = Callable[[str], bool]
+"""Tells by the name of a column whether its values are used."""
+
+NO_MEASUREMENT = 1e30
+"""From here on a number is no measurement in any unit: what programs write for a missing one (the largest of its type),
+or a damaged file. Such samples are missing, as NaN and infinite ones are."""
+
+MOST_COLUMNS = 10_000
+MOST_BYTES = 8 * 2**30
+"""Of a recording, unpacked."""
 
 
 @dataclass(frozen=True)

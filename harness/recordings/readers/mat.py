@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import h5py
@@ -10,8 +12,8 @@ import scipy.io
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.common.files import told_as_damaged
-from harness.recordings.readers._table import Table, by_length
+from harness.common.files import refuse_beyond, told_as_damaged
+from harness.recordings.readers._table import MOST_BYTES, Table, by_length
 
 SUFFIXES = (".mat",)
 
@@ -30,9 +32,13 @@ def read(path: str) -> list[Table]:
     vectors: Vectors = {}
     with told_as_damaged(path, "MATLAB file"):
         try:
+            claimed = sum(8 * math.prod(shape) for _, shape, _ in scipy.io.whosmat(path))
+            refuse_beyond(path, "the file, unpacked,", claimed, MOST_BYTES, "bytes")
             content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
         except NotImplementedError:  # how SciPy says version 7.3
             with h5py.File(path, "r") as file:
+                claimed = sum(8 * d.size for d in _datasets(file))
+                refuse_beyond(path, "the file, unpacked,", claimed, MOST_BYTES, "bytes")
                 _collect_hdf5("", file, vectors)
         except ValueError as error:
             if "Unknown mat file type" not in str(error):  # which it says of any bytes, with two of them as a version
@@ -46,6 +52,14 @@ def read(path: str) -> list[Table]:
                 if not name.startswith("__"):
                     _collect(name, value, vectors)
     return by_length(vectors)
+
+
+def _datasets(group: h5py.Group) -> Iterator[h5py.Dataset]:
+    for value in group.values():
+        if isinstance(value, h5py.Group):
+            yield from _datasets(value)
+        elif isinstance(value, h5py.Dataset):
+            yield value
 
 
 def _collect(name: str, value: Any, vectors: Vectors) -> None:

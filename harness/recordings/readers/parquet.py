@@ -6,8 +6,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.common.arrays import Floats
-from harness.common.files import told_as_damaged
-from harness.recordings.readers._table import Table
+from harness.common.files import refuse_beyond, told_as_damaged
+from harness.recordings.readers._table import MOST_BYTES, MOST_COLUMNS, Table
 
 SUFFIXES = (".parquet", ".pq")
 
@@ -20,7 +20,11 @@ def read(path: str) -> list[Table]:
     """
     with told_as_damaged(path, "Parquet file"):
         # One file is meant: pq.read_table would read "speed=3" in the path as a partition.
-        table = pq.ParquetFile(path).read()
+        file = pq.ParquetFile(path)
+        about = file.metadata
+        refuse_beyond(path, "the table", about.num_columns, MOST_COLUMNS, "columns")
+        refuse_beyond(path, "the table", 8 * about.num_columns * about.num_rows, MOST_BYTES, "bytes")
+        table = file.read()
     columns: dict[str, Floats] = {}
     for field, column in zip(table.schema, table.columns, strict=True):
         kind = field.type
