@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import typer
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from bench.fuzz import folders
-from bench.fuzz.mutate import changed, damaged, numbers, texts, toml, values
+from bench.fuzz.mutate import changed, damaged, large, numbers, texts, toml, values
+from harness.cli.main import app
 from harness.common import locations
 from harness.models.roles import PARAMETERS
 
@@ -61,7 +64,7 @@ def kinds(folder: Path) -> dict[str, Kind]:
     def tables(share: float, name: str, read: Callable[[Path], object], base: dict[str, Any]) -> Kind:
         text = toml(base).encode()
         spoilt = st.one_of(
-            changed(base).map(lambda t: toml(t).encode()), damaged(text), damaged(b"\xef\xbb\xbf" + text)
+            changed(base).map(lambda t: toml(t).encode()), damaged(text), damaged(b"\xef\xbb\xbf" + text), large()
         )
         return Kind(share, name, text, spoilt, read)
 
@@ -78,8 +81,9 @@ def kinds(folder: Path) -> dict[str, Kind]:
         "project": tables(0.04, "harness.toml", lambda path: locations.project_name(path.parent), {"name": "lab"}),
         "tuning": tables(0.04, "tuning.toml", _tuning, table["tuning"]),
         "loop": tables(0.04, "loop.toml", _loop, table["loop"]),
-        "csv": files(0.15, "a.csv", _recording, _csv(), _csv()),
-        "csv.gz": files(0.02, "a.csv.gz", _recording),
+        "csv": files(0.15, "a.csv", _recording, _csv(), _csv(), _long()),
+        "csv.gz": files(0.02, "a.csv.gz", _recording, _long().map(gzip.compress)),
+        "options": Kind(0.015, "words.json", b'["run", "--jobs", "1", "-j", "2"]', _twice(), _refused),
         "mat": files(0.09, "a.mat", _recording),
         "mdf": files(0.06, "a.mf4", _recording),
         "parquet": files(0.05, "a.parquet", _recording),
@@ -110,6 +114,42 @@ def _csv(draw: st.DrawFn) -> bytes:
     end = draw(st.sampled_from(("\n", "\r\n", "\r")))
     encoding = draw(st.sampled_from(("utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1")))
     return end.join(lines).encode(encoding, errors="replace")
+
+
+@st.composite
+def _long(draw: st.DrawFn) -> bytes:
+    """Return a table with a long line, many columns, many rows or zeros, behind lines of a good one or none."""
+    head = draw(st.sampled_from((b"", b"time,speed\n0,1\n0.1,1\n0.2,2\n", b"t;v\n1,500;1,500\n")))
+    size = draw(st.sampled_from((1000, 2**20, 2**22)))
+    piece = draw(st.sampled_from((b"\0", b"1", b"1,", b"0.1,1\n", b"\r\n", b"# x\n", b'"', b";")))
+    return head + piece * (size // len(piece))
+
+
+@st.composite
+def _twice(draw: st.DrawFn) -> bytes:
+    """Return the words of a command with an option of it that is given twice."""
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    command = draw(st.sampled_from(sorted(commands)))
+    options = [p for p in commands[command].params if p.param_type_name == "option" and not p.is_flag]
+    option = draw(st.sampled_from(options)) if options else None
+    first, second = draw(st.tuples(texts, texts).filter(lambda both: all(word.strip() for word in both)))
+    if option is None:
+        return b'["run", "--jobs", "1", "-j", "2"]'
+    words = [draw(st.sampled_from(option.opts)), first, draw(st.sampled_from(option.opts))]
+    return json.dumps([command, *words, first if option.multiple else second]).encode()
+
+
+def _refused(path: Path) -> object:
+    """Run a command whose words say something twice, and return what it says.
+
+    Raises:
+        ValueError: If it does not refuse that.
+    """
+    done = CliRunner().invoke(app, json.loads(path.read_bytes()))
+    said = " ".join(done.output.replace("│", " ").split())
+    if done.exit_code != 2 or "given twice" not in said:
+        raise ValueError(f"is not refused: {done.exit_code} {said}")
+    return said
 
 
 @st.composite

@@ -16,7 +16,29 @@ TEXTS = (
     "<script>alert(1)</script>", '#read("/etc/passwd")', "$x$", "\\", '"', "'", "\n", "\t", "true", "null", "%s", "{0}",
     "semitrailer", "car", "ekf", "time", "speed", "trailer_mass", "yaw_rate", "steering_wheel_angle", "from_file",
 )  # fmt: skip
-NUMBERS = (0, -1, 1, 2, 3, 7, 64, 2**31, 2**63 - 1, -(2**63), 10**30, 0.0, -0.0, 0.01, 1e-300, 1e300, -1e300, 1e-9)
+NUMBERS = (
+    0,
+    -1,
+    1,
+    2,
+    3,
+    7,
+    64,
+    2**31,
+    2**63 - 1,
+    -(2**63),
+    10**9,
+    10**18,
+    10**30,
+    5e-324,
+    0.0,
+    -0.0,
+    0.01,
+    1e-300,
+    1e300,
+    -1e300,
+    1e-9,
+)
 
 texts = st.one_of(st.sampled_from(TEXTS), st.text(max_size=12))
 numbers = st.one_of(
@@ -27,6 +49,24 @@ values = st.recursive(
     lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(texts, inner, max_size=3)),
     max_leaves=5,
 )
+
+
+@st.composite
+def large(draw: st.DrawFn) -> bytes:
+    """Return TOML that asks for much memory in few bytes: many keys, parts of a key, tables, levels of nesting."""
+    count = draw(st.sampled_from((10, 31, 100, 5000, 60_000)))
+    part = draw(st.sampled_from(("a", '"a b"', "'x'")))
+    forms = (
+        ".".join([part] * count) + " = 1",
+        "[" + " . ".join([part] * count) + "]",
+        "".join(f"k{i} = 1\n" for i in range(count)),
+        "[[design]]\n" * count,
+        "a = " + "[" * count + "]" * count,
+        "a = " + "{ b.c = " * count + "1" + " }" * count,
+        f"levels = {list(range(count))}",
+        "# " + "x" * 100 * count,
+    )
+    return draw(st.sampled_from(forms)).encode()
 
 
 def places(table: Any, before: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

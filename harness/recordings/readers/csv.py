@@ -97,6 +97,8 @@ def read(path: str, wanted: Wanted | None = None) -> list[Table]:
             f"{path}: the rows hold more cells than the {len(names)} of the header; with decimal commas, separate the "
             "columns by semicolons or tabs"
         ) from None
+    except csv.Error as error:
+        raise UserError(f"{path}: the first lines are no header of a table: {error}") from None
     except pd.errors.ParserError as error:
         raise UserError(f"{path}: {_first_line(error)}; every row must have as many cells") from None
     except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile) as error:
