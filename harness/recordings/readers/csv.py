@@ -19,7 +19,7 @@ import re
 import warnings
 import zlib
 from collections.abc import Iterator
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -116,7 +116,7 @@ class _Bounded(io.RawIOBase):
 
     def __init__(self, path: str) -> None:
         self._path, packed = path, path.lower().endswith(".gz")
-        self._file: IO[bytes] = gzip.open(path) if packed else open(path, "rb")  # noqa: SIM115
+        self._file: Any = gzip.open(path) if packed else open(path, "rb")  # noqa: SIM115
         self._most = max(_MOST_UNPACKED * os.path.getsize(path), 64 * 2**20) if packed else MOST_BYTES
         self._most, self._total, self._line = min(self._most, MOST_BYTES), 0, 0
 
