@@ -374,3 +374,21 @@ def test_a_byte_order_mark_is_no_part_of_a_study(tmp_path):
 def test_control_characters_are_refused_in_studies_made_in_python():
     with pytest.raises(UserError, match=r"study: title: holds the control character U\+0001"):
         build_study({**tomllib.loads(STUDY), "title": "a\x01"})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("repeats = 2", "repeats = 1_000_000_000_000_000_000", "3e+18 runs, at most 1e+09 can be planned; the design"),
+        ('repeats = 2\n[[design.factor]]\nparameter = "trailer_mass"\nlevels = ["8 t", "24 t", "32 t"]',
+         'samples = 0x10000000000\n[[design.factor]]\nparameter = "trailer_mass"\nrange = ["8 t", "24 t"]',
+         "1.1e+12 runs, at most 1e+09 can be planned"),
+        ('["8 t", "24 t", "32 t"]', str([20_000 + i for i in range(1001)]), "levels: list should have at most 1000"),
+    ],
+)  # fmt: skip
+def test_sizes_are_counted_from_the_file(tmp_path, old, new, said):
+    assert old in STUDY
+    (tmp_path / "a.toml").write_text(STUDY.replace(old, new))
+    with pytest.raises(UserError) as error:
+        load_study(tmp_path / "a.toml")
+    assert said in str(error.value)

@@ -21,21 +21,6 @@ REFUSALS = {
         [('"32 t"]', '"32 t"]\nlabels = ["a", "b\\u0007", "c"]')],
         "design[0].factor[0].labels[1]: holds the control character U+0007",
     ),
-    "more runs than can be planned": (
-        [("repeats = 2", "repeats = 1_000_000_000_000_000_000")],
-        "design: 3e+18 runs, at most 1e+09 can be planned; the design 'level' has 3 bands with 1 samples on 1 drives",
-    ),
-    "more samples than can be planned": (
-        [
-            ('levels = ["8 t", "24 t", "32 t"]', 'range = ["8 t", "24 t"]'),
-            ("repeats = 2", "samples = 0x10000000000"),
-        ],
-        "design: 1.1e+12 runs, at most 1e+09 can be planned",
-    ),
-    "more levels than are drawn": (
-        [('levels = ["8 t", "24 t", "32 t"]', f"levels = {[20_000 + i for i in range(1001)]}")],
-        "design[0].factor[0].levels: list should have at most 1000 items",
-    ),
     "levels alike": (
         [('"32 t"', "24000")],
         "design[0].factor[0].levels[2]: the same as [1]: 24 t; remove one of the two",
