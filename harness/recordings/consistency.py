@@ -98,8 +98,10 @@ class Smoothed:
         every = max(round(1 / (native * self.step)), 1) if native > 0 else 1
         values = self.signals[relation.signal][::every]
         apart = values[1:-1] - (values[2:] + values[:-2]) / 2
+        if not np.isfinite(apart).any():
+            return 0.0
         size = _spread(relation, values)
-        return float(np.nanmean(apart**2) / size**2) if size > 0 and np.isfinite(apart).any() else 0.0
+        return float(np.nanmean(apart**2) / size**2) if size > 0 else 0.0
 
     def windows(self, relation: Relation) -> tuple[float, ...]:
         """Return the windows that smooth over several samples of the slowest of the signals, at least the longest."""

@@ -31,6 +31,8 @@ _SHOWN = 3
 GRAVITY, _NEAR = 9.81, 1.0
 """m/s^2: of gravity, and how near to it an acceleration is that holds it."""
 _HORIZONTAL = ("lateral_acceleration", "longitudinal_acceleration")
+_LIKELY = 0.8
+"""Probability up to which a cause is not stated that nothing at all may be in place of."""
 _CERTAIN = 0.95
 """Probability from which a cause is stated without it."""
 
@@ -133,7 +135,8 @@ def examine(
         else Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,)), mends=False)
         for n in dead
     ]
-    findings += _findings(fits, hypotheses, small, worth, after)
+    likely = [c for c in small if c.posterior > _LIKELY or () not in c.rivals[:1]]
+    findings += _findings(fits, hypotheses, likely, worth, after)
     return Examination(tuple(fits), tuple(hypotheses), tuple(worth), tuple(after), tuple(findings))
 
 
@@ -150,7 +153,14 @@ def _dead(signals: Mapping[str, Floats], fits: list[Agreement]) -> list[str]:
 
 def _upright(signals: Mapping[str, Floats]) -> list[str]:
     """Return the horizontal accelerations that hold all of gravity."""
-    return [n for n, v in signals.items() if n.startswith(_HORIZONTAL) and abs(abs(np.nanmedian(v)) - GRAVITY) < _NEAR]
+    found = []
+    for name, values in signals.items():
+        known = values[np.isfinite(values)]
+        if name.startswith(_HORIZONTAL) and known.size:
+            middle = float(np.median(known))
+            steady = float(np.median(np.abs(known - middle))) < GRAVITY / 3
+            found += [name] if steady and abs(abs(middle) - GRAVITY) < _NEAR else []
+    return found
 
 
 def _mounted(name: str, values: Floats) -> Finding:

@@ -33,8 +33,6 @@ _MEMORY = 2.0
 _COUNTED = (6.0, 30.0)
 _FAILS = 0.12
 """Misfit beyond which a relation calls for an explanation of the catalogue; less is left to scale and delay."""
-_BY_CHANCE = 1.0
-"""Standard deviations of a correlation by which it may be smaller than it is in a recording."""
 _RELATED = 0.5
 """Misfit up to which two sides, or one and the other reversed, are related."""
 _FAR = 4.5
@@ -385,8 +383,9 @@ def _shared(relation: Relation, measured: Floats, computed: Floats, independent:
     if min(sizes) == 0:
         return 1.0, 0.0, 1.0
     share = float((away[kept] ** 2).mean() / carried)
-    # whichever side has the noise, the slope is within the least correlation that there may be (Frisch 1934)
-    open_by_noise = -np.log(max(1 - share - _BY_CHANCE / np.sqrt(independent), 0.01))
+    # whichever side has the noise, the slope is within the correlation (Frisch 1934), less its standard error
+    alike = 1 - share
+    open_by_noise = -np.log(max(alike - (1 - alike**2) / np.sqrt(independent), 0.01))
     cost = (max(abs(np.log(slope / centre)) - open_by_noise, 0.0) / np.log(factor * _NEAR)) ** 2 / 2
     calmest = min(sizes[0], centre**2 * sizes[1])  # a side in another unit is no livelier for it
     floor = relation.misfit**2 / 2 + tolerance(relation) ** 2 / (2 * calmest)
