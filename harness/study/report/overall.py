@@ -126,7 +126,8 @@ class Standing:
     def alike(self, place: int, level: int) -> list[int]:
         """Return the estimators whose median error at a level is within ``ALIKE`` of that of the best in the design."""
         order, medians = self.order_in(place), self.designs[place].medians[self.target, level]
-        return [e for e in order if abs(medians[e] / medians[order[0]] - 1) <= ALIKE or e == order[0]]
+        best = medians[order[0]]  # infinite where every estimator diverged
+        return [e for e in order if medians[e] == best or abs(medians[e] / best - 1) <= ALIKE]
 
     def tells_growth(self, place: int) -> bool:
         """Return whether a design says more than the errors over all levels do: from what the error grows."""

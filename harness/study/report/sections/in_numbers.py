@@ -49,7 +49,8 @@ def few(findings: Findings) -> str:
     if not summaries or max(s.n for s in summaries) >= boxes.FEW:
         return paired.few(findings)
     ends = np.array([s.median[1:] for s in summaries])
-    half = np.sqrt(ends[:, 1] / ends[:, 0]) - 1.0
+    with np.errstate(invalid="ignore"):  # both ends of the interval are infinite where runs diverged
+        half = np.sqrt(ends[:, 1] / ends[:, 0]) - 1.0
     drives = "this drive" if len(design.drives) == 1 else "these drives"
     sure = (
         f"to about ± {percent(float(np.nanmedian(half)))} on {drives}"
