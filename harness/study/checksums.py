@@ -199,6 +199,8 @@ def opened(root: Path, path: str) -> Any:
         return stores.node(root, path)
     except UserError:
         raise
+    except (KeyError, FileNotFoundError):  # no such node, also behind a URL that answers
+        return None
     except Exception as error:
         if places.is_of_place(root, error):
             raise
