@@ -32,7 +32,7 @@ GRAVITY, _NEAR = 9.81, 1.0
 """m/s^2: of gravity, and how near to it an acceleration is that holds it."""
 _HORIZONTAL = ("lateral_acceleration", "longitudinal_acceleration")
 _LIKELY = 0.8
-"""Probability up to which a cause is not stated that nothing at all may be in place of."""
+"""Probability up to which a cause is neither stated nor mended that nothing at all may be in place of."""
 _CERTAIN = 0.95
 """Probability from which a cause is stated without it."""
 
@@ -122,7 +122,7 @@ def examine(
         after = [compare(relation, smoothed) for relation in search.relations]
     elif dead:
         after = [f for f in fits if not set(dead) & set(f.relation.signals)]
-    small = causes(after, smoothed, twins)
+    small = [c for c in causes(after, smoothed, twins) if c.posterior > _LIKELY or () not in c.rivals[:1]]
     worth = worth_mending(small, after, smoothed)
     if 0 < len(worth) < len(small):  # what is not mended must not shift what is
         alone = {(c.kind, c.signals): c for c in causes(after, smoothed, twins, worth)}
@@ -135,8 +135,7 @@ def examine(
         else Finding("still", (n,), f"{n}: never changes", _evidence(fits, (n,)), mends=False)
         for n in dead
     ]
-    likely = [c for c in small if c.posterior > _LIKELY or () not in c.rivals[:1]]
-    findings += _findings(fits, hypotheses, likely, worth, after)
+    findings += _findings(fits, hypotheses, small, worth, after)
     return Examination(tuple(fits), tuple(hypotheses), tuple(worth), tuple(after), tuple(findings))
 
 

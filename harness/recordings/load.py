@@ -74,7 +74,8 @@ def _tables(file: Path, mapping: ChannelMap | None) -> list[readers.Table]:
     if mapping is None:
         return readers.read_tables(file, lambda name: name.removeprefix(TRUTH) in SIGNALS)
     named = {c.channel for c in mapping.channels}
-    tables = readers.read_tables(file, (named | set(mapping.clocks)).__contains__)
+    gears = {c.reverse for c in mapping.channels if c.reverse not in ("", COURSE)}
+    tables = readers.read_tables(file, (named | gears | set(mapping.clocks)).__contains__)
     return tables if named <= {n for t in tables for n in t.columns} else readers.read_tables(file)
 
 

@@ -10,7 +10,7 @@ from harness.common.errors import UserError
 from harness.recordings.cause import DELAY, SCALE
 from harness.recordings.check import check_tables
 from harness.recordings.in_memory import tables_of
-from harness.recordings.load import recording_of
+from harness.recordings.load import load_recording, recording_of
 from harness.recordings.pair_fit import long_run
 
 STEP = 0.02
@@ -89,12 +89,16 @@ def test_an_unsigned_speed_is_named_and_signed_by_the_course():
     assert np.abs(signed - np.interp(np.arange(len(signed)) * STEP, TIME, speed))[200:-200].max() < 0.8
 
 
-def test_the_gear_gives_a_speed_its_sign():
+def test_the_gear_gives_a_speed_its_sign(tmp_path):
     speed = np.where((TIME > 60) & (TIME < 80), -3.0, 6.0)
     frame = motion(speed, WINDING).assign(gear=np.where(speed < 0, -1.0, 3.0))
     mapping = mapping_of(frame)
     mapping["speed"]["reverse"] = "gear"
     assert checked(frame, mapping).found == ()
+    frame.to_csv(tmp_path / "log.csv", index=False)  # of a file only the columns are read that the map names
+    read = load_recording(tmp_path / "log.csv", mapping)["speed"].to_numpy()
+    assert read[3500] == pytest.approx(-3.0, abs=0.1)
+    assert read[1000] == pytest.approx(6.0, abs=0.1)
     mapping["speed"]["reverse"] = "gears"
     with pytest.raises(UserError, match=r"'gears' is no column beside 'speed'.*closest: gear"):
         checked(frame, mapping)
