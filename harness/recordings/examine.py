@@ -32,7 +32,7 @@ GRAVITY, _NEAR = 9.81, 1.0
 """m/s^2: of gravity, and how near to it an acceleration is that holds it."""
 _HORIZONTAL = ("lateral_acceleration", "longitudinal_acceleration")
 _LIKELY = 0.8
-"""Probability up to which a cause is neither stated nor mended that nothing at all may be in place of."""
+"""Probability up to which a fault or cause is neither stated nor mended that nothing at all may be in place of."""
 _CERTAIN = 0.95
 """Probability from which a cause is stated without it."""
 
@@ -113,7 +113,7 @@ def examine(
     measured = {n: v for n, v in signals.items() if n in SIGNALS and n not in derived and n not in dead}
     twins = _twins(recording, measured)
     search = Search(measured, step, scales or {}, twins)
-    hypotheses = search.best()
+    hypotheses = sorted(search.best(), key=lambda h: bool(h.faults) or h.posterior < 1 - _LIKELY)  # nothing first
     faults = hypotheses[0].faults
     forms, factor = search.mended.forms(faults)
     smoothed = Smoothed({n: search.mended.values(form) for n, form in forms.items()}, step * factor, origins)
