@@ -27,13 +27,14 @@ def check(
     Args:
         source: As ``harness.read_recording`` takes it: a path, a DataFrame or a Dataset, as it was recorded.
         channels: Channel map: path of a TOML file or its content as a mapping; none where columns are signals.
-        parameters: Parameter set or parameter file of a car, for the curves of its axles.
+        parameters: Parameter set or parameter file; no line of the mended map is kept with which its model fits worse
+            than without it. Of a car it gives the curves of the axles as well.
 
     Returns:
         What was found.
 
     Raises:
-        UserError: If source or map cannot be read or do not fit each other, or the axle curves lack a signal.
+        UserError: If source or map cannot be read or do not fit each other.
         ModelError: If there is no such parameter set.
 
     Example:
@@ -53,16 +54,19 @@ def check(
     import pandas as pd
     import xarray as xr
 
+    from harness.identification.map_trial import NominalFit
     from harness.recordings.channel_map import map_content
     from harness.recordings.check import check_recording, check_tables, with_axles
     from harness.recordings.in_memory import tables_of
 
+    fit_error = None if parameters is None else NominalFit(parameters)
     mapped = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
     if not isinstance(source, pd.DataFrame | xr.Dataset):
-        return Check(check_recording(Path(source), mapped, parameters))
+        return Check(check_recording(Path(source), mapped, parameters, fit_error))
     name = str(source.attrs.get("name") or type(source).__name__)
     content = None if mapped is None else map_content(mapped)
-    return Check(with_axles(check_tables(tables_of(source, mapped is not None), name, content), parameters))
+    tables = tables_of(source, mapped is not None)
+    return Check(with_axles(check_tables(tables, name, content, fit_error=fit_error), parameters))
 
 
 class Check:

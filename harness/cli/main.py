@@ -291,7 +291,8 @@ def check(
     parameters: Annotated[
         str | None,
         typer.Option(
-            "--parameters", help="Parameter set or TOML parameter file of a car, for the curves of its axles."
+            "--parameters",
+            help="Parameter set or TOML parameter file: curves of a car's axles, and a fit that tries the mended map.",
         ),
     ] = None,
     out: Annotated[
@@ -302,10 +303,12 @@ def check(
 
     What does the file hold, where are its gaps, and do its signals agree with each other?
     """
+    from harness.identification.map_trial import NominalFit
     from harness.recordings.check import check_recording
     from harness.recordings.check_report import print_findings, write_check
 
-    findings = check_recording(file, channels, parameters)
+    fit_error = None if parameters is None else NominalFit(parameters)
+    findings = check_recording(file, channels, parameters, fit_error)
     console = _wide_console()
     print_findings(findings, console)
     name = file.resolve().name.split(".")[0]

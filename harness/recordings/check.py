@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from harness.common.errors import UserError
 from harness.config.parameter_set import load_set
 from harness.recordings import readers, remedy
 from harness.recordings.axle_curves import Axle, axles_of
-from harness.recordings.cause import DELAY
+from harness.recordings.cause import DELAY, DRIFT
 from harness.recordings.channel_map import ESTIMATE, load_map, map_content
 from harness.recordings.channels import plain_map
 from harness.recordings.consistency import DISAGREES, DelayUnknown, verdicts
@@ -23,6 +23,7 @@ from harness.recordings.load import recording_of
 from harness.recordings.pair_fit import Agreement
 from harness.recordings.readers import Table
 from harness.recordings.span import Span, file_and_span, part_of
+from harness.recordings.trial import FitError, spoils
 
 __all__ = ["Findings", "Remedy", "check_recording", "check_tables"]
 
@@ -31,6 +32,10 @@ _ROUNDS = 3
 
 _ABSURD = 30.0
 """Factor between the step that a map wants and that of the samples beyond which one of them is in a wrong unit."""
+
+
+_Examined = tuple[xr.Dataset, Examination, frozenset[str]]
+"""A recording by some map, its examination, and the signals whose delay the map asked to estimate."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,10 @@ class Findings:
 
 
 def check_recording(
-    file: str | Path, channels: str | Path | Mapping[str, Any] | None = None, parameters: str | None = None
+    file: str | Path,
+    channels: str | Path | Mapping[str, Any] | None = None,
+    parameters: str | None = None,
+    fit_error: FitError | None = None,
 ) -> Findings:
     """Read a recording and compare its signals with each other.
 
@@ -96,9 +104,10 @@ def check_recording(
         file: Recording, or a part of one: ``log.csv@0s:118s``.
         channels: Channel map, if its columns are no signals in SI units.
         parameters: Parameter set or parameter file of a car, for the curves of its axles.
+        fit_error: Of the nominal model, by which each line of the mended map is tried.
 
     Raises:
-        UserError: If anything cannot be read, or the axle curves lack a signal or parameter.
+        UserError: If anything cannot be read.
         ModelError: If there is no such parameter set.
     """
     content = None
@@ -106,20 +115,27 @@ def check_recording(
         load_map(channels)  # names the file in its messages
         content = map_content(channels)
     path, span = file_and_span(file)
-    return with_axles(check_tables(readers.read_tables(path), str(path), content, span), parameters)
+    return with_axles(check_tables(readers.read_tables(path), str(path), content, span, fit_error), parameters)
 
 
 def with_axles(found: Findings, parameters: str | None) -> Findings:
-    """Return findings with the curves of the axles, if the parameters of the car are given."""
+    """Return findings with the curves of the axles, if the parameters of a car are given and its motion is recorded."""
     if parameters is None:
         return found
     values = load_set(parameters, Path(), "--parameters").values
-    axles = axles_of([found.recording], values, f"--parameters {parameters}")
-    return Findings(found.recording, found.examination, found.found, found.remedy, axles)
+    try:
+        return replace(found, axles=axles_of([found.recording], values, f"--parameters {parameters}"))
+    except UserError as error:
+        found.recording.attrs["warnings"].append(f"no curves of the axles: {error}")
+        return found
 
 
 def check_tables(
-    tables: list[Table], file: str, content: Mapping[str, Any] | None = None, span: Span | None = None
+    tables: list[Table],
+    file: str,
+    content: Mapping[str, Any] | None = None,
+    span: Span | None = None,
+    fit_error: FitError | None = None,
 ) -> Findings:
     """Compare the signals of what a reader returned with each other.
 
@@ -128,6 +144,7 @@ def check_tables(
         file: Where they come from.
         content: Channel map.
         span: Part that is compared; all of it if None.
+        fit_error: Of the nominal model, by which each line of the mended map is tried.
 
     Raises:
         UserError: If tables and map do not fit each other.
@@ -149,7 +166,56 @@ def check_tables(
         mended = Remedy(after, tuple(remedy.lines(given, after)), last.fits)
         found = [f for f in found if f.mends and not (f.kind == DELAY and estimated & set(f.signals))]
         found += last.findings
-    return Findings(recording, examination, tuple(_once(found)), mended)
+    findings = Findings(recording, examination, tuple(_once(found)), mended)
+    if mended is None or fit_error is None:
+        return findings
+    return tried_by_fit(findings, given, lambda c: _examined(tables, file, c, span), fit_error)
+
+
+def tried_by_fit(
+    findings: Findings, given: Mapping[str, Any], examined: Callable[[dict[str, Any]], _Examined], fit_error: FitError
+) -> Findings:
+    """Withdraw the lines of the mended map with which the nominal model fits worse than without them.
+
+    Args:
+        findings: With a mended map.
+        given: The map as it was.
+        examined: Reads and examines the recording by a map.
+        fit_error: Of the nominal model.
+    """
+    assert findings.remedy is not None
+    content = findings.remedy.content
+    warnings = findings.recording.attrs["warnings"]
+    try:
+        reached = fit_error(examined(content)[0])
+    except UserError as error:
+        warnings.append(f"the mended map was not tried by a fit of the nominal model: {error}")
+        return findings
+    judged = []
+    for finding in findings.found:
+        without = _without(content, given, finding) if finding.mends else content
+        try:
+            alone = reached if without == content else fit_error(examined(without)[0])
+        except UserError:  # that map cannot even be fitted
+            alone = reached
+        if spoils(reached, alone):
+            times = np.sqrt(np.nanmean(reached) / np.nanmean(alone))
+            words = f"{finding.words}; not mended: the error of the fitted nominal model would be {times:.2g} times"
+            finding = replace(finding, words=f"{words} what it is without", mends=False)
+            content, reached = without, alone
+        judged.append(finding)
+    mended = None
+    if content != given:
+        mended = Remedy(content, tuple(remedy.lines(given, content)), examined(content)[1].fits)
+    return replace(findings, found=tuple(judged), remedy=mended)
+
+
+def _without(content: dict[str, Any], given: Mapping[str, Any], finding: Finding) -> dict[str, Any]:
+    """Return a map with the given lines in place of those that mend a finding: of its signals, or of the clocks."""
+    keys = {n for n in finding.signals if content.get(n) != given.get(n)}
+    if not keys and finding.kind in (DELAY, DRIFT):
+        keys = {"time"}
+    return {k: given.get(k, v) if k in keys else v for k, v in content.items()}
 
 
 def _once(found: list[Finding]) -> list[Finding]:
@@ -158,9 +224,7 @@ def _once(found: list[Finding]) -> list[Finding]:
     return list(reversed(kept.values()))
 
 
-def _examined(
-    tables: list[Table], file: str, content: Mapping[str, Any], span: Span | None
-) -> tuple[xr.Dataset, Examination, frozenset[str]]:
+def _examined(tables: list[Table], file: str, content: Mapping[str, Any], span: Span | None) -> _Examined:
     """Read a recording and examine it; return the signals as well whose delay was estimated.
 
     What they are late by is what the map asks for, and no fault. If one cannot be estimated, as another fault hides it,

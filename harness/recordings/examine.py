@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from harness.recordings.explain import Hypothesis, Search
 from harness.recordings.faults import EXCHANGED, TIME, Fault
 from harness.recordings.pair_fit import Agreement
 from harness.recordings.reversing import unsigned_stretches
-from harness.recordings.trial import worth_mending
+from harness.recordings.trial import SURE, worth_mending
 
 _PLACE = ("position_x", "position_y")
 _WHEEL = 0.1
@@ -87,8 +87,8 @@ class Examination:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """The most probable faults of the catalogue."""
-        return self.hypotheses[0].faults
+        """The most probable faults of the catalogue, those that are sure: of two that explain alike none is mended."""
+        return tuple(f for f in self.hypotheses[0].faults if _probability(f, self.hypotheses) > SURE)
 
 
 def examine(
@@ -123,7 +123,8 @@ def examine(
     elif dead:
         after = [f for f in fits if not set(dead) & set(f.relation.signals)]
     small = [c for c in causes(after, smoothed, twins) if c.posterior > _LIKELY or () not in c.rivals[:1]]
-    worth = worth_mending(small, after, smoothed)
+    doubtful = any(_probability(f, hypotheses) <= SURE for f in faults)  # what is small depends on them
+    worth = [] if doubtful else worth_mending(small, after, smoothed)
     if 0 < len(worth) < len(small):  # what is not mended must not shift what is
         alone = {(c.kind, c.signals): c for c in causes(after, smoothed, twins, worth)}
         own = {c: alone.get((c.kind, c.signals), c) for c in worth}
@@ -207,6 +208,11 @@ def _origins(recording: xr.Dataset, clocks: Mapping[str, int]) -> dict[str, Orig
     return found
 
 
+def _probability(fault: Fault, hypotheses: Sequence[Hypothesis]) -> float:
+    """Return how probable a fault of the catalogue is, by all hypotheses that have it."""
+    return sum(h.posterior for h in hypotheses if fault in h.faults)
+
+
 def _findings(
     fits: list[Agreement],
     hypotheses: list[Hypothesis],
@@ -218,10 +224,11 @@ def _findings(
     best, others = hypotheses[0], hypotheses[1:]
     found = []
     for fault in best.faults:
-        sure = sum(h.posterior for h in hypotheses if fault in h.faults)
+        sure = _probability(fault, hypotheses)
         rivals = [_either(h.faults) for h in others if fault not in h.faults][:2]
-        doubt = f", {sure:.0%} sure; or {' or '.join(rivals)}" if rivals else ""
-        found.append(Finding(fault.kind, fault.signals, described(fault) + doubt, _evidence(fits, fault.signals)))
+        words = described(fault) + (f", {sure:.0%} sure; or {' or '.join(rivals)}" if rivals else "")
+        words += "" if sure > SURE else "; not mended"
+        found.append(Finding(fault.kind, fault.signals, words, _evidence(fits, fault.signals), sure > SURE))
     for cause in small:
         words = _off(cause) + _doubt(cause) + ("" if cause in worth else "; not mended")
         evidence = _evidence(after, cause.signals)

@@ -1,25 +1,53 @@
 """Which causes are worth a line of the map? A recording that is mended of them is compared again.
 
 A cause that is not sure, or without which the comparisons agree as well, is stated and not mended: a wrong line makes
-a right channel wrong.
+a right channel wrong. Where a nominal model is given, neither is one without which that fits better.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import xarray as xr
 
+from harness.common.arrays import Floats
 from harness.recordings.cause import DELAY, Cause, mended
 from harness.recordings.consistency import LEAST_DELAY, LEAST_SCALE, Smoothed, compare
 from harness.recordings.pair_fit import Agreement
 from harness.recordings.responses import tells
 
-_SURE = 2 / 3
-"""Least probability of a cause that is mended: to mend a right channel is twice as bad as to leave a wrong one."""
+SURE = 2 / 3
+"""Least probability of what is mended: to mend a right channel is twice as bad as to leave a wrong one."""
 
 _COARSE = 0.03
 """s; a delay that is known no better is stated and not mended."""
+
+
+_WORSE = 0.05
+"""Share by which the squared error of the fitted model must be larger with a line of the map than without it."""
+
+_STANDARD_ERRORS = 2.0
+"""Of the mean over the blocks, that it must be larger by."""
+
+FitError = Callable[[xr.Dataset], Floats]
+"""Squared error of the nominal model in each block of a recording that it was fitted to ``(blocks,)``."""
+
+
+def spoils(reached: Floats, without: Floats) -> bool:
+    """Return whether the nominal model fits worse with a line of the map than without it.
+
+    Args:
+        reached: Squared errors of the blocks with it, as ``FitError`` returns them.
+        without: The same without it; blocks that only one of them has do not count.
+    """
+    count = min(len(reached), len(without))
+    growth = reached[:count] - without[:count]
+    usable = growth[np.isfinite(growth)]
+    if usable.size < 2:
+        return bool(np.isinf(np.nanmax(reached)) and np.isfinite(np.nanmax(without)))
+    sure = _STANDARD_ERRORS * usable.std(ddof=1) / np.sqrt(usable.size)
+    return bool(usable.mean() > max(_WORSE * np.nanmean(without), sure))
 
 
 def worth_mending(causes: Sequence[Cause], fits: Sequence[Agreement], smoothed: Smoothed) -> list[Cause]:
@@ -30,7 +58,7 @@ def worth_mending(causes: Sequence[Cause], fits: Sequence[Agreement], smoothed: 
         fits: Comparisons of the signals as they are.
         smoothed: The signals that they compare.
     """
-    kept = [c for c in causes if c.posterior > _SURE and not (c.kind == DELAY and c.std > _COARSE)]
+    kept = [c for c in causes if c.posterior > SURE and not (c.kind == DELAY and c.std > _COARSE)]
     touched = {n for c in kept for n in c.signals}
     of = [f for f in fits if touched & set(f.relation.signals)]
     reached = _disagreement(kept, of, smoothed) if kept else (0, 0.0)

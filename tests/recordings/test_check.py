@@ -288,6 +288,8 @@ def test_check_prints_and_writes_what_it_found(tmp_path):
     assert "mended.toml" in done.output
     assert "true_yaw_rate" not in (out / "mended.toml").read_text()
     assert (out / "check.pdf").read_bytes().startswith(b"%PDF")
-    refused = CliRunner().invoke(app, ["check", str(path), "--out", str(out), "--parameters", "ziaukas_2023"])
-    assert refused.exit_code == 2
-    assert "axle curves need the set of a car" in refused.output
+    truck = CliRunner().invoke(app, ["check", str(path), "--out", str(out), "--parameters", "ziaukas_2023"])
+    assert truck.exit_code == 0, truck.output
+    assert "axle curves need the set of a car" in truck.output
+    absent = CliRunner().invoke(app, ["check", str(path), "--out", str(out), "--parameters", "nobody_1999"])
+    assert absent.exit_code == 2, absent.output

@@ -173,3 +173,14 @@ def test_foreign_drives_hold_what_is_planted():
     rows = np.isfinite(before) & np.isfinite(after)
     lags = [float(np.std(after[rows][k:] - before[rows][: rows.sum() - k])) for k in range(30)]
     assert abs(np.argmin(lags) / late.rates[0] - fault.size) < 1 / late.rates[0]
+
+
+@pytest.mark.parametrize("channel", ["position_y", "yaw_rate"])
+def test_of_two_explanations_that_explain_alike_both_are_named_and_no_line_is_written(channel):
+    frame = motion(VARIED, WINDING).drop(columns="heading")
+    found = checked(frame.assign(**{channel: -frame[channel]}))
+    (sign,) = found.found
+    assert "yaw_rate: wrong sign" in sign.words
+    assert "position_y: wrong sign" in sign.words
+    assert not sign.mends
+    assert found.remedy is None
