@@ -93,7 +93,7 @@ class Smoothed:
         return len({self.origin(n).clock for n in relation.signals}) > 1
 
     def unresolved(self, relation: Relation) -> float:
-        """Return the share of the measured signal that a sample has apart from the mean of its neighbours."""
+        """Return how much of the slope is open: by what a sample has apart from its neighbours, and by the bank."""
         native = self.origin(relation.signal).rate
         every = max(round(1 / (native * self.step)), 1) if native > 0 else 1
         values = self.signals[relation.signal][::every]
@@ -101,7 +101,7 @@ class Smoothed:
         if not np.isfinite(apart).any():
             return 0.0
         size = _spread(relation, values)
-        return float(np.nanmean(apart**2) / size**2) if size > 0 else 0.0
+        return float(np.hypot(np.nanmean(apart**2) / size**2, relation.bank / size)) if size > 0 else 0.0
 
     def windows(self, relation: Relation) -> tuple[float, ...]:
         """Return the windows that smooth over several samples of the slowest of the signals, at least the longest."""

@@ -40,6 +40,7 @@ class Relation:
         slope: Slope to be expected, and by which factor it may be off for what the relation neglects.
         or_slope: Another one, if the signal is recorded in one of two ways.
         misfit: Share of the signal that it neglects.
+        bank: Standard deviation in SI units of what the signal holds in proportion to itself beyond the relation.
         lag: Standard deviation in s of how late one side is for what the relation neglects; infinite: it tells no
             delay.
         through_zero: Whether both sides are zero together, so that there is no offset (a speed).
@@ -58,6 +59,7 @@ class Relation:
     slope: tuple[float, float] = (1.0, 1.0)
     or_slope: tuple[float, float] | None = None
     misfit: float = 0.05
+    bank: float = 0.0
     lag: float = 0.0
     through_zero: bool = False
     circular: bool = False
@@ -208,6 +210,9 @@ def _speeds() -> list[Relation]:
     ]  # fmt: skip
 
 
+_BANK = 9.81 * np.radians(1.0)
+"""m/s^2; what the bank of a road that is built for its curvature adds to the lateral acceleration along it."""
+
 _LEANING = (1.04, 1.03)
 """Slope of a lateral accelerometer that leans with the body: up to 7 degrees per g add up to 12 %."""
 
@@ -218,7 +223,7 @@ def _accelerations() -> list[Relation]:
     found = [
         Relation("lateral_acceleration", motion, "dv_y/dt + v_x r",
                  lambda s: s.rate("lateral_velocity") + s["longitudinal_velocity"] * s["yaw_rate"],
-                 arm=lambda s: s.rate("yaw_rate"), slope=_LEANING),
+                 arm=lambda s: s.rate("yaw_rate"), slope=_LEANING, bank=_BANK),
         Relation("longitudinal_acceleration", motion, "dv_x/dt - v_y r",
                  lambda s: s.rate("longitudinal_velocity") - s["lateral_velocity"] * s["yaw_rate"],
                  arm=lambda s: -(s["yaw_rate"] ** 2), slope=(1.0, 1.05)),
@@ -229,12 +234,12 @@ def _accelerations() -> list[Relation]:
         rate = f"yaw_rate{body}"
         found.append(
             Relation(f"lateral_acceleration{body}", (speed, rate), "v_x r", _product(speed, rate), exact=False,
-                     slope=(1.0, 1.06), misfit=0.25, lag=_SIDESLIP_LAG)
+                     slope=(1.0, 1.06), misfit=0.25, bank=_BANK, lag=_SIDESLIP_LAG)
         )  # fmt: skip
     for body in ("", "_tractor"):
         found.append(
             Relation(f"lateral_acceleration{body}", _PLACE, "speed over ground times the rate of the course",
-                     lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25,
+                     lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25, bank=_BANK,
                      lag=2 * _SIDESLIP_LAG)
         )  # fmt: skip
     return found
