@@ -239,8 +239,8 @@ def _accelerations() -> list[Relation]:
     for body in ("", "_tractor"):
         found.append(
             Relation(f"lateral_acceleration{body}", _PLACE, "speed over ground times the rate of the course",
-                     lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25, bank=_BANK,
-                     lag=2 * _SIDESLIP_LAG)
+                     lambda s: ground_speed(s) * _course_rate(s), exact=False, slope=(1.0, 1.06), misfit=0.25,
+                     bank=_BANK, lag=2 * _SIDESLIP_LAG)
         )  # fmt: skip
     return found
 
