@@ -33,8 +33,9 @@ from harness.engine.kernel_names import (
     splat,
     sqrt,
 )
-from harness.engine.time_loops import outside, step, workspace, write_covariance
 from harness.estimation.contract import kernels_of, load_estimator
+from harness.runner.filter_loop import step, workspace, write_covariance
+from harness.runner.limits import outside
 from harness.simulation.simulate import first_state, in_lanes
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator

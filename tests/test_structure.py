@@ -65,7 +65,7 @@ def test_no_function_is_too_long_or_has_too_many_parameters():
         ("harness/cli/trace.py", "def trace(a: int): ...", float("inf")),
         ("harness/cli/trace.py", "def _trace(a: int): ...", PARAMETERS),
         ("harness/study/run.py", "def run(a: int, *, b, **c): ...", PARAMETERS),
-        ("harness/engine/time_loops.py", "def simulate(u, c): ...", OF_KERNELS),
+        ("harness/runner/simulation_loop.py", "def simulate(u, c): ...", OF_KERNELS),
         ("tests/test_it.py", "def test_it(u, c): ...", PARAMETERS),
     ],
 )

@@ -60,10 +60,12 @@ from harness.common.arrays import Floats, batches
 from harness.common.cache import kept
 from harness.common.errors import UserError
 from harness.config.roles import ESTIMATORS
-from harness.engine import parameter_loops, time_loops
+from harness.engine import parameter_loops
 from harness.engine.compile import CompiledModel, load_source, paste
 from harness.engine.kernel_names import INPUT_ERRORS, Belief, Info, State
 from harness.engine.simd.lanes import LANES
+from harness.runner import filter_loop
+from harness.runner.scores import SCORES, estimate
 
 NEES_EVERY = 10
 """Samples between two evaluations of the NEES; neighbouring samples hardly add to it."""
@@ -107,8 +109,7 @@ class Sums:
     """What a loop over time sums up of runs, from which their scores are made.
 
     Attributes:
-        errors: Of each target ``(3, targets, runs)``; see ``harness.engine.time_loops.estimate_batch``, also for the
-            next.
+        errors: Of each target ``(3, targets, runs)``; see ``harness.runner.scores.estimate``, also for the next.
         per_run: ``(10, runs)``. Of several batches both have their axis in front.
         kept: As in ``Scores``.
     """
@@ -133,7 +134,7 @@ DEFAULTS: dict[str, Any] = {
     "tuning": lambda settings, nx, ny: [0.0],
     "memory_size": lambda settings, compiled: 0,
     "files": lambda settings, folder: (),
-    "write_covariance": time_loops.write_covariance,
+    "write_covariance": filter_loop.write_covariance,
 }
 """What a file need not export."""
 
@@ -174,7 +175,7 @@ class Estimator:
     Attributes:
         is_random: Whether it begins with random numbers, so that ``init`` needs seeds.
         tuning, priors: As in ``Belief``.
-        limits, bounds: As in ``harness.engine.time_loops.estimate_batch``.
+        limits, bounds: As in ``harness.runner.scores.estimate``.
 
     Raises:
         UserError: If a setting does not fit, or the estimator not the model.
@@ -214,7 +215,7 @@ class Estimator:
         else:
             self._memory_size = int(file.memory_size(chosen, compiled))
         kernels = kernels_of(file, uncertain, parameters=bool(compiled.model.within))
-        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [time_loops.estimate], kernels))
+        self._kernels = load_source(f"estimate_{kind}", paste(compiled, kind, [estimate], kernels | SCORES))
         valid, first = compiled.model.valid, compiled.model.start_variance
         sizes = [[first[s], 1.0 if s in compiled.model.relative else first[s]] for s in compiled.model.within]
         self.priors = np.reshape(np.array(sizes, dtype=float), (-1, 2))
@@ -340,7 +341,7 @@ class Estimator:
     def compared(
         self, truth_names: tuple[str, ...], since: int
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None, Floats]:
-        """Return what ``harness.engine.time_loops.estimate`` is told of scores: ``rows`` and ``options``.
+        """Return what ``harness.runner.scores.estimate`` is told of scores: ``rows`` and ``options``.
 
         Returns:
             ``rows``, the targets that have no score (``None`` where all have one), ``options``.
@@ -389,13 +390,13 @@ def kernels_of(file: SimpleNamespace, input_errors: bool = False, parameters: bo
     """
     kernels = {
         INPUT_ERRORS: int(input_errors),
-        time_loops.workspace: file.workspace,
-        time_loops.step: file.step,
-        time_loops.write_covariance: file.write_covariance,
+        filter_loop.workspace: file.workspace,
+        filter_loop.step: file.step,
+        filter_loop.write_covariance: file.write_covariance,
     }
     if parameters:
         by_gain = parameter_loops.settle_parameters if file.KALMAN_TYPE else parameter_loops.bound_parameters
-        kernels[time_loops.settle] = by_gain
+        kernels[filter_loop.settle] = by_gain
     return kernels
 
 

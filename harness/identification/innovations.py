@@ -17,7 +17,7 @@ from numba.core.dispatcher import Dispatcher
 from harness.common.arrays import Floats
 from harness.config import ModelSpec
 from harness.engine.compile import CompiledModel, load_source, paste
-from harness.engine.kernel_names import Belief
+from harness.engine.kernel_names import Belief, State
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.identification import time_loops
@@ -47,7 +47,7 @@ class Innovations(FilteredModel):
         self.tuning = np.array(file.tuning(file.Settings(), self.compiled.nx, self.compiled.ny), dtype=float)
 
         def loop(compiled: CompiledModel, note: Callable[..., None], *more: Callable[..., None]) -> ModuleType:
-            given = {**kernels_of(file, input_errors=True), time_loops.note: note}
+            given = {**kernels_of(file, input_errors=True), **time_loops.LIKELIHOOD, time_loops.note: note}
             source = paste(compiled, f"innovations_{kind}", [time_loops.innovate, *more], given)
             return load_source(f"innovations_{kind}", source)
 
@@ -139,25 +139,15 @@ class Innovations(FilteredModel):
         total: Floats,
         notes: object,
     ) -> None:
-        variance = np.zeros((compiled.nx, compiled.lanes))
-        variance[:, :LANES] = drive.first_variance[:, None]
+        each = np.arange(compiled.nx)
+        covariance = np.zeros((compiled.nx, compiled.nx, compiled.lanes))
+        covariance[each, each, :LANES] = drive.first_variance[:, None]
         constants = compiled.constants(candidates.values)
         errors = np.zeros((*drive.effects.shape[1:], compiled.lanes))
         belief = Belief(constants, candidates.process, candidates.measurement, self.tuning, errors)
-        memory = np.zeros((0, compiled.lanes))
-        module.innovate(
-            drive.inputs,
-            drive.between,
-            drive.measurements,
-            drive.effects,
-            belief,
-            self._first(drive, candidates.values),
-            variance,
-            memory,
-            self._limits,
-            total,
-            notes,
-        )
+        first = State(self._first(drive, candidates.values), covariance, np.zeros((0, compiled.lanes)))
+        source = drive.inputs, drive.between, drive.measurements, drive.effects
+        module.innovate(source, belief, first, self._limits, total, notes)
 
 
 def _dual(point: Candidates, directions: Candidates) -> Candidates:

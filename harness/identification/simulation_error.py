@@ -30,8 +30,8 @@ from harness.engine.kernel_names import (
     select,
     splat,
 )
-from harness.engine.time_loops import outside
 from harness.identification.data import Drive, started_by
+from harness.runner.limits import outside
 
 Known = Mapping[str, Mapping[str, float]]
 """Values of parameters that differ between recordings, by the name of the recording."""

@@ -14,9 +14,7 @@ from harness.engine.kernel_names import (
     NW,
     NX,
     NY,
-    Info,
     StandIn,
-    State,
     add_input_errors,
     cholesky,
     get,
@@ -31,59 +29,46 @@ from harness.engine.kernel_names import (
 from harness.engine.simd import lanes as plain
 from harness.engine.simd.dual import tangent_of, value_of
 from harness.engine.simd.memory import borrowed, retain
-from harness.engine.time_loops import outside, step, workspace
+from harness.runner.filter_loop import (
+    RECORDING,
+    fill,
+    record_first,
+    record_sample,
+    recording_room,
+    run_filter,
+)
+from harness.runner.limits import outside
 
 
-def innovate(u, between, y, errors, belief, x0, P0, memory0, limits, total, notes):
+def innovate(source, belief, first, limits, total, notes):
     """Run the filter over a recording and add up the log-likelihood of its innovations.
 
     Args:
-        u: Inputs ``(samples, nu)``.
-        between: Inputs during the step behind each sample ``(samples, nu)``.
-        y: Measurements ``(samples, ny)``, NaN where missing; the first sample is not used.
-        errors: What the errors of the inputs do ``(samples, nx + ny, m)``; at each sample written to ``belief``.
+        source: As ``harness.runner.filter_loop.read_recording`` reads it; the first sample is not corrected.
         belief: ``harness.engine.kernel_names.Belief``.
-        x0: First mean ``(nx, LANES)``.
-        P0: First variances ``(nx, LANES)``.
-        memory0: First memory ``(rows, LANES)``.
+        first: ``harness.engine.kernel_names.State`` before the first step.
         limits: Largest magnitude of each state ``(nx,)``.
         total: Log-likelihood and first sample outside the limits (``samples`` if none), written ``(2, LANES)``.
         notes: What ``note`` writes to.
     """
-    samples, nu = u.shape
-    row = np.zeros((4, LANES))
-    owned = (
-        (workspace(), scratchpad()),
-        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy()),
-        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory0.copy()),
-        Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
-        (np.empty((nu, LANES)), np.empty((nu, LANES)), np.empty((NY, LANES))),
-    )
-    (work, scratch), before, after, info, (u_before, u_now, y_now) = borrowed(owned)
-    u, between, y, errors, belief, notes = borrowed((u, between, y, errors, belief, notes))
-    for i in range(NX):
-        put(get(x0, i), before.mean, i)
-        put(get(P0, i), before.covariance, i, i)
+    memories = np.empty(first.memory.shape), np.empty(first.memory.shape)
+    run_filter(source, belief, first, memories, (limits, total, notes))
+
+
+def begin_likelihood(samples, state, u, belief, room, record):
+    """Set the log-likelihood to zero."""
+    _, total, _ = record
     put(splat(0.0), total, 0)
     put(splat(1.0 * samples), total, 1)
-    for k in range(1, samples):
-        fill(between[k - 1], u_before)
-        fill(u[k], u_now)
-        fill(y[k], y_now)
-        fill_table(errors[k], belief.input_errors)
-        step(before, u_before, u_now, y_now, belief, work, after, info)
-        note(before, after, u_before, u_now, y_now, belief, info, scratch, k, notes)
-        before, after = after, before
-        put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
-        left = get(total, 1)
-        put(select((outside(before.mean, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
-    retain(owned)
 
 
-def fill(values, numbers):
-    """Write plain values, the same for all lanes."""
-    for i in range(numbers.shape[0]):
-        put(values[i], numbers, i)
+def add_likelihood(k, state, previous, u_before, u, y, belief, work, info, room, record):
+    """Add the log-likelihood of a sample, note what is asked for, and whether the state is outside its limits."""
+    limits, total, notes = record
+    note(previous, state, u_before, u, y, belief, info, room, k, notes)
+    put(get(total, 0) + get(info.log_likelihood, 0), total, 0)
+    left = get(total, 1)
+    put(select((outside(state.mean, limits) > 0.0) & (left > 1.0 * k), 1.0 * k, left), total, 1)
 
 
 def fill_table(values, numbers):
@@ -322,3 +307,11 @@ def run_free(u, between, constants, x0, limits, states, outputs, left_at):
 @StandIn
 def note(before, after, u_before, u, y, belief, info, scratch, k, notes):
     """Stand in for one of the notes above."""
+
+
+LIKELIHOOD = RECORDING | {
+    recording_room: scratchpad,
+    record_first: begin_likelihood,
+    record_sample: add_likelihood,
+}
+"""Kernels that ``innovate`` is made of beside the estimator's and ``note``."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from harness.engine.simd.memory import borrowed
-from harness.engine.time_loops import advance
 from harness.realtime.clock import nanoseconds
+from harness.runner.filter_loop import advance
 
 
 def timed_steps(before, u, y, belief, work, after, info, ticks):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,15 +21,15 @@ from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.registry import closest
 from harness.config import InputSignal, ModelSpec
-from harness.engine.compile import compile_model, load_source, paste
+from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Estimator, kernels_of, load_estimator
+from harness.estimation.contract import Estimator
+from harness.estimation.history import FollowedEstimator, History
 from harness.identification.data import Drive
 from harness.identification.innovations import Innovations
 from harness.identification.signal_noise import white_variance
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
-from harness.recorded import time_loops
 from harness.simulation.simulate import in_lanes, variances
 
 Inputs = Literal["joined", "held"]
@@ -155,26 +155,6 @@ class RecordedModel:
         return found
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """What ``time_loops.estimate_recording`` writes, sample by sample."""
-
-    estimate: Floats
-    deviation: Floats
-    covariance: Floats
-    innovation: Floats
-    spread: Floats
-    facts: Floats
-
-    @classmethod
-    def empty(cls, samples: int, signals: int, outputs: int, referenced: int) -> _Kept:
-        """Return room for the samples of a recording."""
-        sizes = ((signals,), (signals,), (referenced, referenced), (outputs,), (outputs, outputs), (5,))
-        kept = cls(*(np.zeros((samples, *size)) for size in sizes))
-        kept.innovation[0] = kept.spread[0] = kept.facts[0, 0] = np.nan
-        return kept
-
-
 class RecordedEstimator:
     """An estimator compiled to run over recordings.
 
@@ -203,11 +183,7 @@ class RecordedEstimator:
         self.input_signal = input_signal
         self.model, self.kind, self.settings, self.name = model, kind, dict(settings or {}), name or kind
         self._estimator = Estimator(kind, model.compiled, self.settings, folder)
-        stem = f"estimate_recording_{kind}"
-        spec = model.spec
-        given = kernels_of(load_estimator(kind), input_errors=True, parameters=bool(spec.parameter_states))
-        source = paste(model.compiled, stem, [time_loops.estimate_recording], given)
-        self._loop = load_source(stem, source).estimate_recording
+        self._followed = FollowedEstimator(kind, model.compiled, recorded=True, input_errors=True)
 
     def run(self, recording: xr.Dataset, seed: int = 0, drive: Drive | None = None) -> xr.Dataset:
         """Run over a recording.
@@ -255,7 +231,6 @@ class RecordedEstimator:
         compiled, estimator = self.model.compiled, self._estimator
         references = self.model.reference(recording)
         rows = np.array([compiled.signal_names.index(n) for n in references], dtype=np.int64)
-        kept = _Kept.empty(len(drive.time), len(compiled.signal_names), compiled.ny, len(rows))
         spec, model = self.model.spec, compiled.model
         belief = estimator.belief(
             compiled.constants(in_lanes(compiled.parameter_vector(spec.values))),
@@ -265,22 +240,12 @@ class RecordedEstimator:
         belief = belief._replace(input_errors=np.zeros((*drive.effects.shape[1:], LANES)))
         first_mean = self.model.filtered.first_state(drive, self.model.filtered.stated())
         first = estimator.init(first_mean, drive.first_variance, [np.random.SeedSequence(seed)] * LANES)
-        limits = np.array([model.valid.get(n, np.inf) for n in model.states])
-        self._loop(
-            drive.inputs,
-            drive.between,
-            drive.measurements,
-            drive.effects,
-            belief,
-            first,
-            limits,
-            rows,
-            (kept.estimate, kept.deviation, kept.covariance, kept.innovation, kept.spread, kept.facts),
-        )
+        source = drive.inputs, drive.between, drive.measurements, drive.effects
+        kept = self._followed.run(source, belief, first, of_state=False, of_signals=True, rows=rows)
         return self._dataset(recording, about, drive, references, kept)
 
     def _dataset(
-        self, recording: xr.Dataset, about: str, drive: Drive, references: Mapping[str, str], kept: _Kept
+        self, recording: xr.Dataset, about: str, drive: Drive, references: Mapping[str, str], kept: History
     ) -> xr.Dataset:
         spec, estimator = self.model.spec, self._estimator
         lost = np.flatnonzero(_is_lost(kept.facts, estimator.has_covariance))
@@ -353,7 +318,7 @@ def _put(
     data[variable] = ("time", values.copy(), attributes)
 
 
-def _put_innovations(data: xr.Dataset, ports: Mapping[str, str], kept: _Kept, drive: Drive, stated: bool) -> None:
+def _put_innovations(data: xr.Dataset, ports: Mapping[str, str], kept: History, drive: Drive, stated: bool) -> None:
     """Enter measurements, innovations, their covariance, NIS and likelihood; NaN where nothing was measured."""
     missing = ~np.isfinite(drive.measurements)
     missing[0] = True
@@ -379,7 +344,7 @@ def _put_innovations(data: xr.Dataset, ports: Mapping[str, str], kept: _Kept, dr
 
 
 def _put_errors(
-    data: xr.Dataset, recording: xr.Dataset, references: Mapping[str, str], names: Sequence[str], kept: _Kept
+    data: xr.Dataset, recording: xr.Dataset, references: Mapping[str, str], names: Sequence[str], kept: History
 ) -> None:
     """Enter references, errors and NEES."""
     if not references:

@@ -11,13 +11,14 @@ import numpy as np
 from harness.common.arrays import Floats, batches
 from harness.common.errors import UserError
 from harness.common.registry import closest
-from harness.engine import time_loops
 from harness.engine.compile import CompiledModel, compile_model, load_source, paste
 from harness.engine.simd.lanes import LANES
 from harness.models.assembly.assemble import Model
 from harness.models.contracts import Profile
 from harness.models.roles import SENSORS
 from harness.models.signals import TRUTH, signal_attributes
+from harness.runner.limits import LARGEST
+from harness.runner.simulation_loop import simulate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,9 +57,9 @@ class Simulator:
         self, compiled: CompiledModel, needed: Sequence[str] = (), within: Mapping[str, float] | None = None
     ) -> None:
         self.compiled = compiled
-        limits = dict.fromkeys(needed, time_loops.LARGEST) | dict(within or {})
+        limits = dict.fromkeys(needed, LARGEST) | dict(within or {})
         self.largest = np.array([limits.get(name, 0.0) for name in compiled.signal_names])
-        source = paste(compiled, "simulate", [time_loops.simulate])
+        source = paste(compiled, "simulate", [simulate])
         self.loop = load_source("simulate", source).simulate
         valid = compiled.model.valid
         self.limits = np.array([valid.get(name, np.inf) for name in compiled.model.states])

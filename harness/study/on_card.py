@@ -26,6 +26,7 @@ from harness.engine.cuda.lanes import upper_half as upper_half_on_card
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
 from harness.estimation.contract import Sums, kernels_of, load_estimator
+from harness.runner.scores import SCORES
 from harness.study.design import RunParameters, Unit
 from harness.study.evaluate import InBatches, StudyEvaluator, in_a_row
 from harness.study.parameter_truth import parameter_truth
@@ -152,7 +153,7 @@ class CardEvaluator:
                 f"estimate_{kind}",
                 loops.estimate_runs,
                 compiled.belief,
-                kernels_of(load_estimator(kind), parameters=within),
+                kernels_of(load_estimator(kind), parameters=within) | SCORES,
             )
             for kind in dict.fromkeys(each.kind for each in compiled.estimators)
         }

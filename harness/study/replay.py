@@ -2,7 +2,7 @@
 
 The scores come from the kernels that wrote the store, over the same numbers, so they have the bits of the store where
 code, packages and processor are the same. What an estimator holds between the samples comes from a loop of its own
-(``harness.study.replay_loops``).
+(``harness.runner.history``).
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from harness.common.arrays import Floats
 from harness.config import Study
 from harness.config.alone import Change, alone
-from harness.engine.compile import compile_model, load_source, paste
+from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
-from harness.estimation.contract import Scores, UncertainInputs, kernels_of, load_estimator
+from harness.estimation.contract import Scores, UncertainInputs
+from harness.estimation.history import FollowedEstimator
 from harness.models.assembly.plan import Plan, Planner
 from harness.models.roles import VEHICLES
 from harness.models.signals import signal_attributes
 from harness.simulation.simulate import Batch, Simulator
-from harness.study import replay_loops
 from harness.study.design import RunParameters, Unit, points, run_parameters
 from harness.study.evaluate import StudyEvaluator
 from harness.study.motion import dead_reckoned, motion, published
@@ -100,7 +100,7 @@ class Replayer:
     def __init__(self, study: Study, workers: int | None = None) -> None:
         self.study, self.evaluator = study, StudyEvaluator(study)
         self._pool = ThreadPoolExecutor(workers)
-        self._loops: dict[str, Any] = {}
+        self._followed: dict[str, FollowedEstimator] = {}
         self._lock = threading.Lock()
         self._points = [points(study, d).values for d in study.designs]
 
@@ -227,24 +227,23 @@ class Replayer:
         """Return what one estimator holds over time, see ``harness.study.replayed.OverTime``."""
         unit, estimator = place.unit, self.evaluator.compiled.estimators[index]
         belief, start = self.evaluator.begin(index, unit, [Case(place.sample, place.repeat)], believed)
-        loop, nx, ny, samples = self._loop(index), estimator.compiled.nx, estimator.compiled.ny, len(batch.truth)
+        followed, nx, ny = self._estimator_followed(index), estimator.compiled.nx, estimator.compiled.ny
         inputs, uncertain = self.evaluator.inputs(index, unit.drive, batch, believed)
         nothing = np.empty((1, inputs.shape[1], 0, LANES))
         told = UncertainInputs(inputs, nothing, nothing) if uncertain is None else uncertain
         if told.at.shape[2]:
             belief = belief._replace(input_errors=np.zeros((nx + ny, told.at.shape[2], LANES)))
-        sizes: tuple[tuple[int, ...], ...] = (nx,), (nx, nx), (ny,), (ny,), (2,)
-        kept: tuple[Floats, ...] = tuple(np.full((samples, *size), np.nan) for size in sizes)
-        loop((inputs, *told), self.evaluator.compiled.measured(batch.measurements), belief, start, kept)
-        return kept
+        source = inputs, *told, self.evaluator.compiled.measured(batch.measurements)
+        kept = followed.run(source, belief, start)
+        kept.facts[0] = np.nan
+        variance = np.einsum("kaa->ka", kept.spread)
+        return kept.mean, kept.state_covariance, kept.innovation, variance, kept.facts[:, :2]
 
-    def _loop(self, index: int) -> Any:
-        """Return the compiled loop of an estimator."""
+    def _estimator_followed(self, index: int) -> FollowedEstimator:
+        """Return an estimator compiled to be followed."""
         spec, compiled = self.study.estimators[index], self.evaluator.compiled.belief
+        uncertain = bool(self.study.belief.input_noise)
         with self._lock:
-            if spec.kind not in self._loops:
-                uncertain, parameters = bool(self.study.belief.input_noise), bool(compiled.model.within)
-                given = kernels_of(load_estimator(spec.kind), uncertain, parameters)
-                stem = f"follow_{spec.kind}"
-                self._loops[spec.kind] = load_source(stem, paste(compiled, stem, [replay_loops.follow], given)).follow
-            return self._loops[spec.kind]
+            if spec.kind not in self._followed:
+                self._followed[spec.kind] = FollowedEstimator(spec.kind, compiled, False, uncertain)
+            return self._followed[spec.kind]

@@ -13,7 +13,7 @@ import pytest
 
 import harness.estimation.methods
 from harness.common.errors import ModelError
-from harness.engine import kernel_names, time_loops
+from harness.engine import kernel_names
 from harness.engine.compile import compile_model, over_duals, paste
 from harness.engine.kernel_source import kernel_source
 from harness.engine.lane_kinds import in_one_lane
@@ -29,6 +29,7 @@ from harness.engine.simd import (
 )
 from harness.estimation.contract import kernels_of, load_estimator
 from harness.estimation.methods import _sigma_points, ukf
+from harness.runner import scores
 from harness.testing.linear_filter import compiled_linear
 from harness.testing.small_vehicles import linear
 
@@ -75,7 +76,7 @@ def test_an_estimator_in_the_registry_shares_a_file_of_any_name(compiled, tmp_pa
     (tmp_path / "filter_of_mine.py").write_text(copied(ukf, _sigma_points="harness.estimation.methods.spread"))
     importlib.invalidate_caches()
     files = [load_estimator(kind) for kind in ("filter_of_mine", "ukf")]
-    mine, own = (paste(compiled, "", [time_loops.estimate], kernels_of(file)) for file in files)
+    mine, own = (paste(compiled, "", [scores.estimate], kernels_of(file) | scores.SCORES) for file in files)
     assert {"propagate", "observe", "displace", "workspace"} <= definitions(mine)
     assert mine == own
 
@@ -111,7 +112,7 @@ def test_machine_code_for_plain_lanes_is_refused_over_duals(write):
             r"must be defined at the top level of its",
         ),
         (
-            "from harness.engine.time_loops import step\ndef f(x):\n    step(x)\n",
+            "from harness.runner.filter_loop import step\ndef f(x):\n    step(x)\n",
             r"uses 'step', which the module .* not define",
         ),
         (
@@ -119,11 +120,12 @@ def test_machine_code_for_plain_lanes_is_refused_over_duals(write):
             r"uses 'NX', which the module .* not define",
         ),
         (
-            "from harness.engine import time_loops as loops\ndef f(x):\n    loops.outside(x)\n",
+            "from harness.runner import limits as loops\ndef f(x):\n    loops.outside(x)\n",
             r"'loops.outside', a function to be imported",
         ),
         (
-            "from harness.engine.time_loops import keep\ndef put(x):\n    pass\ndef f(x):\n    keep(x)\n    put(x)\n",
+            "from harness.runner.scores import keep_targets as keep\n"
+            "def put(x):\n    pass\ndef f(x):\n    keep(x)\n    put(x)\n",
             r"'put' means som",
         ),
     ],
@@ -167,7 +169,7 @@ MOVED = {
     "harness/engine/simd/functions.py": "elementary",
     "harness/engine/simd/linalg.py": "matrices",
     "harness/engine/kernel_names.py": "names_of_kernels",
-    "harness/engine/time_loops.py": "over_time",
+    "harness/runner/filter_loop.py": "over_time",
     "harness/common/sources.py": "texts",
     "harness/estimation/methods/_sigma_points.py": "spread",
     "harness/identification/time_loops.py": "over_recordings",
@@ -189,7 +191,8 @@ from harness.engine.lane_kinds import in_one_lane
 
 plain, duals = (compile_model(linear(), 0.05, signals=("beta_test",), duals=d) for d in (False, True))
 given = kernels_of(load_estimator("ukf"))
-slopes = paste(duals, "slopes", [kernels.innovate, kernels.follow], {**given, kernels.note: kernels.note_slopes})
+likelihood = {**given, **kernels.LIKELIHOOD, kernels.note: kernels.note_slopes}
+slopes = paste(duals, "slopes", [kernels.innovate, kernels.follow], likelihood)
 narrow = in_one_lane(paste(plain, "narrow", [ukf.workspace, ukf.step], given))
 print([sorted(vars(load_source(*made))) for made in (("slopes", slopes), ("narrow", narrow))])
 print([load_source(*made).LANES for made in (("slopes", slopes), ("narrow", narrow))])

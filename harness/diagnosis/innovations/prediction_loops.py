@@ -12,7 +12,7 @@ import numpy as np
 from harness.diagnosis.model.covariance_loops import congruence, correct
 from harness.engine.kernel_names import LANES, NW, NX, NY, cholesky, get, log, next_state, output, put, select, splat
 from harness.engine.simd.memory import borrowed, retain
-from harness.identification.time_loops import fill
+from harness.runner.filter_loop import fill
 
 
 def predict_ahead(inputs, y, constants, linear, noise, means, rows, horizons, far, densities, squares):

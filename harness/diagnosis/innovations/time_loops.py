@@ -18,7 +18,7 @@ from harness.engine.kernel_names import LANES, NW, NX, NY, get, log, next_state,
 from harness.engine.simd import lanes as plain
 from harness.engine.simd.dual import tangent_of, with_tangent
 from harness.engine.simd.memory import borrowed, retain
-from harness.identification.time_loops import fill
+from harness.runner.filter_loop import fill
 
 
 def tangents(u, between, constants, states, directions, rows, ahead, outputs):

@@ -22,7 +22,7 @@ from harness.engine.cuda.write import for_card
 from harness.engine.kernel_source import Kernel, kernel_source
 from harness.engine.simd import inner, lanes, memory
 from harness.engine.simd import linalg as simd
-from harness.engine.time_loops import turned
+from harness.runner.filter_loop import turned
 
 THREADS = 64
 """Of a block: few, so that the registers of a multiprocessor, of which each takes all it can get, are shared out."""

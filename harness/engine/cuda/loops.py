@@ -8,7 +8,8 @@ from numba import cuda
 from harness.engine.cuda.lanes import own, shaped
 from harness.engine.kernel_names import LANES, NU, NX, NY, Belief, State, get, put
 from harness.engine.standard_normal import begin, draw, refused
-from harness.engine.time_loops import estimate_batch, simulate_batch
+from harness.runner.filter_loop import run_filter
+from harness.runner.simulation_loop import simulate_batch
 
 
 def draw_noise(words, widths, inside, heights, noise):
@@ -86,7 +87,7 @@ def estimate_runs(
     u, y, truth, rows, until, constants, process_noise, measurement_noise, tuning, priors, mean, covariance, memory,
     limits, options, bounds, scores, per_run,
 ):  # fmt: skip
-    """Estimate the run of each thread; see ``estimate_batch``, with runs in place of lanes.
+    """Estimate the run of each thread; see ``harness.runner.scores``, with runs in place of lanes.
 
     Before the first of ``priors`` is a row of no meaning: there may be none, and a card takes no array of no length.
     """
@@ -97,19 +98,17 @@ def estimate_runs(
             own(constants, run), own(process_noise, run), own(measurement_noise, run), tuning, None, priors[1:]
         )
         first = State(own(mean, run), own(covariance, run), own(memory[0], run))
-        estimate_batch(
-            (inputs, inputs, inputs, inputs),
-            shaped(own(y, run), (0, NY, LANES)),
+        source = inputs, inputs, inputs, inputs, shaped(own(y, run), (0, NY, LANES))
+        none_kept = np.empty((1, 1, 1, 1))[1:]
+        record = (
             own(truth, run),
             rows,
             own(until, run),
-            belief,
-            first,
             limits,
             options,
             bounds,
             own(scores, run),
             own(per_run, run),
-            np.empty((1, 1, 1, 1))[1:],  # none are kept
-            (own(memory[1], run), own(memory[2], run)),
+            none_kept,
         )
+        run_filter(source, belief, first, (own(memory[1], run), own(memory[2], run)), record)

@@ -1,0 +1,1 @@
+"""The loops over time that everything runs through: one of a filter, one of a vehicle, and what each keeps."""

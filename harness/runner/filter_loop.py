@@ -1,0 +1,236 @@
+"""The loop over time of a filter, and where its inputs and measurements come from.
+
+It is pasted behind the kernels of a model and of an estimator (``harness.engine.compile.paste``) and runs without
+Python and without the GIL. What is read at a sample and what is kept of it are kernels too, in place of the stand-ins
+below: a reader is ``read_batch`` or ``read_recording``, a recorder one of ``scores`` and ``history`` or that of an
+identification. A recorder that keeps nothing costs nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.engine.kernel_names import (
+    INPUT_ERRORS,
+    LANES,
+    NU,
+    NW,
+    NX,
+    NY,
+    Info,
+    StandIn,
+    State,
+    get,
+    next_state,
+    output,
+    put,
+)
+from harness.engine.simd.memory import borrowed, retain
+
+
+def run_filter(source, belief, first, memories, record):
+    """Run a filter over the samples of a batch or of a recording.
+
+    Args:
+        source: What the reader reads from.
+        belief: ``harness.engine.kernel_names.Belief``.
+        first: ``harness.engine.kernel_names.State`` before the first step.
+        memories: Room for what the estimator carries beside, before and after a step, each ``(rows, LANES)``.
+        record: What the recorder writes to.
+    """
+    source, belief, record = borrowed((source, belief, record))
+    mean, covariance = np.empty((NX, LANES)), np.zeros((NX, NX, LANES))
+    memory, memory_after = memories
+    for i in range(NX):
+        put(get(first.mean, i), mean, i)
+        for j in range(NX):
+            put(get(first.covariance, i, j), covariance, i, j)
+    for i in range(memory.shape[0]):
+        put(get(first.memory, i), memory, i)
+    row = np.zeros((4, LANES))
+    owned = (
+        workspace(),
+        State(mean, covariance, memory),
+        State(np.empty((NX, LANES)), np.zeros((NX, NX, LANES)), memory_after),
+        Info(np.zeros((NY, LANES)), np.zeros((NY, NY, LANES)), row[0:1], row[1:2], row[2:3], row[3:4]),
+        reading_room(),
+        recording_room(),
+    )
+    work, before, after, info, reading, room = borrowed(owned)
+    samples = source[0].shape[0]
+    record_first(samples, before, read_first(source, reading), belief, room, record)
+    for k in range(1, samples):
+        u_before, u, y = read(source, k, before, belief, reading)
+        advance(before, u_before, u, y, belief, work, after, info)
+        before, after = turned(before, after)
+        record_sample(k, before, after, u_before, u, y, belief, work, info, room, record)
+    retain(owned)
+
+
+def advance(before, u_before, u, y, belief, work, after, info):
+    """Take one sample: the estimator's step, and what belongs to parameters among the states."""
+    step(before, u_before, u, y, belief, work, after, info)
+    settle(before, u, belief, after, info)
+
+
+def turned(before, after):
+    """Return what to go on from, and room for the next step."""
+    return after, before
+
+
+def read_batch(source, k, before, belief, reading):
+    """Return the inputs before a sample and at it, and its measurements, of a batch of runs.
+
+    Args:
+        source: What the estimator knows of the inputs at the samples and during the step behind each, both
+            ``(samples, nu, LANES)``, and what independent errors of unit variance do to the latter and to those at the
+            next sample ``(samples, nu, m, LANES)``, which is not read where inputs are exact; measurements
+            ``(samples, ny, LANES)``, NaN where missing.
+        k: The sample.
+        before: State that the inputs' errors are linearised at.
+        belief: Its ``input_errors`` are written.
+        reading: From ``reading_room``.
+    """
+    u, between, moved, moved_at, y = source
+    if INPUT_ERRORS:
+        spread_of_inputs(before.mean, between[k - 1], u[k], moved[k - 1], moved_at[k], belief)
+    return between[k - 1], u[k], y[k]
+
+
+def read_first_of_batch(source, reading):
+    """Return the inputs at the first sample of a batch ``(nu, LANES)``."""
+    return source[0][0]
+
+
+def room_of_batch():
+    """Return the room that reading a batch needs: next to none."""
+    return (np.empty((1, LANES)),)
+
+
+def read_recording(source, k, before, belief, reading):
+    """Return the inputs before a sample and at it, and its measurements, of a recording that all lanes share.
+
+    Args:
+        source: Inputs, and inputs during the step behind each sample, both ``(samples, nu)``; measurements
+            ``(samples, ny)``, NaN where missing; and what the errors of the inputs do ``(samples, nx + ny, m)``.
+        k: The sample.
+        before: State.
+        belief: Its ``input_errors`` are written.
+        reading: From ``reading_room``.
+    """
+    u, between, y, errors = source
+    u_before, u_now, y_now = reading
+    fill(between[k - 1], u_before)
+    fill(u[k], u_now)
+    fill(y[k], y_now)
+    for i in range(errors.shape[1]):
+        fill(errors[k, i], belief.input_errors[i])
+    return u_before, u_now, y_now
+
+
+def read_first_of_recording(source, reading):
+    """Return the inputs at the first sample of a recording ``(nu, LANES)``."""
+    fill(source[0][0], reading[1])
+    return reading[1]
+
+
+def room_of_recording():
+    """Return inputs before a sample, inputs and measurements in lanes."""
+    return np.empty((NU, LANES)), np.empty((NU, LANES)), np.empty((NY, LANES))
+
+
+def fill(values, numbers):
+    """Write plain values, the same for all lanes."""
+    for i in range(numbers.shape[0]):
+        put(values[i], numbers, i)
+
+
+def spread_of_inputs(x, between, u, moved, moved_at, belief):
+    """Write what the errors of the inputs do to the next state and to the outputs: ``belief.input_errors``.
+
+    By central differences over a square root of three standard deviations to either side, the interval of Nørgaard,
+    Poulsen and Ravn (2000) for normal errors.
+
+    Args:
+        x: State ``(nx, LANES)``.
+        between: Inputs that lead to the next state ``(nu, LANES)``.
+        u: Inputs there ``(nu, LANES)``.
+        moved: What each error of unit variance does to the former ``(nu, m, LANES)``.
+        moved_at: What it does to the latter ``(nu, m, LANES)``.
+        belief: ``harness.engine.kernel_names.Belief``.
+    """
+    reach = np.sqrt(3.0)
+    w, one, other = np.empty((NW, LANES)), np.empty((NX, LANES)), np.empty((NX, LANES))
+    ahead, seen, unlike = np.empty((NX, LANES)), np.empty((NY, LANES)), np.empty((NY, LANES))
+    shifted, back = np.empty((NU, LANES)), np.empty((NU, LANES))
+    next_state(x, between, belief.constants, ahead, w)
+    for c in range(moved.shape[1]):
+        for i in range(NU):
+            put(get(between, i) + reach * get(moved, i, c), shifted, i)
+            put(get(between, i) - reach * get(moved, i, c), back, i)
+        next_state(x, shifted, belief.constants, one, w)
+        next_state(x, back, belief.constants, other, w)
+        for i in range(NX):
+            put((get(one, i) - get(other, i)) / (2.0 * reach), belief.input_errors, i, c)
+        for i in range(NU):
+            put(get(u, i) + reach * get(moved_at, i, c), shifted, i)
+            put(get(u, i) - reach * get(moved_at, i, c), back, i)
+        output(ahead, shifted, belief.constants, seen)
+        output(ahead, back, belief.constants, unlike)
+        for a in range(NY):
+            put((get(seen, a) - get(unlike, a)) / (2.0 * reach), belief.input_errors, NX + a, c)
+
+
+@StandIn
+def workspace():
+    """Stand in for the estimator's own function of this name."""
+
+
+@StandIn
+def step(before, u_before, u, y, belief, work, after, info):
+    """Stand in for the estimator's own function of this name."""
+
+
+def write_covariance(state, work):
+    """Stand for the function of an estimator whose ``step`` does not write the covariance: there is nothing to do."""
+
+
+def settle(before, u, belief, after, info):
+    """Stand for ``harness.engine.parameter_loops`` where no parameter is a state: there is nothing to do."""
+
+
+@StandIn
+def reading_room():
+    """Stand in for a reader's room."""
+
+
+@StandIn
+def read_first(source, reading):
+    """Stand in for a reader's inputs at the first sample."""
+
+
+@StandIn
+def read(source, k, before, belief, reading):
+    """Stand in for a reader."""
+
+
+@StandIn
+def recording_room():
+    """Stand in for a recorder's scratch arrays."""
+
+
+@StandIn
+def record_first(samples, state, u, belief, room, record):
+    """Stand in for what a recorder keeps of the first state, behind which there are so many samples."""
+
+
+@StandIn
+def record_sample(k, state, previous, u_before, u, y, belief, work, info, room, record):
+    """Stand in for what a recorder keeps of a sample: of the state after its step, and the one before."""
+
+
+BATCH = {reading_room: room_of_batch, read_first: read_first_of_batch, read: read_batch}
+"""Kernels that read a batch."""
+
+RECORDING = {reading_room: room_of_recording, read_first: read_first_of_recording, read: read_recording}
+"""Kernels that read a recording."""
