@@ -155,6 +155,7 @@ MODULES: dict[str, Small | Begun | By] = {
     "bench.faults.child": By("bench/test_faults.py::test_a_study_that_was_struck_has_the_same_bits"),
     "bench.floor": Begun("", "bench.floor.throughput.throughput", r"\(\)", "half a minute"),
     "bench.growth": By("bench/test_growth.py::test_a_point_is_measured_and_what_is_there_is_drawn"),
+    "bench.house": Small("", rf"{NUMBER}  files\n", quick=True),
     "bench.identify": Small("--coverage 1", rf"mass_over_inertia: {NUMBER} % of 1 intervals hold the truth"),
     "bench.notebooks": By("package/test_notebooks.py::test_it_runs"),
     "bench.peers": By("test_programs.py::test_the_peers_are_measured_where_they_are_installed"),
