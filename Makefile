@@ -21,11 +21,11 @@ help:            ## show the targets
 	@echo "study-identify-<name>     parameters of a car from measured drives (Sun 3.3): $(IDENTIFY)"
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 26
 
-$(VENV)/run.stamp: requirements.lock pyproject.toml
+$(VENV)/run.stamp: requirements.lock pyproject.toml reproductions/pyproject.toml
 	@test -x $(BIN)/python || test -n "$(PYTHON)" || { echo "there is no Python 3.11 to 3.14 here; install one, or name it: make PYTHON=..." >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar off -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . -e ./reproductions
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/run.stamp requirements-dev.lock
@@ -47,23 +47,23 @@ $(STUDIES): study-%: studies/%.toml $(VENV)/run.stamp
 	$(BIN)/harness run $< $(if $(JOBS),--jobs $(JOBS)) --out results/$*
 
 study-narx-architecture: $(VENV)/run.stamp ## choose delays and size of the NARX network (20 minutes), as Ziaukas 5.2.2
-	$(BIN)/python -m harness.reproductions.narx_architecture --out results/narx-architecture
+	$(BIN)/python -m reproductions.narx_architecture --out results/narx-architecture
 
 study-identify-swarm: $(VENV)/run.stamp ## find the semitrailer's parameters by swarm, REPEATS=10 times (Ziaukas 4.2, 4.3)
-	$(BIN)/python -m harness.reproductions.ziaukas_swarm $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-swarm
+	$(BIN)/python -m reproductions.ziaukas_swarm $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-swarm
 
 study-identify-em: $(VENV)/run.stamp ## find a car's parameters by EM with particles, REPEATS=50 times (Sun 3.2)
-	$(BIN)/python -m harness.reproductions.sun_em $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-em
+	$(BIN)/python -m reproductions.sun_em $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out results/identify-em
 
 # One target for every file in studies/identify/: cars identified from measured drives, which are not part of the project.
 $(IDENTIFY): study-identify-%: studies/identify/%.toml $(VENV)/run.stamp
-	$(BIN)/python -m harness.cli.identify_measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
+	$(BIN)/python -m reproductions.identify_measured $< $(if $(JOBS),--jobs $(JOBS)) --out results/identify-$*
 
 reproduce-box: $(VENV)/run.stamp ## which findings of Ziaukas 2023 survive what it does not publish (an hour; goes on where it stopped)
-	$(BIN)/python -m harness.reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box --page docs/unpublished.md
+	$(BIN)/python -m reproductions.box $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-box --page docs/unpublished.md
 
 reproduce-nearest: $(VENV)/run.stamp ## the studies of Ziaukas 2023 at the nearest point of that box, with both networks (a minute)
-	$(BIN)/python -m harness.reproductions.box.nearest $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-nearest --page docs/unpublished.md
+	$(BIN)/python -m reproductions.box.nearest $(if $(JOBS),--jobs $(JOBS)) --out results/reproduce-nearest --page docs/unpublished.md
 
 study-realtime: $(VENV)/run.stamp ## time per step of each estimator against the 10 ms cycle, as Ziaukas Bild 6.9
 	$(BIN)/harness realtime studies/mass.toml --drive fast-sine --out results/realtime
@@ -82,7 +82,7 @@ studies: $(filter-out $(RECORDED),$(STUDIES)) study-realtime ## run every study 
 	$(BIN)/harness campaign results --out results/campaign
 
 reproduce: $(VENV)/run.stamp ## renew docs/reproduction.md: every published number beside ours, from the results that are there
-	$(BIN)/python -m harness.reproductions.reproduce --results results --out results/reproduction
+	$(BIN)/python -m reproductions.reproduce --results results --out results/reproduction
 
 report: $(VENV)/run.stamp ## rewrite the reports of all finished studies
 	@for d in results/*/scores.zarr; do [ -e "$$d" ] || continue; $(BIN)/harness report $$(dirname $$d) || exit 1; done

@@ -16,7 +16,7 @@ from harness.cli.main import app
 from harness.common import components, locations
 
 ROOT = Path(__file__).parents[1]
-TOPS = ("harness", "models", "tests", "bench", "docs", "studies")
+TOPS = ("harness", "models", "reproductions", "tests", "bench", "docs", "studies")
 PAGES = ["README.md", "CHANGELOG.md", "results/README.md", "tests/blind/README.md"]
 PAGES += sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))
 READERS_OWN = {
@@ -32,7 +32,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 SPAN = re.compile(r"`([^`]+)`")
 FILE = re.compile(rf"(?<![\w./-])(?:{'|'.join(TOPS)})/[\w./<>*-]*")
 BARE_FILE = re.compile(r"(?<![\w./>*-])\w+\.(?:py|typ|css)")
-MODULE = re.compile(r"(?<![\w./-])(?:harness|bench)(?:\.\w+)+")
+MODULE = re.compile(r"(?<![\w./-])(?:harness|bench|reproductions)(?:\.\w+)+")
 NAME = re.compile(r"(?:\w+\.)*([A-Za-z_]\w*)\(.*\)|(?:\w+\.)*([A-Z]\w*[a-z]\w*)", re.DOTALL)
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 

@@ -21,6 +21,7 @@ import pytest
 from support import small_study, synthetic
 from support.programs import (
     MODULES,
+    PACKAGES,
     PROGRAMS,
     REPORT,
     ROOT,
@@ -66,8 +67,9 @@ def test_what_looks_as_if_it_ran_does():
     }
     assert mains - set(PROGRAMS) == set()
     texts = [MAKEFILE, *(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))]
-    texts += [path.read_text(encoding="utf-8") for part in ("bench", "harness") for path in (ROOT / part).rglob("*.py")]
-    called = {name for t in texts for name in re.findall(r"-m\"?,? \"?((?:bench|harness)(?:\.\w+)*)(?![.\w])", t)}
+    texts += [path.read_text(encoding="utf-8") for part in PACKAGES for path in (ROOT / part).rglob("*.py")]
+    ran = rf"-m\"?,? \"?((?:{'|'.join(PACKAGES)})(?:\.\w+)*)(?![.\w])"
+    called = {name for text in texts for name in re.findall(ran, text)}
     assert len(called) > 20
     assert called - set(PROGRAMS) == set()
 

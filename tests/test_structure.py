@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TOPS = ("harness", "models", "bench", "tests")
-BESIDE = {"bench", "blind", "contracts", "package", "support"}
+TOPS = ("harness", "models", "reproductions", "bench", "tests")
+OURS = ("harness", "reproductions")
+"""What keeps to the rules of how files are written and stores are opened."""
+BESIDE = {"bench", "blind", "contracts", "package", "reproductions", "support"}
 """Folders of tests that stand for no package of the harness."""
 LONGEST_MODULE, LONGEST_FUNCTION = 450, 80
 PARAMETERS, OF_KERNELS = 10, 14
@@ -38,7 +40,7 @@ def allowed(path: Path, function: FUNCTION) -> float:
     """Return how many parameters a function may have: what is compiled, and takes arrays only, a few more."""
     if path == STARTED or (path.parts[:2] == ("harness", "cli") and not function.name.startswith("_")):
         return float("inf")  # a command has as many as it has options
-    compiled = path.parts[0] == "harness" and not any(a.annotation for a in parameters(function))
+    compiled = path.parts[0] in OURS and not any(a.annotation for a in parameters(function))
     return OF_KERNELS if compiled else PARAMETERS
 
 
@@ -155,14 +157,12 @@ def test_what_writes_a_file_is_seen(text, found):
 
 
 def test_files_are_written_in_one_place():
-    wrong = [f"{p}:{c.lineno}" for p in files("harness") if str(p) not in WRITERS for c in calls(p) if writes(c)]
+    wrong = [f"{p}:{c.lineno}" for p in files(*OURS) if str(p) not in WRITERS for c in calls(p) if writes(c)]
     assert wrong == []
 
 
 def test_stores_are_opened_in_one_place():
     opening = {"open_group", "open_array", "open_zarr", "open_dataset", "open_datatree", "to_zarr"}
-    attributes = (
-        (p, c.func, c.lineno) for p in files("harness") for c in calls(p) if isinstance(c.func, ast.Attribute)
-    )
+    attributes = ((p, c.func, c.lineno) for p in files(*OURS) for c in calls(p) if isinstance(c.func, ast.Attribute))
     found = {str(p) for p, f, _ in attributes if f.attr in opening or getattr(f.value, "id", "") == "zarr"}
     assert found == {"harness/common/stores.py"}

@@ -143,10 +143,10 @@ class Results(xr.DataTree):
         Raises:
             UserError: If the folder cannot be written to.
         """
-        from harness.campaign.on_study import first_page
+        from harness.reporting.hooks import first_page
         from harness.study.report import write_report
 
-        return write_report(self._analysis(), first_page(self._analysis()))
+        return write_report(self._analysis(), first_page("study", self._analysis()))
 
     def replay(
         self,

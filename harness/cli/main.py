@@ -241,11 +241,17 @@ def campaign(
     Which estimator, inside which envelope, how often it fails, what drives its error; which findings of the
     dissertation are reproduced.
     """
-    from harness.campaign.report import write_campaign
+    from harness.reporting.hooks import hooks
 
     refuse_url(results)
+    writers = hooks("campaign")
+    if not writers:
+        raise UserError(
+            "nothing is installed that gathers studies: the findings of the dissertation and their tests come with a "
+            "checkout, where 'make setup' installs them (docs/campaign.md)"
+        )
     console = Console()
-    for path in write_campaign(results, out):
+    for path in (path for write in writers for path in write(results, out)):
         console.print(Text(str(path)), soft_wrap=True)
 
 

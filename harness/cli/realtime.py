@@ -31,12 +31,12 @@ def realtime(
 
     One run, one step per cycle as on a controller; the report compares load and ratios with the dissertation's.
     """
-    from harness.campaign.on_study import first_page_of_times
     from harness.cli.options import RESULTS, quantity, study_path
     from harness.config import load_study
     from harness.realtime.measure import contestants, measure
     from harness.realtime.outcome import judge, write
     from harness.realtime.report import headline, write_report
+    from harness.reporting.hooks import first_page
 
     seconds = quantity(duration, "s", "--duration")
     loaded = load_study(study_path(study))
@@ -49,7 +49,7 @@ def realtime(
         folder = out if out is not None else RESULTS / f"realtime-{loaded.name}"
         write(outcome, folder)
         show("writing the report")
-        paths = write_report(outcome, folder, first_page_of_times(outcome, folder))
+        paths = write_report(outcome, folder, first_page("times", outcome, folder))
     console.print(Text(headline(outcome), style="bold"), soft_wrap=True)
     for path in paths:
         console.print(Text(str(path)), soft_wrap=True)

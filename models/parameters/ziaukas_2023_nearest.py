@@ -2,7 +2,7 @@
 
 The thesis does not publish its tyre parameters and the units of its noise. This set is the point of a box of all that
 it leaves open at which the published numbers of chapter 5 together are met most closely (``docs/unpublished.md``,
-``harness/reproductions/box``). It is found by a search, not measured: neither the thesis's optimum nor a default.
+``reproductions/box``). It is found by a search, not measured: neither the thesis's optimum nor a default.
 Masses, lengths and friction are those of ``ziaukas_2023``. Values follow from the factors of the point, which have
 three digits. Its drives are ``studies/drives/nearest.toml``; its model is integrated by Euler with 10 ms, filters and
 plant alike.

@@ -13,15 +13,15 @@ from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import Estimator
 from harness.estimation.methods import narx
-from harness.estimation.narx import data as training_data
-from harness.estimation.narx import levenberg_marquardt as lm
-from harness.estimation.narx import lipschitz, training
 from harness.estimation.narx import network as net
-from harness.estimation.narx.closed_loop import ClosedLoop
 from harness.estimation.narx.kernel_weights import MEMORY, WIDTH, placed
-from harness.reproductions import narx_architecture, narx_training
 from harness.simulation.drives import profile_of
 from harness.simulation.simulate import in_lanes, variances
+from reproductions import narx_architecture, narx_training
+from reproductions.narx import data as training_data
+from reproductions.narx import levenberg_marquardt as lm
+from reproductions.narx import lipschitz, training
+from reproductions.narx.closed_loop import ClosedLoop
 
 ROOT = Path(__file__).resolve().parents[2]
 HIDDEN = [(5,), (4, 3), (2, 2, 2)]

@@ -10,7 +10,7 @@ from harness.estimation.particle_smoother import Clouds, transitions
 from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.innovations import Innovations
 from harness.identification.methods.em import Maximisation, Settings, identify, settled
-from harness.reproductions.sun_em import FREE, car, recording
+from reproductions.sun_em import FREE, car, recording
 
 TRUTH = np.array([8.36, 7.78, 0.62, 1.014])
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.innovations import Innovations
-from harness.reproductions.sun_em import FREE, car, recording
+from reproductions.sun_em import FREE, car, recording
 
 STIFFNESS = FREE[:2]
 TRUTH = np.array([car(start=False).values[name] for name in STIFFNESS])

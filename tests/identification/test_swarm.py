@@ -12,10 +12,10 @@ from harness.identification.contract import Problem, load_method, settings_of
 from harness.identification.innovations import Innovations
 from harness.identification.methods.swarm import Settings, identify, optimise
 from harness.identification.simulation_error import Free, Misfit
-from harness.reproductions.simulated_recording import record
-from harness.reproductions.sun_em import DRIVE, car
-from harness.reproductions.ziaukas_swarm import DRIVES, main, setup, swarm_over_logarithms
 from harness.simulation.drives import profile_of
+from reproductions.simulated_recording import record
+from reproductions.sun_em import DRIVE, car
+from reproductions.ziaukas_swarm import DRIVES, main, setup, swarm_over_logarithms
 
 FREE = ("stiffness_over_load_front", "cog_to_front_axle")
 

@@ -19,6 +19,8 @@ from support.plugins import example, project
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "raise SystemExit('{} of the user was imported')\n"
+OWN = "robustness_harness"
+"""Begins the names of what pip keeps of an installed checkout: the harness and what lies beside it."""
 BIN = "Scripts" if os.name == "nt" else "bin"
 PYTHONS = [sys.executable, *filter(None, [os.environ.get("HARNESS_SECOND_PYTHON")])]
 
@@ -71,7 +73,9 @@ def fresh(built, tmp_path_factory, request):
     run(*pip, "install", "--quiet", "--no-index", "--no-deps", built[1], cwd=folder)
     paths = "import sysconfig; print(*(sysconfig.get_path(p) for p in ('purelib', 'platlib')), sep=chr(10))"
     here, borrowed = (run(p, "-c", paths, cwd=folder).split("\n")[:2] for p in (python, request.param))
-    (Path(here[0]) / "dependencies.pth").write_text("\n".join(dict.fromkeys(borrowed)), encoding="utf-8")
+    for installed in (p for place in dict.fromkeys(borrowed) for p in Path(place).iterdir()):
+        if OWN not in installed.name and not (Path(here[0]) / installed.name).exists():
+            (Path(here[0]) / installed.name).symlink_to(installed)
     return programs
 
 
@@ -99,7 +103,6 @@ def test_sdist_and_wheel_hold_the_same_package(built):
     tracked += [ROOT / "harness" / p.relative_to(ROOT) for p in (ROOT / "models").rglob("*.py")]
     tracked += [ROOT / "harness" / "config" / p.relative_to(ROOT) for p in (ROOT / "studies").rglob("*.toml")]
     tracked += [
-        ROOT / "harness" / "campaign" / "box.json",
         ROOT / "harness" / "config" / "studies" / "study.schema.json",
         *(ROOT / "harness" / "cli" / "templates").glob("*"),
     ]
@@ -122,6 +125,13 @@ def test_a_study_of_the_package_is_run_by_its_name(harness, empty):
     said = harness("run", "mass", "--quick")
     assert "trailer mass" in said
     assert (empty / "results" / "mass-quick" / "report.pdf").stat().st_size > 10_000
+
+
+def test_what_a_checkout_alone_has_is_said(harness, empty):
+    said = harness("campaign", expect=2)
+    assert "come with a checkout" in said
+    assert "Traceback" not in said
+    assert "dissertation" not in (empty / "results" / "mass-quick" / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_drive_is_simulated(harness, empty):

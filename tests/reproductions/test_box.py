@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.campaign import evidence
-from harness.campaign.evidence import Evidence
 from harness.common.errors import UserError
 from harness.common.statistics import Interval
 from harness.models.roles import PARAMETERS
-from harness.reproductions.box import analysis, search, studies
-from harness.reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, distance, told
-from harness.reproductions.box.factors import FACTORS, as_printed, onto_choices, place_of, settings
-from harness.reproductions.box.plausibility import plausibility
-from harness.reproductions.box.points import SCORES, Folder, Point, lag, ripple, sequence
-from harness.reproductions.box.totals import total_indices
+from reproductions.box import analysis, search, studies
+from reproductions.box.evidence import IN_BOX, PUBLISHED, PointResults, distance, told
+from reproductions.box.factors import FACTORS, as_printed, onto_choices, place_of, settings
+from reproductions.box.plausibility import plausibility
+from reproductions.box.points import SCORES, Folder, Point, lag, ripple, sequence
+from reproductions.box.totals import total_indices
+from reproductions.campaign import evidence
+from reproductions.campaign.evidence import Evidence
 
 CENTRE = np.full(len(FACTORS), 0.5)
 BANDS = {

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.common.errors import UserError
-from harness.estimation.narx.training import Plan
-from harness.reproductions import narx_architecture
-from harness.reproductions.kept import Parts, state_of
+from reproductions import narx_architecture
+from reproductions.kept import Parts, state_of
+from reproductions.narx.training import Plan
 
 
 def test_a_part_is_computed_once(tmp_path):

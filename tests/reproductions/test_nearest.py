@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.campaign import box
 from harness.config import build_study, resolve_single
-from harness.reproductions.box import studies
-from harness.reproductions.box.factors import FACTORS, as_printed
-from harness.reproductions.box.plausibility import plausibility
 from harness.simulation.drives import profile_of
+from reproductions.box import studies
+from reproductions.box.factors import FACTORS, as_printed
+from reproductions.box.plausibility import plausibility
+from reproductions.campaign import box
 
 ROOT = Path(__file__).parents[2]
 SET, DRIVES = "ziaukas_2023_nearest", "nearest"

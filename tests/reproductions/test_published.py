@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from harness.campaign.claims import CLAIMS
-from harness.campaign.evidence import Evidence
 from harness.common.statistics import Interval
-from harness.reproductions import reproduce
-from harness.reproductions.published import figures, kit, page, wording, ziaukas_evidence, ziaukas_ideal, ziaukas_ramps
-from harness.reproductions.published.record import (
+from reproductions import reproduce
+from reproductions.campaign.claims import CLAIMS
+from reproductions.campaign.evidence import Evidence
+from reproductions.published import figures, kit, page, wording, ziaukas_evidence, ziaukas_ideal, ziaukas_ramps
+from reproductions.published.record import (
     Kind,
     Outcome,
     Record,
@@ -26,9 +26,9 @@ from harness.reproductions.published.record import (
     setting,
     statement,
 )
-from harness.reproductions.published.results import Missing, Origin, Stored, state_of
-from harness.reproductions.published.wording import Chapter
-from harness.reproductions.stored import LONG
+from reproductions.published.results import Missing, Origin, Stored, state_of
+from reproductions.published.wording import Chapter
+from reproductions.stored import LONG
 from support.synthetic import design, write
 
 ROOT = Path(__file__).parents[2]

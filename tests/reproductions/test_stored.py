@@ -7,9 +7,9 @@ import pytest
 
 from harness.common import sources
 from harness.common.errors import UserError
-from harness.reproductions import sun_em, sun_em_report
-from harness.reproductions.published.results import Missing, Stored
-from harness.reproductions.stored import LONG, STAMP, WRITING, load, save
+from reproductions import sun_em, sun_em_report
+from reproductions.published.results import Missing, Stored
+from reproductions.stored import LONG, STAMP, WRITING, load, save
 
 NAME = "identify-em"
 

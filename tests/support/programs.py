@@ -14,7 +14,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PROGRAM = re.compile(r"\S*bin/(?:python -m (?P<module>(?:bench|harness)[\w.]*)|harness\b)(?P<arguments>[^|&;#\n]*)")
+PACKAGES = ("bench", "harness", "reproductions")
+"""Those with modules that run."""
+PROGRAM = re.compile(
+    rf"\S*bin/(?:python -m (?P<module>(?:{'|'.join(PACKAGES)})[\w.]*)|harness\b)(?P<arguments>[^|&;#\n]*)"
+)
 NUMBER = r"(\d[\d.]*(?:e[-+]\d+)?)"
 
 
@@ -91,7 +95,7 @@ TARGETS: dict[str, Small | Begun | By | Shown] = {
     "study-identify-swarm": By("identification/test_swarm.py::test_the_study_writes_its_report"),
     "study-identify-em": By("test_programs.py::test_a_module_does_its_work"),
     "study-identify-%": FINDS_NO_RECORDINGS,
-    "reproduce-box": Begun("JOBS=1", "harness.reproductions.box.points.Folder.points", "256", "an hour"),
+    "reproduce-box": Begun("JOBS=1", "reproductions.box.points.Folder.points", "256", "an hour"),
     "reproduce-nearest": Begun("JOBS=1", EVALUATED, "name='ideal'", "a minute"),
     "reproduce": By("reproductions/test_published.py::test_the_command_writes_report_and_data_of_a_document"),
     "report": By("test_programs.py::test_reports_are_written_again"),
@@ -124,23 +128,23 @@ MODULES: dict[str, Small | Begun | By] = {
     "harness": Small("list studies", r"(?m)^mass ", quick=True),
     "harness.cli.main": Small("--version", r"harness (\d+\.\d+)", quick=True),
     "harness.cli.drive_tables": By("cli/test_drive_tables.py::test_the_documentation_is_what_the_command_prints"),
-    "harness.cli.identify_measured": By("identification/test_measured_car.py::test_a_recorded_car_is_identified"),
-    "harness.reproductions.narx_training": Small(
+    "reproductions.identify_measured": By("reproductions/test_measured_car.py::test_a_recorded_car_is_identified"),
+    "reproductions.narx_training": Small(
         "--out n.npz --neurons 2 --epochs 1 --iterations 1 --polish 1 --restarts 1 --jobs 1",
         rf"candidate 0 chosen; free-running NRMSE .*'test': \[{NUMBER}, {NUMBER}\]",
         ("n.npz",),
         quick=True,
     ),
-    "harness.reproductions.narx_architecture": Small(
+    "reproductions.narx_architecture": Small(
         "--out narx --most 1 --restarts 1 --spread 1 --epochs 1 --iterations 1 --jobs 1",
         rf"best free-running NRMSE {NUMBER}",
         tuple(f"narx/{name}" for name in REPORT),
     ),
-    "harness.reproductions.sun_particle_smoother": Small(
+    "reproductions.sun_particle_smoother": Small(
         "--repeats 1",
         rf"extended Kalman filter +{NUMBER} ± 0 +{NUMBER} ± 0 +{NUMBER} ± 0\nparticle filter +50 +{NUMBER}",
     ),
-    "harness.reproductions.sun_em": Small(
+    "reproductions.sun_em": Small(
         "--out em --repeats 1 --beside 1 --iterations 3 --jobs 1",
         rf"likelihood: 1 recordings, median {NUMBER} s",
         tuple(f"em/{name}" for name in (*REPORT, "identify.npz")),
@@ -168,9 +172,9 @@ MODULES: dict[str, Small | Begun | By] = {
 
 @functools.cache
 def modules() -> dict[str, ast.Module]:
-    """Return every module of bench and harness by the name by which it runs."""
+    """Return every module of the packages by the name by which it runs."""
     found = {}
-    for path in (*(ROOT / "bench").rglob("*.py"), *(ROOT / "harness").rglob("*.py")):
+    for path in (path for top in PACKAGES for path in (ROOT / top).rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__main__" else parts)] = ast.parse(path.read_text(encoding="utf-8"))
     return found

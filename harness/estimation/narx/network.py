@@ -219,7 +219,7 @@ def load(path: Path) -> Network:
         UserError: If the file is no ``.npz``, holds pickled objects, lacks an array, or its arrays do not belong
             together.
     """
-    again = "write it with python -m harness.reproductions.narx_training"
+    again = "write it with python -m reproductions.narx_training"
     if not path.is_file():
         raise UserError(f"{path}: there is no such file")
     not_plain = UserError(f"{path}: not an .npz file of plain arrays; pickled objects are refused; {again}")

@@ -1,1 +1,0 @@
-"""What the sources publish, computed again: each a command, ``python -m harness.reproductions.<name>``."""

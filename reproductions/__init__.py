@@ -1,0 +1,1 @@
+"""What the sources publish, computed again: each a command, ``python -m reproductions.<name>``."""

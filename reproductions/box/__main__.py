@@ -1,0 +1,103 @@
+"""Search the box of what the dissertation leaves open, and report.
+
+``python -m reproductions.box --out results/reproduce-box`` keeps every point in ``points/`` as soon as it is
+computed and goes on from there, then writes ``report.html`` and ``.pdf``, ``box.json`` and, for the nearest point,
+``nearest.toml`` and ``nearest_drives.toml``. With a page it renews that and ``reproductions/campaign/box.json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import joblib
+import numpy as np
+
+from harness.cli.options import answers_errors
+from harness.common.errors import UserError
+from harness.common.files import json_text, read_text, renewed, write_files
+from harness.reporting.document import write
+from reproductions.box import nearest, report, search
+from reproductions.box.analysis import exclusions, most_findings, survivals
+from reproductions.box.data import as_json
+from reproductions.box.evidence import told
+from reproductions.box.points import Folder, sequence
+from reproductions.campaign import box
+
+PAGE = Path("docs/unpublished.md")
+BEGIN, END = "<!-- written by make reproduce-box -->", "<!-- end -->"
+
+LEAST = 32
+"""Points below which neither shares nor indices say anything."""
+
+
+def _arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m reproductions.box", description="Which findings survive what is not published?"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to, and to go on from")
+    parser.add_argument("--points", type=int, default=256, help="points of the Sobol sequence, a power of two")
+    parser.add_argument("--generations", type=int, default=8, help="generations of the search for the nearest point")
+    parser.add_argument("--page", type=Path, help=f"page to renew, {PAGE}, and with it {box.COMMITTED.name}")
+    parser.add_argument("--jobs", type=int, default=joblib.cpu_count(), help="threads")
+    return parser
+
+
+@answers_errors
+def main(arguments: Sequence[str]) -> None:
+    """Compute what is not there yet, and write the report."""
+    chosen = _arguments().parse_args(arguments)
+    if chosen.points < LEAST or chosen.points & (chosen.points - 1):
+        raise UserError(f"--points {chosen.points}: give a power of two of at least {LEAST}")
+    if min(chosen.generations, chosen.jobs - 1) < 0:
+        raise UserError("--generations must be at least 0 and --jobs at least 1")
+    page = "" if chosen.page is None else read_text(chosen.page)
+    for marks in ((BEGIN, END), (nearest.BEGIN, nearest.END)):
+        if page:
+            renewed(page, "", *marks)  # fails now rather than in an hour
+    begin = time.perf_counter()
+
+    def tell(line: str) -> None:
+        print(f"{line}, {(time.perf_counter() - begin) / 60:.1f} min", file=sys.stderr, flush=True)
+
+    folder = Folder(chosen.out / "points")
+    points = list(folder.points(sequence(chosen.points), 0, chosen.jobs, tell))
+    says = joblib.Parallel(chosen.jobs)(joblib.delayed(told)(point) for point in points)
+    more, more_says = search.refine(folder, points, says, chosen.generations, chosen.jobs, tell)
+    everyone, every_says = [*points, *more], [*says, *more_says]
+    best = int(np.argmin([search.score(p, s) for p, s in zip(everyone, every_says, strict=True)]))
+    chosen_point = everyone[best]
+    richest = most_findings(everyone, every_says)
+    found = report.Found(
+        points,
+        says,
+        survivals(points, says, chosen.jobs),
+        len(more),
+        chosen_point,
+        every_says[best],
+        everyone[richest],
+        every_says[richest],
+        exclusions(says),
+        nearest.tell(chosen_point.number, chosen_point.at, chosen.jobs),
+        f"python -m reproductions.box {shlex.join(arguments)}",
+    )
+    write(report.document(found), chosen.out)
+    data = as_json(found, folder.code)
+    write_files(chosen.out, {"box.json": json_text(data), **nearest.as_toml(found.nearest_told.at, found.command)})
+    if chosen.page is not None:
+        for content, marks in (
+            (report.markdown(found), (BEGIN, END)),
+            (nearest.markdown(found.nearest_told, found.command), (nearest.BEGIN, nearest.END)),
+        ):
+            page = renewed(page, content, *marks)
+        write_files(chosen.page.parent, {chosen.page.name: page})
+        write_files(box.COMMITTED.parent, {box.COMMITTED.name: json_text(box.summary(data))})
+    print(f"wrote {chosen.out}/report.html")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

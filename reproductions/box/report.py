@@ -1,0 +1,256 @@
+"""Report of the box: which findings survive, on what they hinge, and the point nearest to the dissertation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.models.quantities import listed
+from harness.reporting.document import (
+    Block,
+    Bullets,
+    Document,
+    Drawing,
+    Heading,
+    Listing,
+    Prose,
+    Section,
+    Sheet,
+    plain,
+    strong,
+)
+from harness.reporting.style import number, percent
+from reproductions.box import figures, nearest
+from reproductions.box.analysis import Survival
+from reproductions.box.evidence import BILD_56, IN_BOX, PUBLISHED, Told
+from reproductions.box.factors import FACTORS
+from reproductions.box.nearest import Nearest
+from reproductions.box.points import Point
+from reproductions.box.search import score
+from reproductions.box.tables import NUMBER_HEADER, number_rows
+from reproductions.published.page import table
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the box gave.
+
+    Attributes:
+        points: Of the sequence.
+        says: What they say.
+        survivals: By finding.
+        searched: How many points the search added.
+        nearest: The point nearest to the dissertation.
+        told: What it says.
+        richest: The point with most findings, see ``analysis.most_findings``.
+        richest_told: What it says.
+        exclusions: See ``analysis.exclusions``.
+        nearest_told: The nearest point with its factors as printed, with the project's network and one trained there.
+        command: That made it.
+    """
+
+    points: Sequence[Point]
+    says: Sequence[Told]
+    survivals: Sequence[Survival]
+    searched: int
+    nearest: Point
+    told: Told
+    richest: Point
+    richest_told: Told
+    exclusions: Sequence[tuple[int, int, float]]
+    nearest_told: Nearest
+    command: str
+
+
+def document(found: Found) -> Document:
+    """Return the report."""
+    return Document(
+        "Which findings of the dissertation survive what it does not publish?",
+        [
+            Section(lambda: _answer(found), "Answer"),
+            Section(lambda: _findings(found), "Where each finding holds, and on what it hinges"),
+            Section(lambda: nearest.blocks(found.nearest_told), "The point nearest to the dissertation"),
+            Section(lambda: _richest(found), "Where most findings hold"),
+            Section(lambda: _steering(found), "Which steering noise?"),
+            Section(lambda: _box(found), "The box"),
+        ],
+    )
+
+
+def _answer(found: Found) -> list[Block]:
+    by_verdict = {
+        verdict: [str(k) for k, s in enumerate(found.survivals, 1) if s.verdict == verdict]
+        for verdict in ("nearly everywhere", "in part", "nearly nowhere")
+    }
+    texts = [
+        f"{len(numbers)} hold {verdict} (number {listed(numbers)})" if numbers else f"none holds {verdict}"
+        for verdict, numbers in by_verdict.items()
+    ]
+    holds = sum(found.told.holds())
+    distances = found.told.distances()
+    within = sum(d <= 1.0 for d in distances)
+    items = [
+        ("Which findings survive?", f"Of the {len(IN_BOX)} findings of chapter 5, in the box {'; '.join(texts)}."),
+        (
+            "How near can one come?",
+            f"At the nearest point {holds} of {len(IN_BOX)} findings hold, and {within} of {len(PUBLISHED)} published "
+            f"numbers are within a factor of two; root mean square distance: a factor of "
+            f"{number(2 ** found.told.off(), 2)}.",
+        ),
+        ("Where do most findings hold?", richest_in_words(found)),
+    ]
+    return [
+        Heading("Answer"),
+        Bullets([f"{strong(question)} {plain(text)}" for question, text in items]),
+        Drawing(
+            lambda: figures.shares(found.survivals),
+            f"Share of {len(found.points)} points of a Sobol sequence over {len(FACTORS)} factors at which all numbers "
+            "behind a finding lie where it puts them; exact binomial intervals.",
+            "share of the box per finding",
+        ),
+    ]
+
+
+def hinges(survival: Survival) -> str:
+    """Say what a finding hinges on: factors with their first-order index."""
+    if survival.hinge is None:
+        return "the same everywhere"
+    strongest = survival.hinge.strongest()
+    named = [f"{FACTORS[k].words} {number(survival.hinge.first[k], 2)}" for k in strongest]
+    return listed(named) if named else "no single factor"
+
+
+def hinges_in_total(survival: Survival) -> str:
+    """Say which factors have most part in a finding: those of the largest total index, with its interval."""
+    if survival.hinge is None:
+        return "the same everywhere"
+    total = survival.hinge.total
+    named = [
+        f"{FACTORS[k].words} {number(total.value[k], 2)} ({number(total.lower[k], 2)} to {number(total.upper[k], 2)})"
+        for k in survival.hinge.strongest_in_total()
+    ]
+    return f"{listed(named) if named else 'no single factor'}; {percent(max(total.explained, 0.0))} explained"
+
+
+def finding_rows(found: Found) -> list[list[str]]:
+    """Return the rows of the table of findings."""
+    rows = []
+    for k, (claim, survival, holds) in enumerate(zip(IN_BOX, found.survivals, found.told.holds(), strict=True), 1):
+        shares = [
+            f"{percent(s.value)} ({percent(s.lower)} to {percent(s.upper)})" for s in (survival.share, survival.filters)
+        ]
+        rows.append([str(k), claim.text, claim.place, *shares, hinges(survival), hinges_in_total(survival),
+                     "yes" if holds else "no"])  # fmt: skip
+    return rows
+
+
+FINDING_HEADER = (
+    "",
+    "finding",
+    "place",
+    "share",
+    "without the network",
+    "hinges on (first-order index)",
+    "together with others (total index)",
+    "at the nearest",
+)
+
+
+def _findings(found: Found) -> list[Block]:
+    caption = (
+        "Share of the box with its 95 % interval. Hinges on: factors whose first-order index, from the same points "
+        "(given data), is above zero with its 95 % interval; the output is how far the worst of a finding's numbers, "
+        "the network's left out, lies inside its region. Together with others: factors with the largest total "
+        "index of a Gaussian process fitted to the same points, with what that explains of points left out."
+    )
+    return [
+        Heading("Where each finding holds, and on what it hinges"),
+        Sheet(FINDING_HEADER, finding_rows(found), caption, left=7),
+    ]
+
+
+def _richest(found: Found) -> list[Block]:
+    return [
+        Heading("Where most findings hold"),
+        Prose(plain(richest_in_words(found))),
+        Sheet(NUMBER_HEADER, number_rows(found.richest_told), "Numbers of chapter 5 and ours there.", left=2),
+    ]
+
+
+def richest_in_words(found: Found) -> str:
+    """Say where most findings hold, which fail there, and which findings hardly hold together."""
+    holds, distances = found.richest_told.holds(), found.richest_told.distances()
+    failing = [str(k) for k, held in enumerate(holds, 1) if not held]
+    medians = [d for p, d in zip(PUBLISHED, distances, strict=True) if p.place == BILD_56]
+    text = (
+        f"At point {found.richest.number}, {sum(holds)} of {len(IN_BOX)} findings hold"
+        f"{' (not ' + listed(failing) + ')' if failing else ''}; the medians of Bild 5.6 are within a factor of "
+        f"{number(2 ** max(medians), 2)} there, all numbers within {number(2 ** max(distances), 2)}."
+    )
+    if not found.exclusions:
+        return text
+    pairs = listed([f"{a + 1} with {b + 1} ({number(ratio, 2)})" for a, b, ratio in found.exclusions[:4]])
+    return f"{text} Findings that hold together more rarely than their shares alone would give, as a ratio: {pairs}."
+
+
+def markdown(found: Found) -> str:
+    """Return the tables of the page, those of the nearest point apart."""
+    return "\n\n".join(
+        [
+            f"Written by `{found.command}`: {len(found.points)} points of the sequence and {found.searched} of the "
+            "search.",
+            "## Where each finding holds",
+            table(FINDING_HEADER, finding_rows(found)),
+            "## Where most findings hold",
+            richest_in_words(found),
+            table(NUMBER_HEADER, number_rows(found.richest_told)),
+            "## Which steering noise",
+            steering_in_words(found),
+        ]
+    )
+
+
+def _steering(found: Found) -> list[Block]:
+    return [
+        Heading("Which steering noise?"),
+        Prose(plain(steering_in_words(found))),
+        Drawing(
+            lambda: figures.steering(found.points, found.says),
+            "Each point of the sequence: lag of the EKF's steering-wheel angle on two ramps (largest correlation), and "
+            "root mean square distance of the published numbers in powers of two.",
+            "delay of the input estimate and distance over the variance of the steering wheel",
+        ),
+    ]
+
+
+def steering_in_words(found: Found) -> str:
+    """Say what the box tells of the last variance of (5.3)."""
+    delay = np.array([p.delay for p in found.points])
+    near = np.argsort([score(p, s) for p, s in zip(found.points, found.says, strict=True)])[
+        : max(len(found.says) // 10, 1)
+    ]
+    column = [f.name for f in FACTORS].index("steering_variance")
+    nearest = np.array([FACTORS[column].value(found.points[k].place[column]) for k in near])
+    low, median, high = np.quantile(nearest, [0.1, 0.5, 0.9])
+    return (
+        "Of (5.3) the last variance, 1e-5 without a unit, may be of the steering wheel or of the road wheels, which is "
+        "5.3e-3 rad² at the wheel. The text says that the input estimate lags by up to 0.7 s and would lag more with a "
+        f"smaller variance. Over the box the lag on two ramps goes from {number(np.nanmin(delay))} to "
+        f"{number(np.nanmax(delay))} s. The tenth of the points nearest to the published numbers has variances of "
+        f"{number(low)} to {number(high)} rad² per step (10 and 90 % quantile), median {number(median)}."
+    )
+
+
+def _box(found: Found) -> list[Block]:
+    rows = [
+        [f.words, f.unit, " or ".join(number(c) for c in f.choices) if f.choices else
+         f"{number(f.lower)} to {number(f.upper)}{', log' if f.log else ''}", f.published]
+        for f in FACTORS
+    ]  # fmt: skip
+    return [
+        Heading("The box"),
+        Sheet(["factor", "unit", "range", "what is published"], rows, "What the dissertation leaves open.", left=4),
+        Listing(found.command),
+    ]

@@ -1,0 +1,1 @@
+"""Training of the NARX network: data, Lipschitz indices, Levenberg-Marquardt, free-running refinement."""
