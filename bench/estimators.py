@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from bench.remedy import table
-from harness.campaign.remedy.run import time_of_step
 from harness.common.arrays import Floats
 from harness.config import Study, build_study
 from harness.engine.simd.lanes import LANES
+from harness.remedy.run import time_of_step
 from harness.simulation.simulate import Batch
 from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator

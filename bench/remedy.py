@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from harness.campaign.remedy.run import steps_in_turn
 from harness.common.arrays import Floats
 from harness.common.statistics import average_bounds
 from harness.config import Study, build_study, load_study
+from harness.remedy.run import steps_in_turn
 from harness.study.design import Unit, units
 from harness.study.evaluate import StudyEvaluator
 from harness.study.run_noise import Case

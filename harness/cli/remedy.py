@@ -48,12 +48,12 @@ def remedy(
     model of the effect. What is finished is kept. Writes a report, belief.toml for studies and harness
     estimate, and study.toml.
     """
-    from harness.campaign.remedy.answer import headline
-    from harness.campaign.remedy.report import write_report
-    from harness.campaign.remedy.run import try_remedies
-    from harness.campaign.remedy.traced import traced_study
     from harness.cli.options import RESULTS, agree_to, command, study_path
     from harness.config import load_study
+    from harness.remedy.answer import headline
+    from harness.remedy.report import write_report
+    from harness.remedy.run import try_remedies
+    from harness.remedy.traced import traced_study
 
     loaded = load_study(study_path(study), quick)
     if trace is not None:

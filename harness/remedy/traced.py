@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from harness.campaign.remedy.choices import ADAPTED, Equipment, Remedy
 from harness.common.errors import UserError
 from harness.common.files import parse_toml
 from harness.config import Study, build_study
 from harness.diagnosis.result.study_gain import REPEATS, bare_tables, change_times
+from harness.remedy.choices import ADAPTED, Equipment, Remedy
 
 
 def traced_study(study: Study, folder: Path) -> Study:

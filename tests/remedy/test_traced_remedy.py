@@ -6,12 +6,12 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from harness.campaign.remedy import choices, traced
-from harness.campaign.remedy.choices import AS_IT_IS, Remedy
-from harness.campaign.remedy.report import belief_text
 from harness.cli.main import app
 from harness.common.errors import UserError
 from harness.config import build_study
+from harness.remedy import choices, traced
+from harness.remedy.choices import AS_IT_IS, Remedy
+from harness.remedy.report import belief_text
 from harness.study.worst_case import box_of
 
 NOMINAL = """\

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.campaign.remedy.judge import Outcome, best, helps, nominal_cost, without_sensor
-from harness.campaign.remedy.run import Tried
 from harness.models.quantities import listed, words
+from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
+from harness.remedy.judge import Outcome, best, helps, nominal_cost, without_sensor
+from harness.remedy.run import Tried
 from harness.reporting.style import number, percent, with_unit
 
 _NOTHING_LEARNT = 0.5

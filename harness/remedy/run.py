@@ -13,10 +13,6 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from harness.campaign.remedy import choices, traced
-from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.campaign.remedy.judge import Outcome, best, harm, judged
-from harness.campaign.remedy.promise import Promise, promises
 from harness.common.errors import ModelError, UserError
 from harness.common.lock import locked
 from harness.common.places import inside
@@ -27,6 +23,10 @@ from harness.engine.simd.lanes import LANES
 from harness.estimation.contract import load_estimator
 from harness.realtime.measure import contestants, measure
 from harness.realtime.outcome import PACES
+from harness.remedy import choices, traced
+from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
+from harness.remedy.judge import Outcome, best, harm, judged
+from harness.remedy.promise import Promise, promises
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
 from harness.study.report.ranking import Ranking

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from harness.campaign.remedy import choices
-from harness.campaign.remedy.answer import _poor_drives, headline
-from harness.campaign.remedy.choices import AS_IT_IS, Equipment, Remedy
-from harness.campaign.remedy.judge import Outcome, best, harm, helps, judged
-from harness.campaign.remedy.promise import Promise, promises
-from harness.campaign.remedy.report import belief_text, believed, write_report
-from harness.campaign.remedy.run import _more_estimated, try_remedies
 from harness.common.errors import UserError
 from harness.config import build_study
 from harness.engine.simd.lanes import LANES
+from harness.remedy import choices
+from harness.remedy.answer import _poor_drives, headline
+from harness.remedy.choices import AS_IT_IS, Equipment, Remedy
+from harness.remedy.judge import Outcome, best, harm, helps, judged
+from harness.remedy.promise import Promise, promises
+from harness.remedy.report import belief_text, believed, write_report
+from harness.remedy.run import _more_estimated, try_remedies
 from harness.study.bound import smallest_rmse
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator

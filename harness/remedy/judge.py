@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.campaign.remedy.choices import Remedy
 from harness.common import statistics
 from harness.common.arrays import Floats
 from harness.config import Study
 from harness.models.quantities import Quantity
+from harness.remedy.choices import Remedy
 from harness.study.report.ranking import tolerances
 from harness.study.results import Design, StudyResults
 from harness.study.tolerance import Tolerance

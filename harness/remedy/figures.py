@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from harness.campaign.remedy.choices import AS_IT_IS
-from harness.campaign.remedy.judge import Outcome, harm
-from harness.campaign.remedy.run import Tried
 from harness.models.quantities import listed, words
+from harness.remedy.choices import AS_IT_IS
+from harness.remedy.judge import Outcome, harm
+from harness.remedy.run import Tried
 from harness.reporting import style
 from harness.reporting.style import percent
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness.campaign.remedy import choices
-from harness.campaign.remedy.choices import Equipment, Remedy
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import DesignSpec, Study
 from harness.engine.simd.lanes import LANES
 from harness.estimation.information import parameter_information
 from harness.models.quantities import quantity
+from harness.remedy import choices
+from harness.remedy.choices import Equipment, Remedy
 from harness.simulation.drives import profile_of
 from harness.study.bound import smallest_rmse
 from harness.study.design import Unit

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.campaign.remedy import figures
-from harness.campaign.remedy.answer import further, headline, times
-from harness.campaign.remedy.choices import Remedy, prior
-from harness.campaign.remedy.choices import parameters as parameters_of
-from harness.campaign.remedy.judge import Outcome, nominal_cost
-from harness.campaign.remedy.run import Tried
 from harness.common.files import write_files
 from harness.config import ModelSpec, Study
 from harness.config.parameter_set import UNSURE, set_text
 from harness.models.quantities import listed, quantity, words
 from harness.models.signals import SIGNALS
+from harness.remedy import figures
+from harness.remedy.answer import further, headline, times
+from harness.remedy.choices import Remedy, prior
+from harness.remedy.choices import parameters as parameters_of
+from harness.remedy.judge import Outcome, nominal_cost
+from harness.remedy.run import Tried
 from harness.reporting.document import (
     Block,
     Bullets,

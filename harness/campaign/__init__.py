@@ -1,1 +1,0 @@
-"""What helps where a parameter is not as believed."""
