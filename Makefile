@@ -91,7 +91,7 @@ test: $(VENV)/dev.stamp ## run the tests
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m "not proof and not wheel and not notebooks and not browser"
 
 test-view: $(VENV)/dev.stamp ## run the tests of harness view in a browser (needs Chromium on the PATH)
-	$(BIN)/python -m pytest -m browser tests/study/view
+	$(BIN)/python -m pytest -m browser tests/view
 
 proof: $(VENV)/dev.stamp ## run the tests that take long: the cluster, the blind plant, a trace from end to end
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m proof

@@ -21,7 +21,7 @@ WORK = (
     "harness.study.tune.tune", "harness.remedy.run.try_remedies",
     "harness.identification.fit_recordings.Innovations", "harness.diagnosis.run.run_trace",
     "harness.diagnosis.measured_study.trace_study", "harness.simulation.simulate.simulate_drive",
-    "harness.cli.observability_report.report", "harness.recorded.run.RecordedModel", "harness.study.view.pages.pages",
+    "harness.cli.observability_report.report", "harness.recorded.run.RecordedModel", "harness.view.pages.pages",
 )  # fmt: skip
 """Where the work of commands begins."""
 

@@ -36,8 +36,8 @@ def view(
     except ImportError:
         raise UserError("harness view needs Bokeh: pip install 'robustness-harness[view]'") from None
     from harness.common.files import refuse_url
-    from harness.study.view.pages import pages
-    from harness.study.view.server import Page
+    from harness.view.pages import pages
+    from harness.view.server import Page
 
     for folder in folders:
         refuse_url(folder)

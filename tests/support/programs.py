@@ -166,7 +166,7 @@ MODULES: dict[str, Small | Begun | By] = {
     "bench.questions": Begun("mass trace", "bench.view_pictures.served", "mass", "it takes the mass study and a trace"),
     "bench.remedy": Begun("estimated", EVALUATED, "kind='ekf'", "minutes"),
     "bench.shares": Begun("--only mass", "subprocess.run", "'--once', 'mass'", "it runs the mass study three times"),
-    "bench.view": By("study/view/test_programs_in_a_browser.py::test_the_time_of_a_page_is_measured"),
+    "bench.view": By("view/test_programs_in_a_browser.py::test_the_time_of_a_page_is_measured"),
 }
 
 

@@ -8,10 +8,10 @@ from bokeh.events import Tap
 from bokeh.layouts import column
 from bokeh.models import CustomJS, Select
 
-from harness.study.view import looks
-from harness.study.view.box_figure import BoxFigure
-from harness.study.view.boxes import RANKS, Box
-from harness.study.view.frame import line
+from harness.view import looks
+from harness.view.box_figure import BoxFigure
+from harness.view.boxes import RANKS, Box
+from harness.view.frame import line
 
 
 class ChosenBoxes:

@@ -11,10 +11,10 @@ from harness.common.errors import UserError
 from harness.reporting import style
 from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
-from harness.study.view import side_by_side_page
-from harness.study.view.beside import Slot, arranged, beside
-from harness.study.view.differing import settings
-from harness.study.view.pages import pages
+from harness.view import side_by_side_page
+from harness.view.beside import Slot, arranged, beside
+from harness.view.differing import settings
+from harness.view.pages import pages
 from support.stored_results import NASTY
 
 

@@ -32,10 +32,10 @@ from harness.study.report.sections.over_time import AlongDrive
 from harness.study.report.sections.tolerance import value_at
 from harness.study.results import Design
 from harness.study.scores import PENDING
-from harness.study.view import looks
-from harness.study.view.boxes import RANKS, SCORES, unit_of
-from harness.study.view.factors import PARALLEL, Brush, Points, points_of, shares, varied
-from harness.study.view.frame import said
+from harness.view import looks
+from harness.view.boxes import RANKS, SCORES, unit_of
+from harness.view.factors import PARALLEL, Brush, Points, points_of, shares, varied
+from harness.view.frame import said
 
 _TOOLS = "box_select,tap,reset"
 _DRAWN = 4  # factors over time

@@ -12,8 +12,8 @@ from bokeh.models import ColumnDataSource, CustomJS, FixedTicker, LegendItem, Li
 from harness.models.quantities import Quantity
 from harness.reporting import style
 from harness.reporting.style import Look
-from harness.study.view import looks
-from harness.study.view.boxes import POINTS, SCORES, Box, unit_of
+from harness.view import looks
+from harness.view.boxes import POINTS, SCORES, Box, unit_of
 
 _NO_WIDER = """
 const pixels = Math.max(1.5, Math.min(5, 0.5 * wide * cb_obj.inner_width));

@@ -58,7 +58,7 @@ def test_the_address_that_a_browser_is_started_with_opens_once_and_gives_a_cooki
 def test_the_browser_is_started_with_that_address(monkeypatch, folder):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
-    monkeypatch.setattr("harness.study.view.server.Page.serve", lambda page: opened.append(page.address))
+    monkeypatch.setattr("harness.view.server.Page.serve", lambda page: opened.append(page.address))
     said = CliRunner().invoke(app, ["view", str(folder)]).output
     assert opened[0] == opened[1]
     assert opened[0] in said.splitlines()

@@ -20,15 +20,15 @@ from harness.study.report.analysis import Analysis
 from harness.study.report.opening import answer_in_short
 from harness.study.report.sections.boxes import factors_of
 from harness.study.report.sections.over_time import AlongDrive
-from harness.study.view import looks
-from harness.study.view.above import Along
-from harness.study.view.box_figure import Across, BoxFigure
-from harness.study.view.boxes import RANKS, SCORES, Box, boxes, expected
-from harness.study.view.factors import Brush
-from harness.study.view.factors_panel import FactorsPanel
-from harness.study.view.frame import address_bar, arguments_of, fill, said, seconds_of
-from harness.study.view.run_panel import RunPanel, Runs
-from harness.study.view.state import OFFERED, read
+from harness.view import looks
+from harness.view.above import Along
+from harness.view.box_figure import Across, BoxFigure
+from harness.view.boxes import RANKS, SCORES, Box, boxes, expected
+from harness.view.factors import Brush
+from harness.view.factors_panel import FactorsPanel
+from harness.view.frame import address_bar, arguments_of, fill, said, seconds_of
+from harness.view.run_panel import RunPanel, Runs
+from harness.view.state import OFFERED, read
 
 _SEEN = 1500
 """Time in ms after which a page that was asked for is seen."""

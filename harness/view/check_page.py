@@ -17,9 +17,9 @@ from harness.common.series import unpacked
 from harness.models.quantities import print_unit, quantity, words
 from harness.models.signals import TRUTH
 from harness.reporting import style
-from harness.study.view import looks
-from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
-from harness.study.view.tables import table
+from harness.view import looks
+from harness.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
+from harness.view.tables import table
 
 _GAPS = 200
 """Gaps that are shaded, the longest first."""

@@ -10,7 +10,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, LegendItem
 
 from harness.reporting import style
-from harness.study.view import looks
+from harness.view import looks
 
 _ROW = 36
 """Pixels of a row with its name and one bar."""

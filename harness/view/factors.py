@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.common.arrays import Floats
 from harness.study.results import Design, Factor
-from harness.study.view.boxes import scores_of
+from harness.view.boxes import scores_of
 
 MOST = 1500
 """Points drawn; of more, as many evenly by rank of their score, always with the smallest and the largest."""
@@ -95,7 +95,7 @@ def points_of(design: Design, score: str, target: int, estimator: int, drive: in
 
     Args:
         design: With factors.
-        score: One of ``harness.study.view.boxes.SCORES``.
+        score: One of ``harness.view.boxes.SCORES``.
         target: Index.
         estimator: Index.
         drive: Runs on this drive alone; ``None`` for all.

@@ -18,14 +18,14 @@ from harness.models.quantities import words
 from harness.reporting import style
 from harness.study.report import analyse
 from harness.study.report.opening import answer_in_short
-from harness.study.view import looks
-from harness.study.view.beside import Beside, Slot, arranged, beside
-from harness.study.view.box_figure import Across, BoxFigure
-from harness.study.view.boxes import SCORES, Box, run_in_words, sorted_box, unit_of
-from harness.study.view.chosen_boxes import ChosenBoxes
-from harness.study.view.differing import differing
-from harness.study.view.frame import Part, address_bar, arguments_of, index_of, indices_of, line, put_parts, said
-from harness.study.view.tables import table
+from harness.view import looks
+from harness.view.beside import Beside, Slot, arranged, beside
+from harness.view.box_figure import Across, BoxFigure
+from harness.view.boxes import SCORES, Box, run_in_words, sorted_box, unit_of
+from harness.view.chosen_boxes import ChosenBoxes
+from harness.view.differing import differing
+from harness.view.frame import Part, address_bar, arguments_of, index_of, indices_of, line, put_parts, said
+from harness.view.tables import table
 
 Run = tuple[int, int, int, int, int, int]
 """Study, estimator, band, drive, point and repeat."""

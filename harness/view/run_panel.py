@@ -39,10 +39,10 @@ from harness.study.replay import Place, Replayed
 from harness.study.replayed import table
 from harness.study.scores import FATES, STATUS
 from harness.study.stored import StoredRuns
-from harness.study.view import looks, tables
-from harness.study.view.above import AboveFigure
-from harness.study.view.boxes import run_in_words
-from harness.study.view.run_figure import RunFigure
+from harness.view import looks, tables
+from harness.view.above import AboveFigure
+from harness.view.boxes import run_in_words
+from harness.view.run_figure import RunFigure
 
 _GIVEN_WAY = 0.1
 """Pause between two estimators that are made ready, s: a click that waits comes first."""

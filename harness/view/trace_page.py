@@ -15,11 +15,11 @@ from bokeh.models import ColumnDataSource, FixedTicker
 from harness.common.series import unpacked
 from harness.models.quantities import quantity, words
 from harness.reporting import style
-from harness.study.view import looks
-from harness.study.view.bars import bars, changes
-from harness.study.view.drives_figure import DrivesFigure, Series
-from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
-from harness.study.view.tables import table
+from harness.view import looks
+from harness.view.bars import bars, changes
+from harness.view.drives_figure import DrivesFigure, Series
+from harness.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record, said
+from harness.view.tables import table
 
 SHOWN = 20
 """Hypotheses and candidates that are drawn; the table has all."""

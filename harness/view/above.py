@@ -35,8 +35,8 @@ from harness.models.quantities import quantity, words
 from harness.reporting.style import Look
 from harness.study.motion import lateral_signal
 from harness.study.replay import Replayed
-from harness.study.view import looks
-from harness.study.view.frame import said
+from harness.view import looks
+from harness.view.frame import said
 
 FRAMES = 750
 """Moments of a run that the slider has."""

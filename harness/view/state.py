@@ -9,9 +9,9 @@ from urllib.parse import urlencode
 
 from harness.study.replay import Place
 from harness.study.results import StudyResults
-from harness.study.view.boxes import SCORES
-from harness.study.view.factors import Brush
-from harness.study.view.frame import index_of, indices_of
+from harness.view.boxes import SCORES
+from harness.view.factors import Brush
+from harness.view.frame import index_of, indices_of
 
 OFFERED = ("signals", "parameters")
 """What a reader chooses from lists of names; names that there are not are left out by who shows them."""
@@ -23,7 +23,7 @@ class State:
 
     Attributes:
         design, target: What the boxes are of.
-        score: One of ``harness.study.view.boxes.SCORES``.
+        score: One of ``harness.view.boxes.SCORES``.
         drive: The boxes are of this drive alone; ``None`` for all.
         level: Boxes of this level by drive; ``None`` for boxes by level.
         log: Whether the axis is logarithmic.

@@ -13,13 +13,13 @@ from harness.models.assembly.plan import Outline
 from harness.study.replay import Place, Replayer
 from harness.study.report import analyse
 from harness.study.stored import study_of
-from harness.study.view import check_page, fit_page, folder_page, trace_page
-from harness.study.view.above import AboveFigure, Along, _extent
-from harness.study.view.bars import bars, changes
-from harness.study.view.boxes import expected
-from harness.study.view.factors import points_of, shares, varied
-from harness.study.view.factors_panel import FactorsPanel, tolerance_box
-from harness.study.view.pages import kind_of, pages
+from harness.view import check_page, fit_page, folder_page, trace_page
+from harness.view.above import AboveFigure, Along, _extent
+from harness.view.bars import bars, changes
+from harness.view.boxes import expected
+from harness.view.factors import points_of, shares, varied
+from harness.view.factors_panel import FactorsPanel, tolerance_box
+from harness.view.pages import kind_of, pages
 from support.stored_results import NASTY
 
 

@@ -9,10 +9,10 @@ import harness as h
 from harness.reporting import style
 from harness.study.replay import Place
 from harness.study.results import read as read_results
-from harness.study.view import looks
-from harness.study.view.boxes import SCORES, boxes
-from harness.study.view.factors import Brush
-from harness.study.view.state import State, read
+from harness.view import looks
+from harness.view.boxes import SCORES, boxes
+from harness.view.factors import Brush
+from harness.view.state import State, read
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from harness.models.quantities import Quantity, listed, words
 from harness.study.report.analysis import Analysis
 from harness.study.report.sections.boxes import factors_of
 from harness.study.results import Design
-from harness.study.view.boxes import scores_of
+from harness.view.boxes import scores_of
 
 
 @dataclass(frozen=True)

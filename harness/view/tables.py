@@ -13,7 +13,7 @@ from bokeh.models import Div
 
 import harness.reporting
 from harness.reporting import style
-from harness.study.view import looks
+from harness.view import looks
 
 SORTED_FROM, FILTERED_FROM, ROLLED_FROM = 3, 9, 18
 """Rows from which a table can be sorted, filtered, and rolls in a frame of its own."""

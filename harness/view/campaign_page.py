@@ -9,8 +9,8 @@ from typing import Any
 from bokeh.document import Document
 
 from harness.models.quantities import words
-from harness.study.view.frame import Part, address_bar, put_parts, read_record
-from harness.study.view.tables import table
+from harness.view.frame import Part, address_bar, put_parts, read_record
+from harness.view.tables import table
 
 FILE = "campaign.json"
 

@@ -15,7 +15,7 @@ from jinja2 import Environment
 
 from harness.common.errors import UserError
 from harness.common.files import read_text
-from harness.study.view import tables
+from harness.view import tables
 
 _ADDRESS = """
 const was = new URLSearchParams(location.search), now = new URLSearchParams(cb_obj.value);

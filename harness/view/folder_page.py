@@ -11,9 +11,9 @@ from bokeh.document import Document
 from harness.common.errors import UserError
 from harness.models.quantities import print_unit, words
 from harness.reporting import style
-from harness.study.view import campaign_page
-from harness.study.view.frame import Part, address_bar, put_parts, read_record, said
-from harness.study.view.tables import table
+from harness.view import campaign_page
+from harness.view.frame import Part, address_bar, put_parts, read_record, said
+from harness.view.tables import table
 
 _SEVERAL = {"study": "studies"}
 

@@ -8,7 +8,7 @@ from harness.config import load_study
 from harness.study.replay import Place, Replayer
 from harness.study.report import analyse
 from harness.study.stored import study_of
-from harness.study.view.factors import points_of
+from harness.view.factors import points_of
 
 SAME = "The scores are those of the store, to the last bit."
 PLACE_OF = """([x, y]) => {

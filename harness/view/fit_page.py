@@ -14,10 +14,10 @@ from bokeh.models import ColumnDataSource, Span
 from harness.common.series import unpacked
 from harness.models.quantities import print_unit, words
 from harness.reporting import style
-from harness.study.view import looks
-from harness.study.view.drives_figure import DrivesFigure
-from harness.study.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record
-from harness.study.view.tables import correlations, table
+from harness.view import looks
+from harness.view.drives_figure import DrivesFigure
+from harness.view.frame import Part, address_bar, arguments_of, index_of, put_parts, read_record
+from harness.view.tables import correlations, table
 
 
 def build(folder: Path) -> Callable[[Document], None]:

@@ -19,8 +19,8 @@ from harness.models.quantities import quantity, words
 from harness.reporting import style
 from harness.reporting.style import Look
 from harness.study.replay import Replayed
-from harness.study.view import looks
-from harness.study.view.frame import said
+from harness.view import looks
+from harness.view.frame import said
 
 _INPUTS = 4
 """Inputs that are drawn."""

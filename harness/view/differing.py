@@ -7,8 +7,8 @@ from typing import Any
 
 from harness.common.files import parse_toml
 from harness.study.report.analysis import Analysis
-from harness.study.view.frame import said
-from harness.study.view.tables import table
+from harness.view.frame import said
+from harness.view.tables import table
 
 _THERE = "there"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from bokeh.document import Document
 
 from harness.common.errors import UserError
-from harness.study.view import folder_page
+from harness.view import folder_page
 
 Put = Callable[[Document], None]
 
@@ -48,7 +48,7 @@ def pages(folders: Sequence[Path], study: Path | None = None) -> dict[str, Put]:
                 raise UserError(f"{folder}: no study; side by side are shown studies")
             if folder.resolve() in [f.resolve() for f in folders[:i]]:
                 raise UserError(f"{folder}: given twice")
-        side_by_side = import_module("harness.study.view.side_by_side_page").build(folders)
+        side_by_side = import_module("harness.view.side_by_side_page").build(folders)
         return {"/": side_by_side, **{f"/{i}": _later(folder, beside) for i, folder in enumerate(folders, 1)}}
     folder = folders[0]
     if kind_of(folder) is not None:
@@ -68,7 +68,7 @@ def _page(folder: Path, beside: Path | None) -> Put:
     module = {"study": "study_page", "trace": "trace_page", "identification": "fit_page", "check": "check_page",
               "campaign": "campaign_page"}  # fmt: skip
     kind = str(kind_of(folder))
-    build = import_module(f"harness.study.view.{module[kind]}").build
+    build = import_module(f"harness.view.{module[kind]}").build
     found: Put = build(folder, beside) if kind == "study" else build(folder)
     return found
 

@@ -14,7 +14,7 @@ from bokeh.transform import linear_cmap
 from harness.common.arrays import Floats
 from harness.models.quantities import quantity
 from harness.reporting import style
-from harness.study.view import looks
+from harness.view import looks
 
 Series = Mapping[str, Mapping[str, Floats]]
 MEASURED, BEFORE, AFTER = "measured", "before", "after"
