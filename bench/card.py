@@ -23,11 +23,11 @@ from rich.table import Table
 
 from bench.engine import ROOT, tiled
 from harness.config import Study, load_study
-from harness.engine.cuda.kernels import CardKernel, name_of_card
+from harness.cuda.kernels import CardKernel, name_of_card
+from harness.cuda.on_card import Begun, CardEvaluator, Loaded
 from harness.estimation.contract import load_estimator
 from harness.study.design import Unit
 from harness.study.evaluate import InBatches, StudyEvaluator
-from harness.study.on_card import COMPARED, Begun, CardEvaluator, Loaded
 
 RUNS = (100, 1_000, 10_000, 100_000)
 
@@ -37,7 +37,7 @@ Scores = Mapping[str, NDArray[Any]]
 def joint_study(path: Path = ROOT / "studies" / "joint.toml", kinds: Sequence[str] = ()) -> Study:
     """Return the joint study with what a card runs of it, or with estimators of some kinds as they are by default."""
     study = load_study(path)
-    estimators = tuple(each for each in study.estimators if each.kind in COMPARED)
+    estimators = tuple(each for each in study.estimators if "cuda" in load_estimator(each.kind).DEVICES)
     if kinds:
         plain = next(each for each in estimators if each.kind == "ekf")
         chosen = [(kind, load_estimator(kind).Settings().model_dump()) for kind in kinds]

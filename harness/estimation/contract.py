@@ -34,6 +34,9 @@ and of one whose memory begins with other than zeros, such as random numbers,
 Three flags tell the contract suite what to expect: ``KALMAN_TYPE`` (equals the textbook filter on a linear model),
 ``LINEAR`` (assumes a linear model, so it need not follow any other) and ``MONTE_CARLO`` (results scatter with the
 seed).
+``DEVICES`` names the devices (``harness.study.devices``) on which its scores were compared with the processor's and
+differ by rounding (docs/gpu.md). ``REMEDY`` says what a filter does that needs no idea of what is wrong and may stand
+in place of one of the Kalman type (``harness remedy``).
 
 A kernel may call any function that its file defines or imports by name, such as those that several estimators share;
 they are compiled with it from their source, behind the kernels of the model the estimator believes in
@@ -131,6 +134,8 @@ DEFAULTS: dict[str, Any] = {
     "KALMAN_TYPE": False,
     "LINEAR": False,
     "MONTE_CARLO": False,
+    "DEVICES": (),
+    "REMEDY": "",
     "tuning": lambda settings, nx, ny: [0.0],
     "memory_size": lambda settings, compiled: 0,
     "files": lambda settings, folder: (),

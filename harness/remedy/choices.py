@@ -13,17 +13,13 @@ from harness.common.errors import UserError
 from harness.common.files import parse_toml
 from harness.config import DesignSpec, FactorSpec, Study, build_study, fitting_sensors
 from harness.config.bounds import loading_parameters
+from harness.config.roles import ESTIMATORS
 from harness.config.schema import EstimatorTable, StudyFile
 from harness.config.specs import NOISE_SCALES
 from harness.config.tuning import as_table
+from harness.estimation.contract import load_estimator
 from harness.models.quantities import listed, words
 from harness.models.roles import SENSORS
-
-ADAPTED = {
-    "innovation_ekf": "adapt the process noise to the innovations",
-    "h_infinity": "filter against the worst disturbance",
-}
-"""Filters that need no idea of what is wrong, by what they do; they stand in place of one of the Kalman type."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,7 @@ class Remedy:
         equipment: What is measured, ``None`` for what the study has.
         known: Parameters that the belief has right, which nobody can do: what a remedy is measured against.
         tuned: Whether the noise believed is tuned for the worst case.
-        adapted: Filter that stands in place of the estimator, one of ``ADAPTED``; empty for none.
+        adapted: Filter that stands in place of the estimator, one of ``adapted``; empty for none.
         amended: Whether the belief is the plant's model, what the remedies of a trace are measured against.
     """
 
@@ -101,7 +97,7 @@ class Remedy:
         }
         parts = [f"{verb} {_these(names, drivers)}" for verb, names in named.items() if names]
         parts += ["tune for the worst case"] if self.tuned else []
-        parts += [ADAPTED[self.adapted]] if self.adapted else []
+        parts += [load_estimator(self.adapted).REMEDY] if self.adapted else []
         parts += ["believe the amended model"] if self.amended else []
         return "; ".join(parts) or "as it is"
 
@@ -257,6 +253,12 @@ def name_of(table: EstimatorTable) -> str:
     return table.name or table.kind
 
 
+def adapted() -> list[str]:
+    """Return the filters that need no idea of what is wrong and may stand in place of the estimator (``REMEDY``)."""
+    does = {kind: load_estimator(kind).REMEDY for kind in ESTIMATORS.names()}
+    return sorted(filter(does.get, does), key=lambda kind: does[kind])
+
+
 def singles(drivers: Sequence[str], considers: bool, tunable: bool) -> Iterator[Remedy]:
     """Return what can be done without a sensor: other noise, each driver alone and all together.
 
@@ -275,7 +277,7 @@ def singles(drivers: Sequence[str], considers: bool, tunable: bool) -> Iterator[
         yield Remedy(considered=tuple(drivers))
         if len(drivers) <= MOST_BANKED:
             yield Remedy(banked=tuple(drivers))
-        for kind in ADAPTED:
+        for kind in adapted():
             yield Remedy(adapted=kind)
 
 

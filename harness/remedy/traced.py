@@ -9,7 +9,7 @@ from harness.common.errors import UserError
 from harness.common.files import parse_toml
 from harness.config import Study, build_study
 from harness.diagnosis.result.study_gain import REPEATS, bare_tables, change_times
-from harness.remedy.choices import ADAPTED, Equipment, Remedy
+from harness.remedy.choices import Equipment, Remedy, adapted
 
 
 def traced_study(study: Study, folder: Path) -> Study:
@@ -62,5 +62,5 @@ def remedies(chosen: Sequence[Equipment], considers: bool, tunable: bool) -> Ite
         elif tunable:
             yield Remedy(tuned=True)
         if considers:
-            for kind in ADAPTED:
+            for kind in adapted():
                 yield Remedy(adapted=kind, equipment=equipment)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from harness.config import Study
 from harness.engine.further_processes import Compiles, compile_all
-from harness.study.devices import on_card
+from harness.study.devices import device
 from harness.study.evaluate import StudyEvaluator
 
 _WORTH = 3
@@ -19,7 +19,7 @@ On a card a kernel takes several times as long, so each is worth a process.
 
 
 class CompilesStudy(Compiles, Protocol):
-    """What kernels are compiled of: ``StudyEvaluator``, or ``CardEvaluator`` for a card."""
+    """What kernels are compiled of: ``StudyEvaluator``, or that of a device."""
 
     @property
     def study(self) -> Study:
@@ -44,4 +44,4 @@ def compile_kernels(evaluator: CompilesStudy, processes: int, say: Callable[[str
 
 def _evaluator(study: Study) -> Compiles:
     evaluator = StudyEvaluator(study)
-    return evaluator if study.device == "cpu" else on_card().CardEvaluator(evaluator)
+    return evaluator if study.device == "cpu" else device(study.device).evaluator(evaluator)

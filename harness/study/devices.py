@@ -1,28 +1,34 @@
-"""What a study may run on beside the processor; imported only where it does, as it takes packages that few have."""
+"""Devices beside the processor that a study may run on, found by name among the entry points ``harness.devices``.
+
+An entry point is a function without arguments that returns the device, a module, or raises ``UserError`` where packages
+are missing. The module has
+
+* ``check()``, which raises ``UserError`` if the device cannot be used here;
+* ``name()`` of it, and ``versions()`` of the packages that compile for it;
+* ``evaluator(evaluator)``: what evaluates a study there, from its ``StudyEvaluator``. It has ``evaluate(units)`` and is
+  compiled like one (``harness.engine.further_processes.Compiles``).
+
+Which estimators it runs stands in their files (``DEVICES``, ``harness/estimation/contract.py``).
+"""
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from types import ModuleType
-
-from numba import config
 
 from harness.common.errors import UserError
 
+GROUP = "harness.devices"
 
-def on_card() -> ModuleType:
-    """Return what runs studies on a graphics card, ``harness.study.on_card``.
+
+def device(name: str) -> ModuleType:
+    """Return a device by its name.
 
     Raises:
-        UserError: If the packages for it are not installed.
+        UserError: If there is none of that name, or its packages are not installed.
     """
-    if not config.ENABLE_CUDASIM and importlib.util.find_spec("numba_cuda") is None:
-        raise UserError("a graphics card takes the package 'numba-cuda': pip install 'robustness-harness[cuda]'")
-    return importlib.import_module("harness.study.on_card")
+    from importlib.metadata import entry_points  # which brings the package email with it
 
-
-def compiler_of_card() -> str:
-    """Return the version of what compiles for a card."""
-    version: str = importlib.import_module("harness.engine.cuda.compiling").version()
-    return version
+    for point in entry_points(group=GROUP, name=name):
+        found: ModuleType = point.load()()
+        return found
+    raise UserError(f"no installed package has a device '{name}'")

@@ -19,7 +19,7 @@ from harness.models.drive_options import options_of
 from harness.models.roles import DRIVES, SENSORS, TYRES, VEHICLES
 from harness.recordings import readers
 from harness.study import evaluate
-from harness.study.devices import compiler_of_card, on_card
+from harness.study.devices import device
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "sympy", "xarray", "zarr", "SALib", "robustness-harness")
 
@@ -28,7 +28,7 @@ def code_state(study: Study) -> dict[str, str]:
     """Return what scores depend on, to the bit, beside the study: ``engine`` and ``versions`` of the packages."""
     versions = {"python": platform.python_version(), **{p: importlib.metadata.version(p) for p in PACKAGES}}
     if study.device != "cpu":
-        versions |= {"device": study.device, "numba-cuda": compiler_of_card()}
+        versions |= {"device": study.device, **device(study.device).versions()}
     return {"versions": json.dumps(versions), "engine": engine_hash(study)}
 
 
@@ -39,7 +39,7 @@ def engine_hash(study: Study) -> str:
         UserError: If an estimator's file is not there.
     """
     found = parts(study)
-    evaluated = [evaluate] if study.device == "cpu" else [evaluate, on_card()]
+    evaluated = [evaluate] if study.device == "cpu" else [evaluate, device(study.device)]
     total = hashlib.sha256(sources.digest([*evaluated, *(m for m in found if sources.has_file(m))]).encode())
     for module in found:
         if not sources.has_file(module):  # registered in a notebook

@@ -39,11 +39,10 @@ from harness.common.places import reached
 from harness.common.process import peak_memory_mib
 from harness.config import Study
 from harness.config.specs import Device
-from harness.study import run_file
+from harness.study import devices, run_file
 from harness.study.checksums import described
 from harness.study.compiling import compile_kernels
 from harness.study.design import Unit, planned_runs, units
-from harness.study.devices import on_card
 from harness.study.sealed_root import is_there
 from harness.study.store import STORE, Store, discard
 
@@ -106,7 +105,7 @@ def run_study(
     """
     console = console or Console(stderr=True)
     if device != "cpu":
-        on_card().check_card()
+        devices.device(device).check()
         study = replace(study, device=device)
     with reached(out), locked(out, f"harness run of the study '{study.name}'", partial(_say, console)) as lock:
         if not lock.is_kept:
@@ -167,7 +166,7 @@ def _run(
         record = {
             "started": started.isoformat(timespec="seconds"),
             "jobs": workers,
-            **({} if study.device == "cpu" else {"device": on_card().name_of_card()}),
+            **({} if study.device == "cpu" else {"device": devices.device(study.device).name()}),
             "runs": left,
             "resumed": total - left,
             "compile_s": round(compiled - begin, 2),
@@ -237,7 +236,7 @@ def _evaluate(
     """Evaluate units in threads or on a cluster, and show progress."""
     study, left = evaluator.study, sum(u.runs(evaluator.study) for u in todo)
     if study.device != "cpu":
-        finished = _on_card(evaluator, store, todo, console)
+        finished = _on_device(evaluator, store, todo, console)
     elif client is None:
         finished = _in_threads(evaluator, store, todo, plan.workers)
     else:
@@ -257,12 +256,12 @@ def _evaluate(
             lock.check()
 
 
-def _on_card(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], console: Console) -> Iterator[Unit]:
-    """Evaluate units on a graphics card; return each when it is in the store."""
+def _on_device(evaluator: StudyEvaluator, store: Store, todo: Sequence[Unit], console: Console) -> Iterator[Unit]:
+    """Evaluate units on the device of the study; return each when it is in the store."""
     with console.status("compiling kernels for the card (only the first start takes long)") as status:
-        card = on_card().CardEvaluator(evaluator)
-        compile_kernels(card, joblib.cpu_count(), status.update)
-    for unit, result in card.evaluate(todo):
+        elsewhere = devices.device(evaluator.study.device).evaluator(evaluator)
+        compile_kernels(elsewhere, joblib.cpu_count(), status.update)
+    for unit, result in elsewhere.evaluate(todo):
         store.write(unit, result)
         yield unit
 

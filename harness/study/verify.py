@@ -19,7 +19,7 @@ from harness.config.specs import Device
 from harness.study import run_file, sealed_root
 from harness.study.checksums import Fault, finished
 from harness.study.design import Unit, units
-from harness.study.devices import on_card
+from harness.study.devices import device
 from harness.study.differences import differences
 from harness.study.evaluate import StudyEvaluator
 from harness.study.layout import root_attributes
@@ -120,7 +120,8 @@ def _verify(folder: Path, find: Callable[[], Study], sample: int, seed: int | No
 def _device(attributes: dict[str, Any]) -> Device:
     """Return what computed a store."""
     versions = json.loads(attributes.get("versions", "{}"))
-    return "cuda" if versions.get("device") == "cuda" else "cpu"
+    chosen: Device = versions.get("device", "cpu")
+    return chosen
 
 
 def evaluator_of(study: Study) -> Callable[[Unit], dict[str, NDArray[np.generic]]]:
@@ -128,10 +129,10 @@ def evaluator_of(study: Study) -> Callable[[Unit], dict[str, NDArray[np.generic]
     evaluator = StudyEvaluator(study)
     if study.device == "cpu":
         return evaluator.evaluate
-    card = on_card().CardEvaluator(evaluator)
+    elsewhere = device(study.device).evaluator(evaluator)
 
     def evaluate(unit: Unit) -> dict[str, NDArray[np.generic]]:
-        ((_, found),) = card.evaluate([unit])
+        ((_, found),) = elsewhere.evaluate([unit])
         return dict(found)
 
     return evaluate

@@ -26,6 +26,8 @@ from harness.estimation.methods._linearised import (
     with_measurement_noise,
 )
 
+DEVICES = ("cuda",)
+
 
 class Settings(BaseModel):
     """How fast what was seen of the noise is forgotten, and how often variances and state are found in turn."""

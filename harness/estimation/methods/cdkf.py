@@ -40,6 +40,7 @@ class Settings(BaseModel):
 
 
 KALMAN_TYPE = True
+DEVICES = ("cuda",)
 
 
 def tuning(settings: Settings, nx: int, ny: int) -> list[float]:

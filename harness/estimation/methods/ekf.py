@@ -7,6 +7,7 @@ from harness.estimation.methods._input_errors import correct
 from harness.estimation.methods._linearised import linear_workspace, predict
 
 KALMAN_TYPE = True
+DEVICES = ("cuda",)
 
 
 def workspace():

@@ -21,6 +21,9 @@ from harness.engine.kernel_names import LANES, NX, NY, any_of, get, put, select,
 from harness.estimation.methods._input_errors import correct
 from harness.estimation.methods._linearised import linear_workspace, predict
 
+DEVICES = ("cuda",)
+REMEDY = "filter against the worst disturbance"
+
 
 class Settings(BaseModel):
     """How much of what the game allows is asked for."""

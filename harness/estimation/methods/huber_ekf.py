@@ -24,6 +24,8 @@ from harness.estimation.methods._linearised import (
     with_measurement_noise,
 )
 
+DEVICES = ("cuda",)
+
 
 class Settings(BaseModel):
     """From where on residuals count less, and how often weights are found anew."""

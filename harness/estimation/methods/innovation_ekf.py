@@ -25,6 +25,9 @@ from harness.engine.kernel_names import LANES, NX, NY, exp, get, maximum, minimu
 from harness.estimation.methods._input_errors import correct
 from harness.estimation.methods._linearised import linear_workspace, predict, residual_square, with_measurement_noise
 
+DEVICES = ("cuda",)
+REMEDY = "adapt the process noise to the innovations"
+
 MOST_DIFFERENT = 6.9  # logarithm of a thousand, the most that the factor is and one over the least
 LARGEST_SQUARE = 9.0  # in variances, of an innovation that counts: beyond three deviations it is an outlier
 

@@ -26,6 +26,7 @@ from harness.estimation.methods._input_errors import correct, spread_inputs
 
 KALMAN_TYPE = True
 LINEAR = True
+DEVICES = ("cuda",)
 
 
 def workspace():

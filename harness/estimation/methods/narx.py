@@ -30,6 +30,7 @@ class Settings(BaseModel):
 
 
 HAS_COVARIANCE = False
+DEVICES = ("cuda",)
 
 
 def fit(settings: Settings, compiled: CompiledModel, folder: Path) -> list[float]:

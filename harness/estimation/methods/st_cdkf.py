@@ -39,6 +39,8 @@ from harness.engine.kernel_names import (
 from harness.estimation.methods._input_errors import correct, output_noise, spread_inputs
 from harness.estimation.methods._sigma_points import observe, propagate
 
+DEVICES = ("cuda",)
+
 
 class Settings(BaseModel):
     """Interval of the central differences (11) and how old data fade (16 to 21)."""

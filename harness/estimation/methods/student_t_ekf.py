@@ -23,6 +23,8 @@ from harness.estimation.methods._linearised import (
     with_measurement_noise,
 )
 
+DEVICES = ("cuda",)
+
 
 class Settings(BaseModel):
     """How heavy the tails are, and how often state and weights are found in turn."""

@@ -39,6 +39,7 @@ class Settings(BaseModel):
 
 
 KALMAN_TYPE = True
+DEVICES = ("cuda",)
 
 
 def tuning(settings: Settings, nx: int, ny: int) -> list[float]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import config
 
-from harness.engine.cuda.compiling import device, inlined
+from harness.cuda.compiling import device, inlined
 
 
 def _typed(*functions: Any) -> Any:

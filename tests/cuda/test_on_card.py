@@ -66,7 +66,7 @@ from harness.engine import further_processes
 from harness.study import compiling
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
-from harness.study.on_card import CardEvaluator
+from harness.cuda.on_card import CardEvaluator
 
 study = dataclasses.replace(load_study(sys.argv[1]), device="cuda")
 card = CardEvaluator(StudyEvaluator(study))
@@ -175,7 +175,7 @@ def test_specialised_kernels_are_kept(tmp_path) -> None:
     simulated_script(
         str(study),
         script="""
-from harness.engine.cuda import specialise
+from harness.cuda import specialise
 
 specialise.specialised = lambda *_: sys.exit("specialised again")
 again = CardEvaluator(StudyEvaluator(study))
@@ -235,7 +235,7 @@ def test_without_the_package_there_is_one_line(monkeypatch) -> None:
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "numba_cuda" else find(name, *a))
     with pytest.raises(UserError, match=r"pip install 'robustness-harness\[cuda\]'"):
-        devices.on_card()
+        devices.device("cuda")
 
 
 def test_workers_and_a_card_exclude_each_other() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from numba import config
 
-from harness.engine.cuda.compiling import inlined
+from harness.cuda.compiling import inlined
 
 if config.ENABLE_CUDASIM:
 

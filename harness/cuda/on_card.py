@@ -1,6 +1,6 @@
 """Evaluate units of a study on a graphics card: a thread for each run, many units at once.
 
-The kernels are those of processors (``harness.engine.cuda``), the random numbers as well. Simulated signals stay on the
+The kernels are those of processors (``harness.cuda``), the random numbers as well. Simulated signals stay on the
 card; only sums of scores leave it. While it computes, the processor prepares the next units and enters the last ones.
 """
 
@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.config import Study
-from harness.engine.cuda import loops
-from harness.engine.cuda.kernels import CardKernel
-from harness.engine.cuda.kernels import check_card as check_card
-from harness.engine.cuda.kernels import name_of_card as name_of_card
-from harness.engine.cuda.lanes import upper_half as upper_half_on_card
+from harness.config.roles import ESTIMATORS
+from harness.cuda import compiling, loops
+from harness.cuda.kernels import CardKernel, check_card, name_of_card
+from harness.cuda.lanes import upper_half as upper_half_on_card
 from harness.engine.simd.lanes import LANES
 from harness.engine.standard_normal import upper_half
 from harness.estimation.contract import Sums, kernels_of, load_estimator
@@ -32,17 +31,21 @@ from harness.study.evaluate import InBatches, StudyEvaluator, in_a_row
 from harness.study.parameter_truth import parameter_truth
 from harness.study.run_noise import Cases
 
+DEVICE = "cuda"
+"""What estimators that run on a card say in ``DEVICES``."""
+
+check, name, versions = check_card, name_of_card, compiling.versions
+
 SHARE = 0.5
 """Share of the card's free memory that signals of simulated runs may take."""
 
-COMPARED = (
-    "kf", "ekf", "ukf", "cdkf", "st_cdkf", "narx",
-    "adaptive_ekf", "h_infinity", "huber_ekf", "innovation_ekf", "student_t_ekf",
-)  # fmt: skip
-"""Estimators whose scores on a card were compared with the processor's, and differ by rounding (docs/gpu.md)."""
-
 MOST = 2**17
 """Runs at a time: beyond what a card computes side by side more do not make it faster."""
+
+
+def compared() -> list[str]:
+    """Return the estimators whose scores on a card were compared with the processor's (docs/gpu.md)."""
+    return [kind for kind in ESTIMATORS.names() if DEVICE in load_estimator(kind).DEVICES]
 
 
 class Part(NamedTuple):
@@ -136,11 +139,11 @@ class CardEvaluator:
         check_card()
         self._evaluator, study = evaluator, evaluator.study
         compiled = evaluator.compiled
-        unknown = [each for each in study.estimators if each.kind not in COMPARED]
+        unknown = [each for each in study.estimators if DEVICE not in load_estimator(each.kind).DEVICES]
         if unknown:
             raise UserError(
                 f"{study.path}: estimator '{unknown[0].name}': nobody has compared '{unknown[0].kind}' on a card with "
-                f"the processor; a card runs {', '.join(COMPARED)} (docs/gpu.md)"
+                f"the processor; a card runs {', '.join(compared())} (docs/gpu.md)"
             )
         if study.belief.input_noise or study.plant.input_noise:
             raise UserError(f"{study.path}: inputs with noise are computed on the processor only; leave out '--device'")
@@ -394,3 +397,6 @@ def _sent(array: NDArray[np.generic]) -> Any:
 def in_rows(parts: Sequence[Floats], dimensions: int = 2) -> Floats:
     """Return numbers of batches of several units, each ``(..., LANES)``, with all runs behind each other."""
     return np.ascontiguousarray(np.concatenate([in_a_row(part, dimensions) for part in parts], axis=-1))
+
+
+evaluator = CardEvaluator

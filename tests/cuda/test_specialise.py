@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.common.errors import ModelError
-from harness.engine.cuda.specialise import LONGEST, specialised
+from harness.cuda.specialise import LONGEST, specialised
 
 MODULE = """
 import numpy as np

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import cuda
 
-from harness.engine.cuda.lanes import own, shaped
+from harness.cuda.lanes import own, shaped
 from harness.engine.kernel_names import LANES, NU, NX, NY, Belief, State, get, put
 from harness.engine.standard_normal import begin, draw, refused
 from harness.runner.filter_loop import run_filter

@@ -14,11 +14,11 @@ from numba import config, cuda
 from harness.common.cache import kept
 from harness.common.errors import ModelError, UserError
 from harness.common.sources import digest
+from harness.cuda import compiling, linalg, loops, specialise
+from harness.cuda import lanes as threads
+from harness.cuda.write import for_card
 from harness.engine import kernel_names
 from harness.engine.compile import CompiledModel, Exchange, load_source, written_over
-from harness.engine.cuda import compiling, linalg, loops, specialise
-from harness.engine.cuda import lanes as threads
-from harness.engine.cuda.write import for_card
 from harness.engine.kernel_source import Kernel, kernel_source
 from harness.engine.simd import inner, lanes, memory
 from harness.engine.simd import linalg as simd

@@ -48,7 +48,7 @@ _PASS_ON = ("borrowed",)
 
 
 class Functions(Protocol):
-    """Functions that may be copied; see ``harness.engine.cuda.specialise.Specialised``."""
+    """Functions that may be copied; see ``harness.cuda.specialise.Specialised``."""
 
     tables: list[np.ndarray[Any, Any]]
 

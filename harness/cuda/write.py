@@ -10,8 +10,8 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from harness.engine.cuda import compiling, views
-from harness.engine.cuda import lanes as threads
+from harness.cuda import compiling, views
+from harness.cuda import lanes as threads
 
 _NEEDED = f"""\
 import math

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from harness.common.errors import ModelError
-from harness.engine.cuda.known import Knowledge, Known, Number, Parts, Shape
+from harness.cuda.known import Knowledge, Known, Number, Parts, Shape
 
 LIMIT = 30_000
 """Nodes of syntax that loops within each other may be written out to; longer ones stay loops."""
@@ -323,7 +323,7 @@ def specialised(module: ModuleType, entry: str) -> str:
     whole.copy_of(*found, ())
     lines = [
         "from __future__ import annotations",
-        "from harness.engine.cuda.compiling import forced, inlined",
+        "from harness.cuda.compiling import forced, inlined",
         "import numba.cuda as cuda",
         "from numba import float64",
         *(line for name, line in sorted(whole.imports.items()) if name not in ("cuda", "float64")),

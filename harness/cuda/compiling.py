@@ -7,7 +7,7 @@ from typing import Any
 
 from numba import config, cuda
 
-from harness.engine.cuda.light_compilation import compile_lightly
+from harness.cuda.light_compilation import compile_lightly
 
 compile_lightly()
 
@@ -31,3 +31,8 @@ inner = device
 def version() -> str:
     """Return the version of the compiler; that of numba where its simulator stands in for a card."""
     return importlib.metadata.version("numba" if config.ENABLE_CUDASIM else "numba-cuda")
+
+
+def versions() -> dict[str, str]:
+    """Return it by the name of the package."""
+    return {"numba-cuda": version()}

@@ -1,1 +1,0 @@
-"""The same kernels on a graphics card: a lane is a thread there."""
