@@ -20,7 +20,7 @@ import numpy as np
 
 from harness.cli.options import answers_errors
 from harness.common.errors import UserError
-from harness.estimation.narx.network import Network, save
+from harness.estimation.narx_network import Network, save
 from reproductions.narx import data as training_data
 from reproductions.narx.data import Data
 from reproductions.narx.training import Candidate, Errors, Plan, Trainer, candidates

@@ -299,6 +299,6 @@ def _recording(path: Path, channels: Path | None = None) -> object:
 
 
 def _network(path: Path) -> object:
-    from harness.estimation.narx.network import load
+    from harness.estimation.narx_network import load
 
     return load(path)

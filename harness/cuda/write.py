@@ -10,15 +10,14 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from harness.cuda import compiling, views
+from harness.cuda import compiling
 from harness.cuda import lanes as threads
 
 _NEEDED = f"""\
 import math
 from numba import cuda, float64
-from {compiling.__name__} import inlined as new
+from {compiling.__name__} import inlined as new, reshaped
 from {threads.__name__} import inverted
-from {views.__name__} import reshaped
 """
 
 

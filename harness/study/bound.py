@@ -1,18 +1,23 @@
 """How good could anyone be? The posterior Cramer-Rao bound along the runs of a study (Tichavsky et al. 1998).
 
-Beside it stands what a smoother reaches on these runs, which knows the vehicle and all measurements of a run.
-
 Along each simulated run the belief's equations, with the parameters of the vehicle, are linearised at the true states;
 process and measurement noise are the vehicle's, the random walk of an unknown input is the belief's. What the recursion
 of the information leaves uncertain of a target is the smallest mean square error of any estimator that knows the
 vehicle. The theorem takes the expectation of the slopes over runs; here each run has its own recursion, and the mean is
 taken of the squares: the same on a linear model, and a little more on any other.
+
+Beside it stands what a smoother reaches on these runs, which knows the vehicle and all measurements of a run: an
+extended Kalman filter with the vehicle's parameters and noise runs forwards; backwards the innovations behind each
+sample correct its estimate, in the form of Bierman (1977), which needs no inverse of a predicted covariance:
+``l_k = A_k' (C_k+1' l_k+1 - H_k+1' S_k+1^-1 e_k+1)`` with ``C = I - K H``, and the smoothed state is ``x_k - P_k l_k``.
+On a linear model it is the fixed-interval smoother of Rauch, Tung and Striebel.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +25,78 @@ import numpy as np
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
 from harness.common.files import write_files
+from harness.config.bounds import loading_parameters, settled
 from harness.engine.simd.lanes import LANES
 from harness.estimation.information import smallest_covariance
+from harness.simulation.simulate import first_state
 from harness.study.bound_file import FILE, Bounds, content_of
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
-from harness.study.known_runs import KnownRuns
-from harness.study.smoothed import smoothed_rmse
+from harness.study.run_noise import Case
+
+
+@dataclass(frozen=True)
+class KnownRuns:
+    """The first runs of a unit as somebody sees them who knows the vehicle: its parameters and noise in the belief.
+
+    Attributes:
+        runs: How many there are; further lanes repeat the last.
+        truth: Signals of the plant ``(samples, signals, LANES)``.
+        measurements: ``(samples, ny, LANES)``.
+        inputs: What estimators know of them ``(samples, nu, LANES)``.
+        constants: Of the belief's model with the vehicle's parameters, but for those among the states.
+        walk, noise: Variances of process ``(LANES, nx)`` and measurements ``(LANES, ny)``: the vehicle's, and the
+            belief's where the vehicle has none.
+        mean: First state ``(nx, LANES)``.
+        first: Its variances ``(LANES, nx)``.
+        scored: Samples that count ``(samples, LANES)``.
+    """
+
+    runs: int
+    truth: Floats
+    measurements: Floats
+    inputs: Floats
+    constants: Floats
+    walk: Floats
+    noise: Floats
+    mean: Floats
+    first: Floats
+    scored: np.ndarray
+
+    @classmethod
+    def of_unit(cls, evaluator: StudyEvaluator, unit: Unit) -> KnownRuns:
+        """Return the first runs of a unit."""
+        study, compiled = evaluator.study, evaluator.compiled
+        repeats = range(study.designs[unit.design].repeats)
+        cases = [Case(s, r) for s in range(unit.first, unit.stop) for r in repeats][:LANES]
+        batch, plant = evaluator.simulate(unit, cases), evaluator.parameters(unit, cases, "plant")
+        believed, model = evaluator.parameters(unit, cases, "belief"), compiled.belief
+        values = _true_values(evaluator, plant.values, believed.values).T
+        states, outputs = model.model.states, tuple(study.belief.model().outputs)
+        there = study.plant.model()
+        walk = _of_plant(states, there.states, plant.process_noise, believed.process_noise)
+        noise = _of_plant(outputs, tuple(there.outputs), plant.measurement_noise, believed.measurement_noise)
+        sample = np.arange(len(batch.truth))[:, None]
+        since = max(1, round(study.score_after / study.plant.step))
+        mean = np.reshape(first_state(model.model, values, compiled.drives[unit.drive].profile), (model.nx, -1))
+        return cls(
+            runs=len(cases),
+            truth=batch.truth,
+            measurements=compiled.measured(batch.measurements),
+            inputs=compiled.known(unit.drive, batch),
+            constants=model.constants(values),
+            walk=walk,
+            noise=noise,
+            mean=np.ascontiguousarray(np.broadcast_to(mean, (model.nx, LANES)), dtype=float),
+            first=compiled.first_variance(np.ascontiguousarray(walk.T)).T,
+            scored=(sample >= since) & (sample < batch.left_at),
+        )
+
+    def rmse(self, squares: Floats) -> Floats:
+        """Return the root of the mean over runs and samples scored of squares ``(samples, LANES, targets)``."""
+        with np.errstate(invalid="ignore"):
+            mean = np.where(self.scored[:, :, None], squares, 0.0).sum(axis=0) / self.scored.sum(axis=0)[:, None]
+        return np.asarray(np.sqrt(mean[: self.runs].mean(axis=0)))
 
 
 def write(evaluator: StudyEvaluator, folder: Path) -> None:
@@ -102,3 +172,74 @@ def _linearised(
         model.kernels.signals_jacobian(truth[k], inputs[k], constants, S)
         a[k], h[k], s[k] = (np.moveaxis(each, -1, 0) for each in (A, H, S[:targets]))
     return a[:-1], h, s
+
+
+def smoothed_rmse(evaluator: StudyEvaluator, unit: Unit) -> Floats:
+    """Return the RMSE of each target over the first runs of a unit, at most as many as there are lanes, SI."""
+    known, compiled = KnownRuns.of_unit(evaluator, unit), evaluator.compiled
+    targets = evaluator.study.targets
+    states = smoothed(evaluator, known)
+    s = np.empty((len(compiled.signals), LANES))
+    rows = [compiled.truth_names.index(t) if t in compiled.truth_names else None for t in targets]
+    squares = np.empty((len(states), LANES, len(targets)))
+    for k, x in enumerate(states):
+        compiled.belief.kernels.signals(x, known.inputs[k], known.constants, s)
+        for t, row in enumerate(rows):
+            squares[k, :, t] = np.nan if row is None else (s[t] - known.truth[k, row]) ** 2
+    return known.rmse(squares)
+
+
+def smoothed(evaluator: StudyEvaluator, known: KnownRuns) -> Floats:
+    """Return the smoothed states ``(samples, nx, LANES)``; what a run measured behind its range does not count."""
+    model = evaluator.compiled.belief
+    samples, nx, ny = len(known.inputs), model.nx, model.ny
+    A, H = np.empty((nx, nx, LANES)), np.empty((ny, nx, LANES))
+    w, y, ahead = np.empty((model.nw, LANES)), np.empty((ny, LANES)), np.empty((nx, LANES))
+    Q, R = (v[:, :, None] * np.eye(v.shape[1]) for v in (known.walk, known.noise))
+    x, P = known.mean, known.first[:, :, None] * np.eye(nx)
+    means, covariances = np.empty((samples, nx, LANES)), np.empty((samples, LANES, nx, nx))
+    back, pull = np.empty((samples, LANES, nx, nx)), np.empty((samples, LANES, nx))
+    means[0], covariances[0] = x, P
+    last = np.where(known.scored.any(axis=0), samples - np.argmax(known.scored[::-1], axis=0), 0)
+    for k in range(1, samples):
+        model.kernels.next_jacobian(x, known.inputs[k - 1], known.constants, ahead, A, w)
+        F = np.moveaxis(A, -1, 0)
+        P = F @ P @ F.swapaxes(-1, -2) + Q
+        model.kernels.output_jacobian(ahead, known.inputs[k], known.constants, y, H)
+        rest = (known.measurements[k] - y).T
+        seen = np.isfinite(rest) & (k < last)[:, None]
+        slopes, rest = np.moveaxis(H, -1, 0) * seen[:, :, None], np.where(seen, rest, 0.0)
+        S = slopes @ P @ slopes.swapaxes(-1, -2) + R
+        weighed = np.linalg.solve(S, np.concatenate([slopes, rest[:, :, None]], axis=-1))  # S^-1 H and S^-1 e
+        K = P @ weighed[:, :, :nx].swapaxes(-1, -2)
+        left = np.eye(nx) - K @ slopes
+        x = np.ascontiguousarray(ahead + np.einsum("lia,la->il", K, rest))
+        P = left @ P @ left.swapaxes(-1, -2) + K @ R @ K.swapaxes(-1, -2)
+        means[k], covariances[k] = x, P
+        back[k] = F.swapaxes(-1, -2) @ left.swapaxes(-1, -2)
+        pull[k] = np.einsum("lji,laj,la->li", F, slopes, weighed[:, :, nx])
+    behind = np.zeros((LANES, nx))
+    for k in range(samples - 1, 0, -1):
+        means[k] -= np.einsum("lij,lj->il", covariances[k], behind)
+        behind = np.einsum("lij,lj->li", back[k], behind) - pull[k]
+    means[0] -= np.einsum("lij,lj->il", covariances[0], behind)
+    return means
+
+
+def _true_values(evaluator: StudyEvaluator, plant: Floats, believed: Floats) -> Floats:
+    """Return the belief's parameters with the vehicle's values, but for those that are among the states."""
+    study = evaluator.study
+    uncertain = {s.name: s.believed for s in study.belief.parameter_states}
+    loads = {n: v for n, v in uncertain.items() if n in loading_parameters(study.belief.vehicle)}
+    kept = {*uncertain, *(settled(study.belief.vehicle, study.belief.values, loads) if loads else ())}
+    names, found = study.plant.model().parameter_names, believed.copy()
+    for i, name in enumerate(study.belief.model().parameter_names):
+        if name in names and name not in kept:
+            found[:, i] = plant[:, names.index(name)]
+    return found
+
+
+def _of_plant(names: tuple[str, ...], there: tuple[str, ...], plant: Floats, believed: Floats) -> Floats:
+    """Return variances ``(runs, names)`` of the vehicle, and the belief's where the vehicle has none of that name."""
+    columns = [plant[:, there.index(n)] if n in there else believed[:, i] for i, n in enumerate(names)]
+    return np.stack(columns, axis=1)

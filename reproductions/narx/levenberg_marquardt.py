@@ -18,7 +18,7 @@ import numpy as np
 from scipy import linalg
 
 from harness.common.arrays import Floats
-from harness.estimation.narx.network import forward, unpack
+from harness.estimation.narx_network import forward, unpack
 
 CHUNK = 4096
 """Samples per chunk: 10 MB of Jacobian for 321 parameters, about what stays in the cache of a core."""

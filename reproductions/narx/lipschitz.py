@@ -15,7 +15,7 @@ import numpy as np
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.estimation.narx.network import scaled
+from harness.estimation.narx_network import scaled
 
 SHARE = 0.015
 """Quotients in the mean as a share of the samples; He and Asada take 1 to 2 %."""

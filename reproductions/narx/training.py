@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 from harness.common.arrays import Floats
 from harness.common.errors import UserError
-from harness.estimation.narx.network import Network, nguyen_widrow, scaled, unpack
+from harness.estimation.narx_network import Network, nguyen_widrow, scaled, unpack
 from reproductions.narx import data as training_data
 from reproductions.narx.closed_loop import ClosedLoop
 from reproductions.narx.data import PARTS, Data, Series

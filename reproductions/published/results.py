@@ -21,7 +21,7 @@ from harness import estimation
 from harness.common import stores
 from harness.common.errors import UserError
 from harness.config import Study, build_study, load_study
-from harness.estimation.narx.network import load as load_network
+from harness.estimation.narx_network import load as load_network
 from harness.realtime import outcome
 from harness.study.provenance import code_state, engine_hash
 from harness.study.results import StudyResults, read

@@ -11,7 +11,7 @@ import xarray as xr
 from harness.common.statistics import Interval
 from harness.config import load_study
 from harness.estimation.methods import ukf
-from harness.estimation.narx.network import load as load_network
+from harness.estimation.narx_network import load as load_network
 from harness.estimation.observability import TOLERANCE, delays, linearise, structural_observability, synthetic_manoeuvre
 from harness.models.assembly.assemble import assemble
 from harness.models.parameters import ziaukas_2023

@@ -7,7 +7,7 @@ import pytest
 from harness.common import locations
 from harness.common.errors import UserError
 from harness.config import load_study
-from harness.estimation.narx import network
+from harness.estimation import narx_network as network
 from harness.recordings.channel_map import load_map
 from support.plugins import forget, project
 from support.small_study import STUDY

@@ -11,10 +11,10 @@ from harness.common.errors import UserError
 from harness.config import load_drives
 from harness.engine.compile import compile_model
 from harness.engine.simd.lanes import LANES
+from harness.estimation import narx_network as net
 from harness.estimation.contract import Estimator
 from harness.estimation.methods import narx
-from harness.estimation.narx import network as net
-from harness.estimation.narx.kernel_weights import MEMORY, WIDTH, placed
+from harness.estimation.methods.narx import MEMORY, WIDTH, placed
 from harness.simulation.drives import profile_of
 from harness.simulation.simulate import in_lanes, variances
 from reproductions import narx_architecture, narx_training

@@ -8,10 +8,10 @@ import pytest
 from harness.common.errors import UserError
 from harness.config import build_study
 from harness.estimation.information import smallest_covariance
-from harness.study import bound, bound_file, smoothed
+from harness.study import bound, bound_file
+from harness.study.bound import KnownRuns
 from harness.study.design import Unit
 from harness.study.evaluate import StudyEvaluator
-from harness.study.known_runs import KnownRuns
 from harness.study.report import write_report
 from harness.study.report.analysis import Analysis
 from harness.study.results import read
@@ -82,7 +82,7 @@ def test_on_a_linear_model_the_smoother_is_that_of_rauch_tung_and_striebel(study
     evaluator = StudyEvaluator(study)
     known = KnownRuns.of_unit(evaluator, Unit(0, 0, 0, 0, 1))
     known.measurements[7:9] = np.nan
-    found = smoothed.smoothed(evaluator, known)[:, 0]
+    found = bound.smoothed(evaluator, known)[:, 0]
     y, u = known.measurements[:, 0], known.inputs[:, 0]
     x, P = known.mean[0], known.first[:, 0]
     filtered, predicted = [(x, P)], [(x, P)]
@@ -102,9 +102,9 @@ def test_on_a_linear_model_the_smoother_is_that_of_rauch_tung_and_striebel(study
 def test_what_the_smoother_reaches_is_below_the_bound_of_filters(study):
     evaluator, unit = StudyEvaluator(study), Unit(0, 0, 0, 0, 1)
     truth = KnownRuns.of_unit(evaluator, unit)
-    states = smoothed.smoothed(evaluator, truth)[:, 0]
+    states = bound.smoothed(evaluator, truth)[:, 0]
     row = evaluator.compiled.truth_names.index("example_state")
-    (found,) = smoothed.smoothed_rmse(evaluator, unit)
+    (found,) = bound.smoothed_rmse(evaluator, unit)
     assert found == pytest.approx(np.sqrt(np.mean((states - truth.truth[:, row])[1:] ** 2)), rel=1e-12)
     assert 0.8 < found / bound.smallest_rmse(evaluator, unit)[0] < 1.0
 

@@ -5,7 +5,7 @@ import pytest
 import zarr
 
 from harness.common import places
-from harness.study.chunks import ChunkEncoder
+from harness.study.store import ChunkEncoder
 
 DIMS = ("band", "sample", "drive", "repeat", "estimator", "target")
 
