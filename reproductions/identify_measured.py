@@ -1,26 +1,140 @@
-"""Identify a measured car and write data and report: table 3.3, figures 3.16 and 3.21 of Sun 2015.
+"""Identify a measured car as Sun 2015, section 3.3, and write data and report: table 3.3, figures 3.16 and 3.21.
 
 ``python -m reproductions.identify_measured studies/identify/genesis.toml --out results/identify-genesis`` identifies
-the car of a file (``reproductions.measured_car``) and writes what ``harness identify`` does. Where the folder of the
-recordings is absent it says so and exits with status 0.
+the car of a file and writes what ``harness identify`` does. Where the folder of the recordings is absent it says so and
+exits with status 0.
+
+The published car, its cornering stiffnesses started from the slopes of its axle curves; the free parameters of the
+file are fitted to the drives it names and judged on the held-out ones. Steering factor and offset (3.48) are
+parameters: ``steering_ratio`` and ``steering_offset``.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, ClassVar
 
+import numpy as np
+import xarray as xr
+from pydantic import Field
 from rich.console import Console
 
 from harness.cli.options import answers_errors
+from harness.common.arrays import Floats
 from harness.common.stages import showing
-from harness.identification.result import write_outcome
+from harness.config import ModelSpec
+from harness.config.schema import Name
+from harness.identification.contract import Problem, load_method, settings_of
+from harness.identification.data import Drive
+from harness.identification.filtered_model import Candidates
+from harness.identification.innovations import Innovations
+from harness.identification.judgement import judged_on
+from harness.identification.measured_file import MeasuredFile, MeasuredStudy, names_of
+from harness.identification.result import judge, write_outcome
+from harness.recordings.axle_curves import GRAVITY, Axle, Slope, axles_of
 from harness.reporting.document import write
-from reproductions.measured_car import IdentifyStudy, identified
-from reproductions.measured_car_report import document
+from reproductions.measured_car_report import Identified, document
+
+
+class IdentifyFile(MeasuredFile):
+    """The whole file."""
+
+    method: Name = Field(default="likelihood", description="file in harness/identification/methods")
+    settings: dict[str, Any] = Field(default_factory=dict, description="settings of the method")
+
+
+@dataclass(frozen=True)
+class IdentifyStudy(MeasuredStudy):
+    """A file of this study, read."""
+
+    SCHEMA: ClassVar[type[MeasuredFile]] = IdentifyFile
+
+    raw: IdentifyFile
+
+
+def identified(study: IdentifyStudy, jobs: int | None, say: Callable[[str], None]) -> Identified:
+    """Return the car of a file, identified."""
+    say("reading the recordings")
+    recordings = study.drives()
+    train, test = recordings["train"], recordings["test"]
+    published, free = study.nominal(), study.fitted_parameters()
+    before = axles_of(train, published.values, str(study.path))
+    say("compiling")
+    innovations = Innovations(from_slopes(published, before), jobs=jobs)
+    drives = [
+        innovations.drive(r, name, "joined") for r, name in zip(train + test, names_of(train + test), strict=True)
+    ]
+    fitted, held_out = tuple(drives[: len(train)]), tuple(drives[len(train) :])
+    problem, method = Problem(innovations, fitted, free), load_method(study.raw.method)
+    fit = method.identify(problem, settings_of(method, study.raw.settings), say)
+    judged = judge(problem, fit, held_out)
+    errors = [_alone(innovations, published, j.drive) for j in judged]
+    after = axles_of([calibrated(r, fit.spec.values) for r in train], fit.spec.values, str(study.path))
+    lines = [replace(axle, slope=_line(axle, fit.spec.values)) for axle in after]
+    outputs = list(published.model().outputs)
+    further = {
+        **fit.further,
+        "published_free_running_rmse": {
+            j.drive.name: dict(zip(outputs, e.tolist(), strict=True)) for j, e in zip(judged, errors, strict=True)
+        },
+    }
+    return Identified(
+        published, replace(fit, further=further), tuple(judged), tuple(errors), tuple(before), tuple(lines)
+    )
+
+
+def _alone(innovations: Innovations, spec: ModelSpec, drive: Drive) -> Floats:
+    """Return the root mean square simulation error of a model on a drive ``(ny,)``."""
+    return judged_on(innovations, [drive], Candidates.of(spec))[0].simulation_error
+
+
+def static_load(values: Mapping[str, float], end: str) -> float:
+    """Return the vertical load of an axle at rest in N."""
+    front, rear = values["cog_to_front_axle"], values["cog_to_rear_axle"]
+    return values["mass"] * GRAVITY * (rear if end == "front" else front) / (front + rear)
+
+
+def _growth(values: Mapping[str, float], end: str) -> float:
+    """Return the stiffness at the static load over its peak (Ziaukas 2023, 4.6)."""
+    return math.sin(2 * math.atan(static_load(values, end) / values[f"stiffness_load_{end}"]))
+
+
+def from_slopes(spec: ModelSpec, axles: Sequence[Axle]) -> ModelSpec:
+    """Return the model with the cornering stiffnesses of its axle curves; an axle without a line keeps its own."""
+    found = {
+        f"stiffness_peak_{a.name}": a.slope.value * static_load(spec.values, a.name) / _growth(spec.values, a.name)
+        for a in axles
+        if a.slope is not None
+    }
+    return replace(spec, values={**spec.values, **found})
+
+
+def _line(axle: Axle, values: Mapping[str, float]) -> Slope:
+    """Return the identified stiffness as the line of an axle curve."""
+    slope = values[f"stiffness_peak_{axle.name}"] * _growth(values, axle.name) / static_load(values, axle.name)
+    known = np.isfinite(axle.slip) & np.isfinite(axle.share)
+    return Slope(slope, float(np.corrcoef(axle.slip[known], axle.share[known])[0, 1]), 0.0, int(known.sum()))
+
+
+def calibrated(recording: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
+    """Return a recording freed of what was identified of its sensors: steering (3.48), zeros, and the lever arm.
+
+    An accelerometer whose zero was found tells the force of the tyres on a banked road too, where velocities do not.
+    """
+    found = {
+        n: recording[n] - values.get(f"sensor_bias_{n}", 0.0)
+        for n in ("yaw_rate", "lateral_velocity", "lateral_acceleration")
+        if n in recording and (f"sensor_bias_{n}" in values or n != "lateral_acceleration")
+    }
+    found["lateral_velocity"] = found["lateral_velocity"] - values["reference_from_cog"] * found["yaw_rate"]
+    steered = recording["steering_wheel_angle"] / values["steering_ratio"] + values.get("steering_offset", 0.0)
+    return recording.assign({**found, "road_wheel_angle": steered})
 
 
 def _arguments() -> argparse.ArgumentParser:

@@ -11,8 +11,7 @@ import harness as h
 from harness.config import resolve_single
 from harness.identification.coordinates import Coordinates
 from harness.recordings.axle_curves import axles_of
-from reproductions.identify_measured import main
-from reproductions.measured_car import IdentifyStudy, calibrated, from_slopes
+from reproductions.identify_measured import IdentifyStudy, calibrated, from_slopes, main
 from support.documented import recorded as log_of
 
 CAR = {"vehicle": "car", "parameters": "blanco_2021", "tyre": "linear", "sensors": "car_navigation"}

@@ -13,8 +13,8 @@ from harness.study.report import analyse
 from harness.study.report.analysis import Analysis
 from harness.view import side_by_side_page
 from harness.view.beside import Slot, arranged, beside
-from harness.view.differing import settings
 from harness.view.pages import pages
+from harness.view.side_by_side_page import settings
 from support.stored_results import NASTY
 
 

@@ -15,11 +15,11 @@ from harness.study.report import analyse
 from harness.study.stored import study_of
 from harness.view import check_page, fit_page, folder_page, trace_page
 from harness.view.above import AboveFigure, Along, _extent
-from harness.view.bars import bars, changes
 from harness.view.boxes import expected
 from harness.view.factors import points_of, shares, varied
 from harness.view.factors_panel import FactorsPanel, tolerance_box
 from harness.view.pages import kind_of, pages
+from harness.view.trace_page import bars, changes
 from support.stored_results import NASTY
 
 
