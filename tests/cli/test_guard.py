@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from harness.__main__ import main as command_line
 from harness.cli import guard, main, options
-from harness.cli.warned import GLYPHS, NUMBERS
+from harness.cli.guard import GLYPHS, NUMBERS
 from harness.common.errors import ModelError, UserError, WorkError
 from support import synthetic
 from support.plugins import forget, project
